@@ -17,7 +17,7 @@ use crate::disk::fs;
 use parking_lot::{Mutex, RwLock};
 use plc_api::types::program::{ProgramCheck, ProgramInfo};
 use plc_api::types::request::{Refusal, RefusalCode};
-use tandem_model::limits::PROGRAM_NUMBER_MAX;
+use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 
 pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
@@ -311,12 +311,32 @@ impl ProgramStore {
     }
 }
 
-/// A program and all that it calls, of those that there are.
+/// A program and all that it may call, of those that there are: where its text does not show which, all subprograms.
 pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
+    followed(main, |number| {
+        let program = all.get(&number).into_iter();
+        program
+            .flat_map(|program| {
+                let any = all.range(SUBPROGRAM_MIN..).filter(|_| program.calls_any);
+                let shown = program.check.programs.iter().copied();
+                shown.chain(any.map(|(number, _)| *number))
+            })
+            .collect()
+    })
+}
+
+/// A program and all that its text shows that it calls.
+pub(crate) fn shown_to_be_called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
+    followed(main, |number| {
+        let program = all.get(&number);
+        program.map_or_else(Vec::new, |program| program.check.programs.clone())
+    })
+}
+
+fn followed(main: u16, calls: impl Fn(u16) -> Vec<u16>) -> BTreeSet<u16> {
     let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
     while let Some(number) = left.pop() {
-        let program = all.get(&number).into_iter();
-        let calls = program.flat_map(|program| program.check.programs.iter().copied());
+        let calls = calls(number).into_iter();
         left.extend(calls.filter(|number| called.insert(*number)));
     }
     called

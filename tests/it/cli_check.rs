@@ -288,3 +288,42 @@ fn with_a_config_axes_that_the_machine_does_not_have_are_errors() {
     assert_eq!(ran.code, 1, "{}", ran.stdout);
     assert!(ran.stdout.contains("main.nc:1:5"), "{}", ran.stdout);
 }
+
+#[test]
+fn called_programs_are_checked_in_the_state_that_they_are_called_in_and_named() {
+    let machine = Machine::new("");
+    machine.write("1.nc", "G01 X1 F100\nQ0 = 1001\nM98 P[Q0]\nM98 P1002\nM30\n");
+    machine.write("1001.nc", "X3 R5\nM99\n");
+    machine.write("1002.nc", "X4\nM98 P1003\nM99\n");
+    machine.write("1003.nc", "G05\nX1 X2\nM99\n");
+    let ran = run(machine.folder(), &["check", "1.nc", "--format", "json"]);
+    assert_eq!(ran.code, 1);
+    let json: Value = serde_json::from_str(&ran.stdout).unwrap();
+    let of_file = |file: &Value| {
+        let found = file["diagnostics"].as_array().unwrap().iter();
+        let lines: Vec<_> = found.map(|found| found["line"].as_u64().unwrap()).collect();
+        (file["file"].as_str().unwrap().to_owned(), lines)
+    };
+    let found: Vec<_> = json["files"].as_array().unwrap().iter().map(of_file).collect();
+    let expected = [("1.nc", vec![]), ("1001.nc", vec![1]), ("1003.nc", vec![1, 2])];
+    assert_eq!(found, expected.map(|(file, lines)| (file.to_owned(), lines)));
+    let ran = run(machine.folder(), &["check", "1.nc"]);
+    for place in [
+        "1.nc: 0 errors",
+        "1001.nc:1:4",
+        "1003.nc:1:1",
+        "1003.nc: 2 errors",
+    ] {
+        assert!(ran.stdout.contains(place), "{place} is missing in {}", ran.stdout);
+    }
+}
+
+#[test]
+fn a_configuration_without_default_feedrate_makes_a_missing_f_an_error() {
+    let machine = Machine::new("");
+    machine.write("1.nc", "G01 X1\nM30\n");
+    let config = machine.config().display().to_string();
+    let ran = run(machine.folder(), &["check", "1.nc", "--config", &config]);
+    assert!(ran.stdout.contains("error[E0126]"), "{}", ran.stdout);
+    assert_eq!(ran.code, 1);
+}

@@ -283,12 +283,25 @@ fn a_program_with_errors_runs_nothing_and_gives_its_diagnostics() {
 }
 
 #[test]
-fn errors_in_a_subprogram_are_errors_too() {
+fn errors_in_a_subprogram_are_errors_too_and_name_its_file() {
     let machine = Machine::new("");
     machine.write("1000.nc", "G05\nM99\n");
     let run = simulate_on(&machine, "M98 P1000\nM30\n", &[]);
     assert_eq!(run.json["outcome"], "errors");
+    let file = run.json["diagnostics"][0]["file"].as_str().unwrap();
+    assert!(file.ends_with("1000.nc"), "{file}");
     assert_eq!(run.ran.code, 1);
+}
+
+#[test]
+fn subprograms_of_computed_calls_are_found() {
+    let machine = Machine::new("");
+    machine.write("1004.nc", "G00 X7\nM99\n");
+    for number in ["Q0=1000 Q1=Q0+4", "Q1=P3+1004"] {
+        let run = simulate_on(&machine, &format!("{number}\nM98 P[Q1]\nM30\n"), &[]);
+        assert_eq!(run.json["outcome"], "completed", "{}", run.json);
+        assert_eq!(run.json["machine"]["X"], 7.0, "{}", run.json);
+    }
 }
 
 #[test]

@@ -6,13 +6,13 @@ use tandem_model::settings::{MCodeSet, NcOptions};
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
 
-use crate::check::Range;
 use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
 use crate::dialect::{Dialect, Numbers, OtherMCodes, Rivals};
 use crate::evaluation::Known;
 use crate::meaning::{InForce, Role};
 use crate::modal::Modal;
+use crate::range::Range;
 use crate::text_position::TextPosition;
 use crate::{numbers, restrictions};
 

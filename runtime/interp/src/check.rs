@@ -7,10 +7,10 @@
 mod block;
 mod codes;
 mod explore;
-mod range;
+mod expressions;
+mod graph;
 mod state;
 mod structure;
-mod values;
 mod verdict;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -22,8 +22,18 @@ use tandem_syntax::{DIAGNOSTICS_MAX, Grammar, NcProgram, diagnostics, parse};
 
 use crate::dialect::Dialect;
 use explore::Explorer;
-pub(crate) use range::Range;
-pub(crate) use values::Values;
+
+/// The programs that exist, to be called.
+pub trait Programs: std::fmt::Debug {
+    /// The program of this number; `None`: there is none.
+    fn find(&self, number: u16) -> Option<Arc<NcProgram>>;
+}
+
+impl Programs for BTreeMap<u16, Arc<NcProgram>> {
+    fn find(&self, number: u16) -> Option<Arc<NcProgram>> {
+        self.get(&number).cloned()
+    }
+}
 
 /// What the checker may know of the machine; what is `None` is not checked.
 ///
@@ -32,10 +42,8 @@ pub(crate) use values::Values;
 pub struct CheckContext<'a> {
     /// The axes of the coordinate system.
     pub axes: Option<AxisSet>,
-    /// The programs that exist.
-    pub programs: Option<&'a BTreeSet<u16>>,
-    /// The programs that it may call, by number: they are checked in the states that they are called in.
-    pub called: Option<&'a BTreeMap<u16, Arc<NcProgram>>>,
+    /// The programs that exist. What is called is checked, too, in the states that it is called in.
+    pub programs: Option<&'a dyn Programs>,
     /// M codes that have settings.
     pub m_codes_with_settings: Option<&'a BTreeSet<u16>>,
     /// The unit in force at the head of the program.
@@ -88,8 +96,10 @@ pub struct Check {
     pub m_codes: Vec<u16>,
     /// Programs that it calls, ascending, each once.
     pub programs: Vec<u16>,
-    /// Findings in programs that it calls, by their numbers.
-    pub called: Vec<(u16, Vec<Diagnostic>)>,
+    /// It calls programs whose numbers the text does not show.
+    pub calls_any: bool,
+    /// The same of programs that are called, directly or not, by their numbers.
+    pub called: BTreeMap<u16, Check>,
 }
 
 impl Check {
@@ -117,16 +127,7 @@ pub fn check_source(
 pub fn check(program: &NcProgram, dialect: &'static Dialect, context: &CheckContext<'_>) -> Check {
     let mut explorer = Explorer::new(program, dialect, context);
     explorer.explore();
-    let mut all = explorer.finish().into_iter();
-    let main = all.next().unwrap_or_default();
-    let found = all.filter(|of| !of.diagnostics.is_empty());
-    let called = found.map(|of| (of.number, of.diagnostics)).collect();
-    Check {
-        diagnostics: main.diagnostics,
-        m_codes: main.m_codes,
-        programs: main.programs,
-        called,
-    }
+    explorer.finish()
 }
 
 /// A bounded list of findings.

@@ -4,7 +4,8 @@ use std::cell::Cell;
 
 use tandem_syntax::{Block, NcProgram, Statement, Variable, VariableKind};
 
-use crate::evaluation::{Locals, Scope, label};
+use crate::arithmetic::label;
+use crate::evaluation::{Locals, Scope};
 use crate::inputs::Inputs;
 
 /// Runs a program code. `next` is the block after it, and changes when it jumps.

@@ -9,6 +9,7 @@
 //!
 //! [`Item`]: tandem_model::flow::Item
 
+mod arithmetic;
 pub mod block_words;
 mod check;
 pub mod codes;
@@ -25,10 +26,12 @@ pub mod meaning;
 mod modal;
 mod numbers;
 mod outputs;
+mod range;
 pub mod restrictions;
 mod text_position;
+mod text_values;
 
-pub use check::{Check, CheckContext, check, check_source};
+pub use check::{Check, CheckContext, Programs, check, check_source};
 pub use dialect::Dialect;
 pub use inputs::{Inputs, NO_TOOLS};
 pub use interpreter::Interpreter;

@@ -1,12 +1,13 @@
 //! What the checker finds: one test a rule, by a table of text and findings.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use tandem_interp::dialects::nj;
 use tandem_interp::{CheckContext, check_source};
 use tandem_model::settings::Unit;
 use tandem_model::{Axis, Severity};
-use tandem_syntax::LineIndex;
+use tandem_syntax::{LineIndex, parse};
 
 /// All findings as `line:column code`.
 fn findings(source: &str, context: &CheckContext<'_>) -> Vec<String> {
@@ -417,7 +418,8 @@ fn d11_feedrate_above_the_maximum_is_a_warning_and_spindle_speed_an_error() {
 
 #[test]
 fn what_the_configuration_lacks_is_a_warning_once() {
-    let programs = BTreeSet::from([1000]);
+    let there = parse("M99", (nj().grammar)()).0;
+    let programs = BTreeMap::from([(1000, Arc::new(there))]);
     let m_codes = BTreeSet::from([3, 5]);
     let context = CheckContext {
         programs: Some(&programs),

@@ -159,7 +159,7 @@ fn with_called(main: &str, called: &[(u16, &str)]) -> (Vec<String>, Vec<(u16, Ve
         .map(|(number, text)| (*number, Arc::new(parse(*text, (nj().grammar)()).0)))
         .collect();
     let context = CheckContext {
-        called: Some(&trees),
+        programs: Some(&trees),
         ..CheckContext::default()
     };
     let (_, check) = check_source(main, nj(), &context);
@@ -169,8 +169,8 @@ fn with_called(main: &str, called: &[(u16, &str)]) -> (Vec<String>, Vec<(u16, Ve
             .find(|(of, _)| *of == number)
             .map_or("", |(_, text)| text)
     };
-    let of_called = check.called.iter();
-    let of_called = of_called.map(|(number, found)| (*number, told(text(*number), found)));
+    let found = check.called.iter().filter(|(_, of)| !of.diagnostics.is_empty());
+    let of_called = found.map(|(number, of)| (*number, told(text(*number), &of.diagnostics)));
     (told(main, &check.diagnostics), of_called.collect())
 }
 

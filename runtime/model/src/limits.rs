@@ -18,7 +18,10 @@ pub const OPTIONAL_SKIP_MAX: u8 = 31;
 /// Highest M code (manual: 0 to 191).
 pub const M_CODE_MAX: u16 = 191;
 
-/// Highest program number (D05, manual's subprogram ranges).
+/// Smallest number of a subprogram (D05; manual, table of instruction parameters).
+pub const SUBPROGRAM_MIN: u16 = 1000;
+
+/// Highest program number, that of subprograms (D05, manual's subprogram ranges).
 pub const PROGRAM_NUMBER_MAX: u16 = 9999;
 
 /// Blocks the interpreter may pass over (skipped, calculations, calls, without movement) between two items that move,

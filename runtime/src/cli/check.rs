@@ -1,10 +1,12 @@
 //! `tandem check`: all that is wrong with NC programs, in one go.
 
-use std::collections::BTreeSet;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
-use tandem_interp::{CheckContext, Dialect, check, dialects};
+use tandem_interp::{CheckContext, Dialect, Programs, check, dialects};
 use tandem_model::Diagnostic;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_runtime::Machine;
@@ -77,12 +79,13 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     for path in &arguments.files {
         match read_program(path) {
             Ok(text) => {
-                let findings = check_text(path, text, dialect, machine.as_ref());
-                errors |= findings.has_errors();
-                if arguments.format == Format::Text {
-                    findings.print();
+                for findings in check_text(path, text, dialect, machine.as_ref()) {
+                    errors |= findings.has_errors();
+                    if arguments.format == Format::Text {
+                        findings.print();
+                    }
+                    files.push(findings);
                 }
-                files.push(findings);
             }
             Err(error) => {
                 complain(format!("{error:#}"));
@@ -100,43 +103,98 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     })
 }
 
-/// Checks a program; with a machine, against the axes, limits and M codes of its first coordinate system.
-fn check_text(path: &Path, text: String, dialect: &'static Dialect, machine: Option<&Machine>) -> Findings {
+/// Checks a program, and gives its findings, then those of each program that it calls and in which there are some; with a machine, against the axes, limits and M codes of its first
+/// coordinate system.
+fn check_text(
+    path: &Path,
+    text: String,
+    dialect: &'static Dialect,
+    machine: Option<&Machine>,
+) -> Vec<Findings> {
     let (tree, parsed) = parse(text, (dialect.grammar)());
-    let called = check(&tree, dialect, &CheckContext::default()).programs;
     let first = machine.and_then(|machine| machine.coordinate_systems.first());
     let of = machine.zip(first.map(|system| &system.settings));
-    check_tree(path, (&tree, parsed), &called, dialect, of)
+    check_tree(path, (&tree, parsed), dialect, of)
 }
 
-/// Checks a program that is parsed, against a coordinate system of a machine.
+/// The same for a program that is parsed, against a coordinate system of a machine.
 pub(super) fn check_stored(
     path: &Path,
     program: &StoredProgram,
     machine: &Machine,
     settings: &CoordinateSystemSettings,
-) -> Findings {
+) -> Vec<Findings> {
     let parsed = (&*program.tree, program.parsed.clone());
-    let called = &program.check.programs;
-    check_tree(path, parsed, called, machine.dialect(), Some((machine, settings)))
+    check_tree(path, parsed, machine.dialect(), Some((machine, settings)))
 }
 
 fn check_tree(
     path: &Path,
     (tree, parsed): (&NcProgram, Vec<Diagnostic>),
-    called: &[u16],
     dialect: &'static Dialect,
     of: Option<(&Machine, &CoordinateSystemSettings)>,
-) -> Findings {
-    let data_dir = of.and_then(|(machine, _)| machine.data_dir.as_deref());
-    let there = |number: &u16| find_subprogram(*number, path, data_dir).is_some();
-    let programs: BTreeSet<u16> = called.iter().copied().filter(there).collect();
+) -> Vec<Findings> {
+    let programs = Beside {
+        caller: path,
+        data_dir: of.and_then(|(machine, _)| machine.data_dir.as_deref()),
+        dialect,
+        read: RefCell::default(),
+    };
     let m_codes: Option<BTreeSet<u16>> = of.map(|(machine, _)| machine.m_codes.keys().copied().collect());
     let context = CheckContext {
         programs: Some(&programs),
         m_codes_with_settings: m_codes.as_ref(),
         ..of.map_or_else(CheckContext::default, |(_, settings)| CheckContext::of(settings))
     };
-    let check = check(tree, dialect, &context);
-    Findings::new(path, tree.source(), check, parsed)
+    let mut check = check(tree, dialect, &context);
+    let called = std::mem::take(&mut check.called);
+    let mut all = vec![Findings::new(path, tree.source(), check, parsed)];
+    let mut read = programs.read.into_inner();
+    for (number, check) in called {
+        let Some(Some(called)) = read.remove(&number) else {
+            continue;
+        };
+        if !(check.diagnostics.is_empty() && called.parsed.is_empty()) {
+            let source = called.tree.source();
+            all.push(Findings::new(&called.path, source, check, called.parsed));
+        }
+    }
+    all
+}
+
+/// The programs that may be called: beside the file, and in the data folder. Each is read once.
+#[derive(Debug)]
+struct Beside<'a> {
+    caller: &'a Path,
+    data_dir: Option<&'a Path>,
+    dialect: &'static Dialect,
+    read: RefCell<BTreeMap<u16, Option<Called>>>,
+}
+
+#[derive(Debug)]
+struct Called {
+    path: PathBuf,
+    tree: Arc<NcProgram>,
+    parsed: Vec<Diagnostic>,
+}
+
+impl Beside<'_> {
+    fn read(&self, number: u16) -> Option<Called> {
+        let path = find_subprogram(number, self.caller, self.data_dir)?;
+        let text = read_program(&path).ok()?;
+        let (tree, parsed) = parse(text, (self.dialect.grammar)());
+        Some(Called {
+            path,
+            tree: Arc::new(tree),
+            parsed,
+        })
+    }
+}
+
+impl Programs for Beside<'_> {
+    fn find(&self, number: u16) -> Option<Arc<NcProgram>> {
+        let mut read = self.read.borrow_mut();
+        let called = read.entry(number).or_insert_with(|| self.read(number));
+        called.as_ref().map(|called| Arc::clone(&called.tree))
+    }
 }

@@ -77,6 +77,15 @@ impl Findings {
         locate(&self.source, &self.diagnostics)
     }
 
+    /// The findings with lines and columns, each with its file.
+    pub fn with_file(&self) -> impl Iterator<Item = Value> {
+        self.located().into_iter().map(|found| {
+            let mut found = json!(found);
+            found["file"] = json!(self.file);
+            found
+        })
+    }
+
     /// The findings with source line and underline.
     pub fn text(&self) -> String {
         let file = SimpleFile::new(&self.file, self.source.as_ref());

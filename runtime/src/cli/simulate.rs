@@ -16,14 +16,13 @@ use futures_util::FutureExt;
 use futures_util::future::try_join_all;
 use parking_lot::Mutex;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::program::ProgramDiagnostic;
 use plc_api::types::request::OverrideChange;
 use plc_api::types::state::{Execution, State};
 use plc_api::{CoordinateSystem, Error, Plc};
-use serde_json::json;
+use serde_json::{Value, json};
 use tandem_interp::{Dialect, dialects};
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
-use tandem_model::limits::PROGRAM_NUMBER_MAX;
+use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_runtime::journal::{Journal, Line};
 use tandem_runtime::program_store::{StoredProgram, program_number};
@@ -210,10 +209,7 @@ fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
 
 impl Plan {
     /// Reads the configuration and the programs. With `json`, what is wrong with a program is only returned.
-    pub fn read(
-        arguments: &SimulationArguments,
-        json: bool,
-    ) -> anyhow::Result<Result<Self, Vec<ProgramDiagnostic>>> {
+    pub fn read(arguments: &SimulationArguments, json: bool) -> anyhow::Result<Result<Self, Vec<Value>>> {
         let (mut config, mut machine) = read_config(arguments.config.as_deref())?;
         if let Some(dialect) = arguments.dialect {
             for system in &mut config.coordinate_system {
@@ -298,7 +294,7 @@ impl Plan {
         cs: CoordinateSystemNumber,
         file: &Path,
         json: bool,
-        diagnostics: &mut Vec<ProgramDiagnostic>,
+        diagnostics: &mut Vec<Value>,
     ) -> anyhow::Result<()> {
         let mut systems = self.machine.coordinate_systems.iter();
         let system = systems
@@ -328,17 +324,21 @@ impl Plan {
             // Loading checks the same; beyond that only a call can be wrong.
             let here = program.check_in(&system.settings);
             let called = &program.check.programs;
-            if !here.errors.is_empty() || !called.is_empty() {
-                let checked = check_stored(&path, &program, &self.machine, &system.settings);
-                if checked.has_errors() {
+            if path == *file && !(here.errors.is_empty() && called.is_empty()) {
+                for checked in check_stored(&path, &program, &self.machine, &system.settings) {
+                    if !checked.has_errors() {
+                        continue;
+                    }
                     if !json {
                         checked.print();
                     }
-                    diagnostics.extend(checked.located());
+                    diagnostics.extend(checked.with_file());
                 }
             }
             let data_dir = self.machine.data_dir.as_deref();
-            left.extend((called.iter()).filter_map(|n| Some((*n, find_subprogram(*n, file, data_dir)?))));
+            let any = (SUBPROGRAM_MIN..=PROGRAM_NUMBER_MAX).filter(|_| program.calls_any);
+            let called = called.iter().copied().chain(any);
+            left.extend(called.filter_map(|n| Some((n, find_subprogram(n, file, data_dir)?))));
             self.programs.insert(number, program);
         }
         Ok(())

@@ -7,7 +7,7 @@ use plc_api::types::program::ProgramDiagnostic;
 use plc_api::types::request::{Refusal, RefusalCode};
 
 use super::context::Context;
-use crate::program_store::{StoredProgram, called_by};
+use crate::program_store::{StoredProgram, called_by, shown_to_be_called_by};
 use crate::sequence::stock;
 
 /// Programs by their numbers.
@@ -28,15 +28,17 @@ impl Context {
     pub fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
         let all = self.shared.store.all();
         let number = main.number;
-        for called in called_by(&all, number) {
+        let calls = shown_to_be_called_by(&all, number);
+        for called in calls.iter().copied() {
             if let Some(refusal) = self.shared.store.refuse_damaged(called) {
                 return Err(refusal);
             }
         }
         let mut errors = Vec::new();
         let mut m_codes = BTreeSet::new();
-        let (mut seen, mut left) = (BTreeSet::from([number]), vec![Arc::clone(main)]);
-        while let Some(program) = left.pop() {
+        let called = calls.iter().filter(|called| **called != number);
+        let called = called.filter_map(|called| all.get(called));
+        for program in std::iter::once(main).chain(called) {
             let here = program.check_in(&self.configured.settings);
             m_codes.extend(here.m_codes.iter().copied());
             let place = place_of(program.number, number);
@@ -44,8 +46,15 @@ impl Context {
                 message: format!("{place}{}", found.message),
                 ..found.clone()
             }));
-            let called = program.check.programs.iter().filter_map(|called| all.get(called));
-            left.extend(called.filter(|called| seen.insert(called.number)).cloned());
+        }
+        if calls.len() > 1 {
+            for (called, found) in main.check_called(&self.configured.settings, &all) {
+                let message = format!("{}{}", place_of(called, number), found.message);
+                let found = ProgramDiagnostic { message, ..found };
+                if !errors.contains(&found) {
+                    errors.push(found);
+                }
+            }
         }
         if !errors.is_empty() {
             let what = match number {

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use parking_lot::Mutex;
 use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
-use tandem_interp::{CheckContext, Dialect, check};
+use tandem_interp::{CheckContext, Dialect, Programs, check};
+use tandem_model::limits::SUBPROGRAM_MIN;
 use tandem_model::settings::{CoordinateSystemSettings, NcOptions};
 use tandem_model::{Diagnostic, Severity};
 use tandem_syntax::{Header, LineIndex, NcProgram, parse};
@@ -18,9 +19,6 @@ const SUM_SHOWN: usize = 12;
 
 /// Characters of a title.
 const TITLE_MAX: usize = 80;
-
-/// First subprogram number (D05).
-const SUBPROGRAM_MIN: u16 = 1000;
 
 /// What the intermediate code of a program of this number begins with.
 pub fn header(number: u16) -> Header {
@@ -53,6 +51,8 @@ pub struct StoredProgram {
     pub parsed: Vec<Diagnostic>,
     /// What checking says of it alone.
     pub check: ProgramCheck,
+    /// It calls programs whose numbers the text does not show: it may call any of them.
+    pub calls_any: bool,
     /// The dialect that it is written in.
     pub dialect: &'static Dialect,
     /// It begins in the current modal state, not in that of the start-up.
@@ -66,6 +66,16 @@ pub struct StoredProgram {
     pub(crate) is_from_outside: bool,
     /// Byte offset of each line.
     line_starts: Vec<u32>,
+}
+
+/// The programs of the store, to be called.
+#[derive(Debug)]
+struct Stored<'a>(&'a BTreeMap<u16, Arc<StoredProgram>>);
+
+impl Programs for Stored<'_> {
+    fn find(&self, number: u16) -> Option<Arc<NcProgram>> {
+        self.0.get(&number).map(|program| Arc::clone(&program.tree))
+    }
 }
 
 /// What checking says of a program in a coordinate system.
@@ -122,6 +132,7 @@ impl StoredProgram {
             tree: Arc::new(tree),
             parsed,
             check,
+            calls_any: checked.calls_any,
             dialect,
             goes_on,
             here: Mutex::default(),
@@ -159,6 +170,30 @@ impl StoredProgram {
             errors,
             m_codes: check.m_codes,
         }
+    }
+
+    /// What keeps the programs that it calls from running in a coordinate system, in the states that they are called in.
+    pub(crate) fn check_called(
+        &self,
+        settings: &CoordinateSystemSettings,
+        all: &BTreeMap<u16, Arc<StoredProgram>>,
+    ) -> Vec<(u16, ProgramDiagnostic)> {
+        let stored = Stored(all);
+        let context = CheckContext {
+            goes_on: self.goes_on,
+            manual: self.number == 0,
+            programs: Some(&stored),
+            ..CheckContext::of(settings)
+        };
+        let called = check(&self.tree, self.dialect, &context).called;
+        let mut errors = Vec::new();
+        for (number, check) in called {
+            let text = all.get(&number).map_or("", |program| program.text());
+            let found = locate(text, &check.diagnostics).into_iter();
+            let found = found.filter(|found| found.severity == DiagnosticSeverity::Error);
+            errors.extend(found.map(|found| (number, found)));
+        }
+        errors
     }
 
     /// The text.

@@ -6,7 +6,8 @@ use tandem_model::plane::Plane;
 use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CompensationRules};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, block_bytes, diagnostics};
 
-use super::explore::{Explorer, Kind, Next, Place, Step, Tree, Way};
+use super::explore::{Explorer, Next, Step};
+use super::graph::{Call, Kind, Place, Tree, Way};
 use super::state::{Caller, State};
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::value::judge_value;
@@ -41,7 +42,9 @@ impl<'a> Explorer<'a> {
         self.rest_in_offset(node, place, tree, block, state);
         self.cycle_outputs(place, tree, block);
         self.context_of_words(node, place, tree, block, state);
-        self.feed(node, place, tree, block, state);
+        if !(state.has_feed && state.has_speed) {
+            self.feed_and_speed(node, place, tree, block, state);
+        }
         if self.words.any {
             state.values.pass_time();
         }
@@ -360,23 +363,28 @@ impl<'a> Explorer<'a> {
             None => Some(1),
             Some(times) => Some(times as u16).filter(|_| holds(Address::L, &times)),
         };
+        let of = &mut self.programs[place.program];
         let Some(number) = number.map(|number| number as u16) else {
+            of.calls_any = true;
             state.forget_all();
             return Step::On;
         };
         let span = tree.span_of(block, Address::P);
-        let is_called = times != Some(0);
-        let known = self.programs[place.program]
-            .programs
-            .entry(number)
-            .or_insert((span, is_called));
-        if span.start < known.0.start {
-            *known = (span, is_called);
+        let call = of.programs.entry(number).or_insert(Call {
+            span,
+            is_missing: false,
+        });
+        if span.start < call.span.start {
+            call.span = span;
         }
         if times == Some(0) || state.callers.len() >= CALL_DEPTH_MAX {
             return Step::On;
         }
         let Some(program) = self.called(number) else {
+            let is_missing = self.context.programs.is_some();
+            if let Some(call) = self.programs[place.program].programs.get_mut(&number) {
+                call.is_missing = is_missing;
+            }
             state.forget_all();
             return Step::On;
         };
@@ -446,15 +454,36 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Tells a cutting motion before the first F, where the machine has no other (alarm 101).
-    fn feed(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &mut State) {
+    /// Tells a cutting motion before the first F, where the machine has no other (alarm 101), and a thread before the first S
+    /// (alarm 113).
+    fn feed_and_speed(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &mut State,
+    ) {
         let words = &self.words;
-        state.has_speed |= words.present.contains(Address::S) && !words.own.contains(Address::S);
-        let threads = words.taker.is_some_and(
-            |code| matches!(code.sets, Some(ModalValue::Cycle(Some(cycle))) if cycle.threads().is_some()),
-        );
-        if threads && self.context.has_spindle == Some(true) && !state.has_speed && !words.taken.is_empty() {
-            state.has_speed = true;
+        let has = |address| words.present.contains(address) && !words.own.contains(address);
+        let lacks_feed =
+            !state.has_feed && !has(Address::F) && !words.taken.is_empty() && words.taker.is_some_and(cuts);
+        let lacks_speed = !state.has_speed
+            && !has(Address::S)
+            && !words.taken.is_empty()
+            && words.taker.is_some_and(threads);
+        // once is enough
+        state.has_feed |= lacks_feed || has(Address::F);
+        state.has_speed |= lacks_speed || has(Address::S);
+        if lacks_feed {
+            let finding = diagnostics::FEEDRATE_MISSING.at(
+                tree.span(block),
+                "the block moves at the feedrate, and none is programmed",
+                "Write F in this block or before it, or set default_feedrate.",
+            );
+            self.note(node, place, finding, false);
+        }
+        if lacks_speed {
             let finding = diagnostics::SPEED_MISSING.at(
                 tree.span(block),
                 "the block cuts a thread, and no spindle speed is programmed",
@@ -462,26 +491,20 @@ impl<'a> Explorer<'a> {
             );
             self.note(node, place, finding, false);
         }
-        if state.has_feed {
-            return;
-        }
-        state.has_feed = words.present.contains(Address::F) && !words.own.contains(Address::F);
-        let cuts = |code: &Code| match code.role {
-            Role::Motion(kind) => kind != MotionKind::Rapid,
-            _ => code.group == ModalGroup::FixedCycle,
-        };
-        if state.has_feed || words.taken.is_empty() || !words.taker.is_some_and(cuts) {
-            return;
-        }
-        let finding = diagnostics::FEEDRATE_MISSING.at(
-            tree.span(block),
-            "the block moves at the feedrate, and none is programmed",
-            "Write F in this block or before it, or set default_feedrate.",
-        );
-        // once is enough
-        state.has_feed = true;
-        self.note(node, place, finding, false);
     }
+}
+
+/// True for a code that moves at the feedrate.
+fn cuts(code: &Code) -> bool {
+    match code.role {
+        Role::Motion(kind) => kind != MotionKind::Rapid,
+        _ => code.group == ModalGroup::FixedCycle,
+    }
+}
+
+/// True for a cycle that cuts a thread.
+fn threads(code: &Code) -> bool {
+    matches!(code.sets, Some(ModalValue::Cycle(Some(cycle))) if cycle.threads().is_some())
 }
 
 /// Where the called program has ended: another repetition, or the caller.

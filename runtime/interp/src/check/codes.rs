@@ -4,11 +4,13 @@ use tandem_syntax::{
     Block, Expression, ExpressionId, NcProgram, Operator, ProgramCode, Statement, diagnostics,
 };
 
-use super::explore::{Explorer, Kind, Next, Place, Step, Tree, Way};
-use super::range::{Range, holds, suppose};
+use super::explore::{Explorer, Next, Step};
+use super::expressions::{holds, number, suppose};
+use super::graph::{Kind, Place, Tree, Way};
 use super::state::State;
-use super::values::Values;
-use crate::evaluation::label;
+use crate::arithmetic::label;
+use crate::range::Range;
+use crate::text_values::Values;
 
 impl<'a> Explorer<'a> {
     /// Follows a program code.
@@ -23,16 +25,7 @@ impl<'a> Explorer<'a> {
         let Some(code) = tree.program_code(block) else {
             return Step::On;
         };
-        if let Some(id) = code.expression
-            && let Some(what) = undefined(tree, id, &state.values)
-        {
-            let finding = diagnostics::NO_RESULT.at(
-                code.span,
-                what,
-                "Test the value before, or correct the calculation; as a word's value it is an alarm.",
-            );
-            self.note(node, place, finding, false);
-        }
+        self.calculation(node, place, tree, code, state);
         let to = |block: u32| Place {
             block: block as usize,
             ..place
@@ -45,7 +38,7 @@ impl<'a> Explorer<'a> {
             Statement::Assignment(target) => {
                 let range = code
                     .expression
-                    .map_or(Range::ANY, |id| Range::of_expression(tree, id, &state.values));
+                    .map_or(Range::ANY, |id| number(tree, id, &state.values));
                 state.values.set(target, range);
                 return Step::On;
             }
@@ -71,28 +64,46 @@ impl<'a> Explorer<'a> {
             }
             _ => return Step::On,
         };
-        let (Some(condition), Some(other_way)) = (code.expression, other_way) else {
-            return Step::On;
-        };
-        let known = holds(tree, condition, &state.values);
-        let parts = [(holds_way, true), (other_way, false)];
-        let parts = parts.into_iter().map(|((place, way), is_so)| {
-            let kind = if known == Some(!is_so) {
-                Kind::Supposed
-            } else {
-                Kind::Real
-            };
-            let mut part = part(place, state, way, kind);
-            if known.is_none() {
-                suppose(tree, condition, is_so, &mut part.state.values);
-            }
-            if way == Way::Again {
-                part.state.values.pass_time();
-            }
-            part
-        });
-        Step::Parts(parts.collect())
+        match (code.expression, other_way) {
+            (Some(condition), Some(other)) => branch(tree, condition, [holds_way, other], state),
+            _ => Step::On,
+        }
     }
+
+    /// Tells a calculation that has no result.
+    fn calculation(&mut self, node: usize, place: Place, tree: &Tree<'a>, code: &ProgramCode, state: &State) {
+        if let Some(id) = code.expression
+            && let Some(what) = undefined(tree, id, &state.values)
+        {
+            let finding = diagnostics::NO_RESULT.at(
+                code.span,
+                what,
+                "Test the value before, or correct the calculation; as a word's value it is an alarm.",
+            );
+            self.note(node, place, finding, false);
+        }
+    }
+}
+
+/// The ways that a condition parts: where it holds, and where it does not.
+fn branch(tree: &NcProgram, condition: ExpressionId, ways: [(Place, Way); 2], state: &State) -> Step {
+    let known = holds(tree, condition, &state.values);
+    let parts = ways.into_iter().zip([true, false]).map(|((place, way), is_so)| {
+        let kind = if known == Some(!is_so) {
+            Kind::Supposed
+        } else {
+            Kind::Real
+        };
+        let mut part = part(place, state, way, kind);
+        if known.is_none() {
+            suppose(tree, condition, is_so, &mut part.state.values);
+        }
+        if way == Way::Again {
+            part.state.values.pass_time();
+        }
+        part
+    });
+    Step::Parts(parts.collect())
 }
 
 fn part(place: Place, state: &State, way: Way, kind: Kind) -> Next {
@@ -113,7 +124,7 @@ fn switch(
 ) -> Step {
     let range = code
         .expression
-        .map_or(Range::ANY, |id| Range::of_expression(tree, id, &state.values));
+        .map_or(Range::ANY, |id| number(tree, id, &state.values));
     let known = range.value().filter(|_| range.own);
     let taken = known.map(|value| {
         label(value)
@@ -152,11 +163,11 @@ fn switch(
 /// What has no result for sure, innermost first: a division by zero, a function outside of its domain (manual 4-1-3).
 fn undefined(program: &NcProgram, id: ExpressionId, values: &Values) -> Option<String> {
     let known = |id| {
-        let range = Range::of_expression(program, id, values);
+        let range = number(program, id, values);
         range.value().filter(|value| range.own && value.is_finite())
     };
     let is_lost = || {
-        let range = Range::of_expression(program, id, values);
+        let range = number(program, id, values);
         range.value().is_some_and(|value| !value.is_finite())
     };
     match *program.expression(id)? {

@@ -7,16 +7,17 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
 use std::sync::Arc;
 
+use tandem_model::Diagnostic;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
-use tandem_model::{Diagnostic, Span};
-use tandem_syntax::{Block, Content, NcProgram, diagnostics};
+use tandem_syntax::{Block, Content, NcProgram};
 
+use super::graph::{Checked, JOIN, Kind, LOOKED_AT, Node, Place, REACHED, Tree, Way};
 use super::state::State;
-use super::values::Values;
 use super::verdict::{Found, Groups};
-use super::{CheckContext, Findings, structure};
+use super::{Check, CheckContext, Findings, structure};
 use crate::block_words::BlockWords;
-use crate::dialect::{Dialect, OtherMCodes};
+use crate::dialect::Dialect;
+use crate::text_values::Values;
 
 /// States of one block that are kept apart. A loop of so many turns is followed turn by turn.
 const STATES_MAX: usize = 128;
@@ -25,113 +26,6 @@ const STEPS_PER_BLOCK: usize = 8;
 const STEPS_MIN: usize = 200_000;
 /// So many times the steps, and what is left is looked at block by block.
 const STEPS_HARD: usize = 4;
-
-/// A decision that a way has taken.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Way {
-    /// None.
-    On,
-    /// `if`: its commands are executed, or not.
-    If(bool),
-    /// `while`: another turn, or none.
-    Loop(bool),
-    /// `do` with `while`: another turn.
-    Again,
-    /// `switch`: the case of a label, or `default`.
-    Case(Option<i64>),
-    /// A block with block skip: skipped, or not.
-    Skip(bool),
-    /// The called program begins.
-    Called,
-}
-
-/// Whether a run comes to a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// It may.
-    Real,
-    /// It does not, by the values that conditions compare or behind the end; it is checked all the same.
-    Supposed,
-}
-
-/// A place of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct Place {
-    pub program: usize,
-    pub block: usize,
-}
-
-pub(super) struct Node {
-    pub place: Place,
-    pub kind: Kind,
-    /// Whatever others do, a run comes here.
-    pub is_certain: bool,
-    /// Something in force is not known.
-    pub is_open: bool,
-    /// The node that it was first come to from, and the decision there.
-    pub before: Option<(usize, Way)>,
-    /// One past the last block of its run.
-    pub end: usize,
-    /// The last block of its run, where the way goes on from.
-    state: Arc<State>,
-    waits: bool,
-}
-
-/// A program that is checked.
-pub(super) struct Checked<'a> {
-    pub number: u16,
-    pub tree: Tree<'a>,
-    /// What is known of each block, and of the place past the last one.
-    marks: Vec<u8>,
-    pub m_codes: BTreeMap<u16, (Span, bool)>,
-    pub programs: BTreeMap<u16, (Span, bool)>,
-}
-
-/// Ways join before the block.
-const JOIN: u8 = 1;
-/// A run comes to it.
-const REACHED: u8 = 2;
-/// It has been looked at.
-const LOOKED_AT: u8 = 4;
-
-impl Checked<'_> {
-    fn has(&self, block: usize, mark: u8) -> bool {
-        self.marks.get(block).is_some_and(|marks| marks & mark != 0)
-    }
-
-    fn set(&mut self, block: usize, mark: u8) {
-        if let Some(marks) = self.marks.get_mut(block) {
-            *marks |= mark;
-        }
-    }
-}
-
-/// A tree, borrowed or shared.
-#[derive(Clone)]
-pub(super) enum Tree<'a> {
-    Main(&'a NcProgram),
-    Called(Arc<NcProgram>),
-}
-
-impl std::ops::Deref for Tree<'_> {
-    type Target = NcProgram;
-
-    fn deref(&self) -> &NcProgram {
-        match self {
-            Tree::Main(tree) => tree,
-            Tree::Called(tree) => tree,
-        }
-    }
-}
-
-/// What checking one program gives.
-#[derive(Default)]
-pub(super) struct OfProgram {
-    pub number: u16,
-    pub diagnostics: Vec<Diagnostic>,
-    pub m_codes: Vec<u16>,
-    pub programs: Vec<u16>,
-}
 
 /// Where a run goes on, by which decision.
 pub(super) struct Next {
@@ -223,7 +117,7 @@ impl<'a> Explorer<'a> {
         if let Some(at) = known {
             return Some(at + 1);
         }
-        let tree = Arc::clone(self.context.called?.get(&number)?);
+        let tree = self.context.programs?.find(number)?;
         (tree.source().len() <= PROGRAM_BYTES_MAX).then(|| {
             self.add_program(number, Tree::Called(tree));
             self.programs.len() - 1
@@ -245,6 +139,7 @@ impl<'a> Explorer<'a> {
             marks,
             m_codes: BTreeMap::new(),
             programs: BTreeMap::new(),
+            calls_any: false,
         });
     }
 
@@ -446,8 +341,8 @@ impl<'a> Explorer<'a> {
         });
     }
 
-    /// All findings, for each program in the order that they were first called in.
-    pub fn finish(self) -> Vec<OfProgram> {
+    /// All findings.
+    pub fn finish(self) -> Check {
         let Self {
             dialect,
             context,
@@ -458,7 +353,7 @@ impl<'a> Explorer<'a> {
             ..
         } = self;
         let mut verdicts = groups.judge(&nodes, &programs);
-        let mut all = Vec::with_capacity(programs.len());
+        let mut main = Check::default();
         for (index, of) in programs.into_iter().enumerate() {
             let mut findings = Findings::new(dialect);
             for finding in verdicts.remove(&index).unwrap_or_default() {
@@ -473,54 +368,19 @@ impl<'a> Explorer<'a> {
                 of.mark(dialect, &mut findings);
             }
             findings.list.sort_by_key(|finding| finding.span.start);
-            all.push(OfProgram {
-                number: of.number,
+            let check = Check {
                 diagnostics: findings.list,
                 m_codes: of.m_codes.into_keys().collect(),
                 programs: of.programs.into_keys().collect(),
-            });
-        }
-        all
-    }
-}
-
-impl Checked<'_> {
-    /// Tells M codes without settings and programs that are not there, each at its first place.
-    fn tell_what_is_missing(&self, dialect: &Dialect, context: &CheckContext<'_>, findings: &mut Findings) {
-        let warns = dialect.policy.other_m_codes == OtherMCodes::Output;
-        if let Some(known) = context.m_codes_with_settings.filter(|_| warns) {
-            for (number, (span, needs_settings)) in &self.m_codes {
-                if *needs_settings && !known.contains(number) {
-                    findings.push(diagnostics::M_WITHOUT_SETTINGS.at(
-                        *span,
-                        format!("M{number:02} has no settings"),
-                        format!("Add [m_code.{number}] to the configuration, or correct the number."),
-                    ));
-                }
+                calls_any: of.calls_any,
+                called: BTreeMap::new(),
+            };
+            if index == 0 {
+                main = check;
+            } else {
+                main.called.insert(of.number, check);
             }
         }
-        if let Some(known) = context.programs {
-            for (number, (span, is_called)) in &self.programs {
-                if *is_called && !known.contains(number) {
-                    findings.push(diagnostics::PROGRAM_MISSING.at(
-                        *span,
-                        format!("program {number} is not there"),
-                        "Load it before the program starts, or correct the number.",
-                    ));
-                }
-            }
-        }
-    }
-
-    /// Tells when the program does not begin with the mark of the dialect (manual dgshape, 1-1).
-    fn mark(&self, dialect: &Dialect, findings: &mut Findings) {
-        let mark = (dialect.grammar)().program_form.mark.map(char::from);
-        if let Some(mark) = mark.filter(|_| !self.tree.is_marked()) {
-            findings.push(diagnostics::MARK_MISSING.at(
-                Span::default(),
-                format!("the program does not begin with {mark}, and is not executed"),
-                format!("Write a line of {mark} alone before it."),
-            ));
-        }
+        main
     }
 }

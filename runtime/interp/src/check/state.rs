@@ -2,10 +2,10 @@
 
 use tandem_syntax::AddressSet;
 
-use super::values::{Locals, Values};
 use crate::dialect::{Dialect, SpindleWord};
 use crate::modal::Modal;
 use crate::text_position::TextPosition;
+use crate::text_values::{Locals, Values};
 
 use super::CheckContext;
 
@@ -49,7 +49,8 @@ impl State {
             has_feed: context
                 .default_feedrate_mm_min
                 .is_none_or(|feedrate| feedrate > 0.0),
-            has_speed: dialect.policy.spindle_word != SpindleWord::Speed,
+            has_speed: !(context.has_spindle == Some(true)
+                && dialect.policy.spindle_word == SpindleWord::Speed),
             at_rest: 0,
             is_open: false,
         }

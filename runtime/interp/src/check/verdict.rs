@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use tandem_model::{Diagnostic, Severity};
 use tandem_syntax::{NcProgram, diagnostics};
 
-use super::explore::{Checked, Kind, Node, Place, Way};
+use super::graph::{Checked, Kind, Node, Place, Way};
 
 /// More findings than can be listed need not be told apart.
 const GROUPS_MAX: usize = 4 * tandem_syntax::DIAGNOSTICS_MAX;

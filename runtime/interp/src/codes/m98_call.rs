@@ -1,15 +1,11 @@
 //! M98 Subprogram Call (D12).
 
+use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 use tandem_syntax::Address;
 
 use super::{Code, WordSpec};
 use crate::execution::{Execution, Flow};
 use crate::meaning::Role;
-
-/// Smallest number of a subprogram (manual, table of instruction parameters).
-pub const SUBPROGRAM_MIN: u16 = 1000;
-/// Largest number of a subprogram.
-pub const SUBPROGRAM_MAX: u16 = 9999;
 
 /// M98: calls a subprogram, L times.
 pub static M98: Code = Code {
@@ -22,7 +18,7 @@ pub static M98: Code = Code {
             "program number",
             "",
             SUBPROGRAM_MIN as f64,
-            SUBPROGRAM_MAX as f64,
+            PROGRAM_NUMBER_MAX as f64,
         )
         .whole()
         .needed(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tandem_syntax::{Variable, VariableKind};
 
-use super::range::Range;
+use crate::range::Range;
 
 /// More variables of one kind are not followed: nothing is known of them.
 const FOLLOWED_MAX: usize = 1024;

@@ -1,0 +1,164 @@
+//! Nodes and programs that are followed.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tandem_model::Span;
+use tandem_syntax::{NcProgram, diagnostics};
+
+use super::state::State;
+use super::{CheckContext, Findings};
+use crate::dialect::{Dialect, OtherMCodes};
+
+/// A decision that a way has taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Way {
+    /// None.
+    On,
+    /// `if`: its commands are executed, or not.
+    If(bool),
+    /// `while`: another turn, or none.
+    Loop(bool),
+    /// `do` with `while`: another turn.
+    Again,
+    /// `switch`: the case of a label, or `default`.
+    Case(Option<i64>),
+    /// A block with block skip: skipped, or not.
+    Skip(bool),
+    /// The called program begins.
+    Called,
+}
+
+/// Whether a run comes to a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// It may.
+    Real,
+    /// It does not, by the values that conditions compare or behind the end; it is checked all the same.
+    Supposed,
+}
+
+/// A place of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Place {
+    pub program: usize,
+    pub block: usize,
+}
+
+pub(super) struct Node {
+    pub place: Place,
+    pub kind: Kind,
+    /// Whatever others do, a run comes here.
+    pub is_certain: bool,
+    /// Something in force is not known.
+    pub is_open: bool,
+    /// The node that it was first come to from, and the decision there.
+    pub before: Option<(usize, Way)>,
+    /// One past the last block of its run.
+    pub end: usize,
+    /// The last block of its run, where the way goes on from.
+    pub state: Arc<State>,
+    /// It is to be followed, or followed again.
+    pub waits: bool,
+}
+
+/// A program that is checked.
+pub(super) struct Checked<'a> {
+    pub number: u16,
+    pub tree: Tree<'a>,
+    /// What is known of each block, and of the place past the last one.
+    pub marks: Vec<u8>,
+    pub m_codes: BTreeMap<u16, (Span, bool)>,
+    pub programs: BTreeMap<u16, Call>,
+    pub calls_any: bool,
+}
+
+/// The first call of a program.
+#[derive(Clone, Copy)]
+pub(super) struct Call {
+    pub span: Span,
+    pub is_missing: bool,
+}
+
+/// Ways join before the block.
+pub(super) const JOIN: u8 = 1;
+/// A run comes to it.
+pub(super) const REACHED: u8 = 2;
+/// It has been looked at.
+pub(super) const LOOKED_AT: u8 = 4;
+
+impl Checked<'_> {
+    /// True for a block with this mark.
+    pub fn has(&self, block: usize, mark: u8) -> bool {
+        self.marks.get(block).is_some_and(|marks| marks & mark != 0)
+    }
+
+    /// Marks a block.
+    pub fn set(&mut self, block: usize, mark: u8) {
+        if let Some(marks) = self.marks.get_mut(block) {
+            *marks |= mark;
+        }
+    }
+}
+
+/// A tree, borrowed or shared.
+#[derive(Clone)]
+pub(super) enum Tree<'a> {
+    Main(&'a NcProgram),
+    Called(Arc<NcProgram>),
+}
+
+impl std::ops::Deref for Tree<'_> {
+    type Target = NcProgram;
+
+    fn deref(&self) -> &NcProgram {
+        match self {
+            Tree::Main(tree) => tree,
+            Tree::Called(tree) => tree,
+        }
+    }
+}
+
+impl Checked<'_> {
+    /// Tells M codes without settings and programs that are not there, each at its first place.
+    pub fn tell_what_is_missing(
+        &self,
+        dialect: &Dialect,
+        context: &CheckContext<'_>,
+        findings: &mut Findings,
+    ) {
+        let warns = dialect.policy.other_m_codes == OtherMCodes::Output;
+        if let Some(known) = context.m_codes_with_settings.filter(|_| warns) {
+            for (number, (span, needs_settings)) in &self.m_codes {
+                if *needs_settings && !known.contains(number) {
+                    findings.push(diagnostics::M_WITHOUT_SETTINGS.at(
+                        *span,
+                        format!("M{number:02} has no settings"),
+                        format!("Add [m_code.{number}] to the configuration, or correct the number."),
+                    ));
+                }
+            }
+        }
+        for (number, call) in &self.programs {
+            if call.is_missing {
+                findings.push(diagnostics::PROGRAM_MISSING.at(
+                    call.span,
+                    format!("program {number} is not there"),
+                    "Load it before the program starts, or correct the number.",
+                ));
+            }
+        }
+    }
+
+    /// Tells when the program does not begin with the mark of the dialect (manual dgshape, 1-1).
+    pub fn mark(&self, dialect: &Dialect, findings: &mut Findings) {
+        let mark = (dialect.grammar)().program_form.mark.map(char::from);
+        if let Some(mark) = mark.filter(|_| !self.tree.is_marked()) {
+            findings.push(diagnostics::MARK_MISSING.at(
+                Span::default(),
+                format!("the program does not begin with {mark}, and is not executed"),
+                format!("Write a line of {mark} alone before it."),
+            ));
+        }
+    }
+}

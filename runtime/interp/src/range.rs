@@ -1,0 +1,161 @@
+//! What is known of a number before a program runs: the numbers that it may be.
+
+use tandem_syntax::{Function, Operator};
+
+use crate::arithmetic::{binary, call};
+
+/// The numbers that a value may be.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Range {
+    /// The smallest; above `high` where it is no number for sure.
+    pub low: f64,
+    /// The largest.
+    pub high: f64,
+    /// It may be no number.
+    pub nan: bool,
+    /// Only the program itself can have written what it was calculated from, or no time has passed since.
+    pub own: bool,
+}
+
+impl PartialEq for Range {
+    fn eq(&self, other: &Self) -> bool {
+        let bits = |range: &Self| (range.low.to_bits(), range.high.to_bits(), range.nan, range.own);
+        bits(self) == bits(other)
+    }
+}
+
+impl Range {
+    /// Nothing is known.
+    pub const ANY: Self = Self {
+        low: f64::NEG_INFINITY,
+        high: f64::INFINITY,
+        nan: true,
+        own: true,
+    };
+
+    /// One value; it may be no number.
+    pub fn of(value: f64) -> Self {
+        if value.is_nan() {
+            return Self {
+                low: f64::INFINITY,
+                high: f64::NEG_INFINITY,
+                nan: true,
+                own: true,
+            };
+        }
+        Self::between(value, value)
+    }
+
+    fn between(low: f64, high: f64) -> Self {
+        if low.is_nan() || high.is_nan() {
+            return Self::ANY;
+        }
+        Self {
+            low,
+            high,
+            nan: false,
+            own: true,
+        }
+    }
+
+    /// The value where there is one only.
+    pub fn value(self) -> Option<f64> {
+        if self.low > self.high {
+            return Some(f64::NAN);
+        }
+        (!self.nan && self.low.to_bits() == self.high.to_bits()).then_some(self.low)
+    }
+
+    /// What both may be. What grows is not bounded any more, so that repetitions come to an end.
+    pub fn widened(self, other: Self) -> Self {
+        let low = if other.low < self.low {
+            f64::NEG_INFINITY
+        } else {
+            self.low
+        };
+        let high = if other.high > self.high {
+            f64::INFINITY
+        } else {
+            self.high
+        };
+        Self {
+            low,
+            high,
+            nan: self.nan || other.nan,
+            own: self.own && other.own,
+        }
+    }
+
+    fn and_own(self, own: bool) -> Self {
+        Self {
+            own: self.own && own,
+            ..self
+        }
+    }
+
+    /// What an operator gives.
+    pub fn binary(operator: Operator, left: Self, right: Self) -> Self {
+        let own = left.own && right.own;
+        if let (Some(left), Some(right)) = (left.value(), right.value()) {
+            return Self::of(binary(operator, left, right)).and_own(own);
+        }
+        let ends = |all: [f64; 4]| {
+            if all.iter().any(|value| value.is_nan()) {
+                return Self::ANY;
+            }
+            let low = all.into_iter().fold(f64::INFINITY, f64::min);
+            Self::between(low, all.into_iter().fold(f64::NEG_INFINITY, f64::max))
+        };
+        let by = |operation: fn(f64, f64) -> f64| {
+            ends([
+                operation(left.low, right.low),
+                operation(left.low, right.high),
+                operation(left.high, right.low),
+                operation(left.high, right.high),
+            ])
+        };
+        let has_zero = right.low <= 0.0 && right.high >= 0.0;
+        let range = match operator {
+            Operator::Add => by(|a, b| a + b),
+            Operator::Subtract => by(|a, b| a - b),
+            Operator::Multiply => by(|a, b| a * b),
+            Operator::Divide if !has_zero => by(|a, b| a / b),
+            _ => Self::ANY,
+        };
+        Self {
+            nan: range.nan || left.nan || right.nan,
+            ..range
+        }
+        .and_own(own)
+    }
+
+    /// What a function gives.
+    pub fn call(function: Function, x: Self, y: Option<Self>) -> Self {
+        let own = x.own && y.is_none_or(|y| y.own);
+        let second = y.map_or(Some(f64::NAN), Self::value);
+        if let (Some(x), Some(y)) = (x.value(), second) {
+            return Self::of(call(function, x, y)).and_own(own);
+        }
+        let rising = |x: Self| Self {
+            nan: x.nan,
+            ..Self::between(call(function, x.low, f64::NAN), call(function, x.high, f64::NAN))
+        };
+        let range = match function {
+            Function::Floor | Function::Int | Function::Ceil | Function::Rint | Function::Sgn => rising(x),
+            Function::Sqrt if x.low >= 0.0 => rising(x),
+            Function::Abs if x.low >= 0.0 => x,
+            Function::Abs => Self {
+                low: 0.0,
+                high: x.low.abs().max(x.high.abs()),
+                ..x
+            },
+            Function::Sin | Function::Sind | Function::Cos | Function::Cosd => Self {
+                nan: true,
+                ..Self::between(-1.0, 1.0)
+            },
+            Function::Isnan => Self::between(0.0, f64::from(u8::from(x.nan))),
+            _ => Self::ANY,
+        };
+        range.and_own(own)
+    }
+}

@@ -1,0 +1,265 @@
+//! What the checker calls clean does not stop by an alarm that its text alone decides: on random programs with branches,
+//! loops, block skip and calls. Seeded; `TANDEM_LONG` takes more programs.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use tandem_interp::dialects::nj;
+use tandem_interp::{CheckContext, Inputs, Interpreter, NO_TOOLS, check_source};
+use tandem_model::alarm::STEP_LIMIT;
+use tandem_model::flow::Item;
+use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
+use tandem_model::variables::{VariableArray, Variables};
+use tandem_model::{Alarm, AxisVector, Severity};
+use tandem_syntax::{NcProgram, parse};
+
+/// Programs that must be clean, of those that are made.
+const CLEAN: u64 = 5000;
+
+/// Items that a program is run for.
+const ITEMS: usize = 3000;
+
+/// xorshift64*
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, bound: usize) -> usize {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        let value = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
+        usize::try_from(value).unwrap_or(0) % bound.max(1)
+    }
+
+    fn of<'a>(&mut self, list: &[&'a str]) -> &'a str {
+        list[self.below(list.len())]
+    }
+}
+
+/// Blocks that are right in some states and wrong in others.
+const BLOCKS: &[&str] = &[
+    "X1",
+    "X1 Y2 Z3",
+    "G00 X5",
+    "G01 X3 Y1",
+    "G02 X4 R9",
+    "G02 X4 I2",
+    "G03 Y5 J2",
+    "X1 R5",
+    "X2 I1",
+    "G91",
+    "G90",
+    "G91 G01 X1",
+    "G17",
+    "G18",
+    "G19",
+    "G02 X1",
+    "G41 X9",
+    "G01 G42 Y9",
+    "G40",
+    "G40 G01 X0 Y0",
+    "G43",
+    "G49",
+    "G28 X0",
+    "G53 X1",
+    "G30 P2 X1",
+    "G84 X1 Z-5 R2 P100",
+    "G74 X1 Z-5 R2 P100 K2",
+    "X3 Y3 R1",
+    "G80",
+    "G98",
+    "G99",
+    "G51 X0 Y0 Z0 P2",
+    "G50",
+    "G68 X0 Y0 R30",
+    "G69",
+    "G51.1 X0",
+    "G50.1",
+    "G20",
+    "G21",
+    "G52 X1",
+    "G54",
+    "G55",
+    "G04 P10",
+    "M100 VA1",
+    "M08",
+    "M00",
+    "M01",
+    "F[L1]",
+    "X[L2]",
+    "G04 P[L3]",
+    "X[L1] Y[L2]",
+    "G09 X1",
+    "G61",
+    "G64",
+    "G500",
+    "G501",
+    "S[L4] F200",
+    "F0.1",
+    "L5",
+    "P100",
+];
+const ASSIGNMENTS: &[&str] = &[
+    "L1=5",
+    "L1=0",
+    "L1=L1+1",
+    "L2=L1*400000",
+    "L2=1000/L1",
+    "L3=sqrt(L1-2)",
+    "L3=L2%3",
+    "L4=2000000",
+    "L4=0-L1",
+    "Q1=L1",
+    "L1=Q1",
+    "P1=7",
+    "L2=P1*1000000",
+    "L3=asin(L1)",
+    "L1=atan2(L2,L3)",
+];
+const CONDITIONS: &[&str] = &[
+    "P5==1",
+    "L1<3",
+    "L2==0",
+    "Q7>2",
+    "L1>100",
+    "!(P6>2)",
+    "L1==1||P8==2",
+    "P9==1&&L3>=0",
+    "isnan(L2)",
+];
+
+fn commands(random: &mut Random, depth: usize, calls: &[u16], text: &mut String) {
+    for _ in 0..=random.below(4) {
+        let _ = match random.below(16) {
+            0 if depth > 0 => {
+                let _ = writeln!(text, "if({}) {{", random.of(CONDITIONS));
+                commands(random, depth - 1, calls, text);
+                if random.below(2) == 0 {
+                    let _ = writeln!(text, "}} else {{");
+                    commands(random, depth - 1, calls, text);
+                }
+                writeln!(text, "}}")
+            }
+            1 if depth > 0 => {
+                let counter = 10 + depth;
+                let _ = writeln!(text, "L{counter}=0\nwhile(L{counter}<{}) {{", random.below(6));
+                commands(random, depth - 1, calls, text);
+                writeln!(text, "L{counter}=L{counter}+1 }}")
+            }
+            2 if depth > 0 => {
+                let _ = writeln!(
+                    text,
+                    "switch({}) {{ case 1:",
+                    random.of(&["P3", "L1", "L2", "Q4"])
+                );
+                commands(random, depth - 1, calls, text);
+                let _ = writeln!(text, "break\ncase 5:");
+                commands(random, depth - 1, calls, text);
+                writeln!(text, "break }}")
+            }
+            3 if !calls.is_empty() => {
+                let number = calls[random.below(calls.len())];
+                writeln!(text, "M98 P{number}{}", random.of(&["", "", " L2", " L0"]))
+            }
+            4 => writeln!(text, "/{} {}", 1 + random.below(3), random.of(BLOCKS)),
+            5..8 => writeln!(text, "{}", random.of(ASSIGNMENTS)),
+            _ => writeln!(text, "{}", random.of(BLOCKS)),
+        };
+    }
+}
+
+fn program(random: &mut Random, calls: &[u16], end: &str) -> String {
+    let mut text = String::from("G90 G54 F500 S100\n");
+    if end == "M99" {
+        text.clear();
+    }
+    commands(random, 3, calls, &mut text);
+    text + random.of(&["G80 G40\n", "G80\nG40\nG01 X0 Y0\n", ""]) + end
+}
+
+/// Runs a program to its end or an alarm. `inputs`: P5 to P9 and Q4 to Q7, and block skip.
+fn run(
+    main: &Arc<NcProgram>,
+    programs: &BTreeMap<u16, Arc<NcProgram>>,
+    outside: f64,
+    optional_skip: u32,
+) -> Result<(), Alarm> {
+    let variables = Variables {
+        global: VariableArray::new(64),
+        coordinate_system: VariableArray::new(64),
+    };
+    for index in 3..10 {
+        variables.global.set(index, outside);
+        variables.coordinate_system.set(index, outside);
+    }
+    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), nj());
+    interpreter.start(Arc::clone(main), 1);
+    for _ in 0..ITEMS {
+        let item = interpreter.next(&Inputs {
+            tools: &NO_TOOLS,
+            programs,
+            optional_skip,
+            work_offsets: &WorkOffsets::default(),
+            variables: &variables,
+            tool: Some(Tool::default()),
+            captured: Some([0.0; 8]),
+            position: Some(AxisVector::ZERO),
+        })?;
+        if matches!(item, Item::End(_)) {
+            break;
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
+    let wanted = if std::env::var_os("TANDEM_LONG").is_some() {
+        20 * CLEAN
+    } else {
+        CLEAN
+    };
+    let (mut clean, mut wrong, mut made, mut alarms) = (0, 0, 0_u64, 0_u64);
+    while clean < wanted {
+        made += 1;
+        let mut random = Random(made.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
+        let second = program(&mut random, &[], "M99");
+        let first = program(&mut random, &[1001], "M99");
+        let main = program(&mut random, &[1000, 1001], "M30");
+        let tree = |text: &str| Arc::new(parse(text, (nj().grammar)()).0);
+        let programs = BTreeMap::from([(1000, tree(&first)), (1001, tree(&second))]);
+        let context = CheckContext {
+            programs: Some(&programs),
+            ..CheckContext::default()
+        };
+        let (_, check) = check_source(main.as_str(), nj(), &context);
+        let called = check.called.values().flat_map(|of| &of.diagnostics);
+        let found: Vec<_> = check.diagnostics.iter().chain(called).collect();
+        // what is told of the whole text says nothing about a run
+        let is_clean = found.iter().all(|found| found.code == "W0002");
+        let is_wrong = found.iter().any(|found| found.severity == Severity::Error);
+        wrong += u64::from(is_wrong);
+        clean += u64::from(is_clean);
+        for (outside, skip) in [(0.0, 0), (1.0, 0), (5.0, 1), (2.5, 7), (0.0, 2)] {
+            let Err(alarm) = run(&tree(&main), &programs, outside, skip) else {
+                continue;
+            };
+            alarms += 1;
+            // whether a loop ends is not decided, and values from outside are not the text's
+            let from_outside = main.contains("Q1") || first.contains("Q1") || second.contains("Q1");
+            let decided =
+                alarm.entry != &STEP_LIMIT && !(from_outside && matches!(alarm.entry.number, 10 | 11));
+            assert!(
+                !(is_clean && decided),
+                "{alarm:?}\n{main}\n--- 1000\n{first}\n--- 1001\n{second}"
+            );
+        }
+    }
+    // the programs are not all clean, and not all wrong
+    assert!(
+        wrong > wanted / 10 && alarms > wanted / 10,
+        "{wrong} wrong, {alarms} alarms of {made}"
+    );
+    eprintln!("{clean} clean of {made}, {wrong} with errors, {alarms} alarms");
+}
