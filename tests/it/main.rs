@@ -18,6 +18,7 @@ mod cli_config;
 mod cli_diff;
 mod cli_findings;
 mod cli_fmt;
+mod cli_lsp;
 mod cli_output;
 mod cli_plot;
 mod cli_simulate;

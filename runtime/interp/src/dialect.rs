@@ -123,6 +123,16 @@ pub enum Numbers {
 }
 
 impl Dialect {
+    /// The code of this letter, G or M, and number: that of the dialect's table, or an output.
+    pub fn code(&self, letter: Address, number: f64) -> Option<&'static Code> {
+        let listed = |table: &CodeTable| tenths(number).and_then(|tenths| table.find(tenths));
+        match letter {
+            Address::G => listed(&self.g_codes),
+            Address::M => listed(&self.m_codes).or(Some(self.auxiliary)),
+            _ => None,
+        }
+    }
+
     /// The G code that sets a value; the first one where several do.
     pub fn that_sets(&self, value: ModalValue) -> Option<&'static Code> {
         let mut codes = self.g_codes.codes.iter().copied();

@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     for path in &arguments.files {
         match read_program(path) {
             Ok(text) => {
-                for findings in check_text(path, text, dialect, machine.as_ref()) {
+                for findings in check_text(path, &text, dialect, machine.as_ref()) {
                     errors |= findings.has_errors();
                     if arguments.format == Format::Text {
                         findings.print();
@@ -103,11 +103,11 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     })
 }
 
-/// Checks a program, and gives its findings, then those of each program that it calls and in which there are some; with a machine, against the axes, limits and M codes of its first
-/// coordinate system.
-fn check_text(
+/// Checks a program, and gives its findings, then those of each program that it calls and in which there are some; with a
+/// machine, against the axes, limits and M codes of its first coordinate system.
+pub(super) fn check_text(
     path: &Path,
-    text: String,
+    text: &str,
     dialect: &'static Dialect,
     machine: Option<&Machine>,
 ) -> Vec<Findings> {

@@ -204,7 +204,7 @@ pub(super) fn as_sarif(all: &[Findings], is_whole: bool) -> Value {
 }
 
 /// A file name as a reference of a URI.
-fn uri(file: &str) -> String {
+pub(super) fn uri(file: &str) -> String {
     let path = if cfg!(windows) {
         file.replace('\\', "/")
     } else {

@@ -11,6 +11,7 @@ mod fmt;
 mod init;
 mod journal;
 mod log;
+mod lsp;
 mod man;
 mod memory;
 mod mqtt_acl;
@@ -66,6 +67,8 @@ enum Command {
     Check(check::Arguments),
     /// Lays out NC programs: blanks and case, and nothing else
     Fmt(fmt::Arguments),
+    /// Serves editors: findings while you type, explanations, completion, layout, and the time of a program
+    Lsp(lsp::Arguments),
     /// Writes the intermediate code of NC programs
     Compile(compile::Arguments),
     /// Tells what a diagnostic, an alarm, a code, a key of the configuration or a rule means
@@ -107,6 +110,7 @@ pub fn run() -> ExitCode {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Fmt(arguments) => Ok(fmt::run(&arguments)),
+        Command::Lsp(arguments) => lsp::run(&arguments),
         Command::Compile(arguments) => compile::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Init(arguments) => init::run(&arguments),

@@ -1,0 +1,55 @@
+// The extension starts the language server `tandem lsp`, which says everything else.
+"use strict";
+
+const vscode = require("vscode");
+const { LanguageClient } = require("vscode-languageclient/node");
+
+/** @type {LanguageClient | undefined} */
+let client;
+
+/** What is started, by the settings. */
+function server() {
+  const settings = vscode.workspace.getConfiguration("tandem");
+  const args = ["lsp"];
+  for (const name of ["config", "dialect"]) {
+    const value = settings.get(name);
+    if (typeof value === "string" && value !== "") args.push(`--${name}`, value);
+  }
+  return { command: settings.get("command", "tandem"), args };
+}
+
+async function start() {
+  const command = server();
+  // one time above each program; a click on it does nothing
+  client = new LanguageClient("tandem", "Tandem", command, { documentSelector: [{ language: "nc" }] });
+  try {
+    await client.start();
+  } catch (error) {
+    const text = `${command.command} lsp does not start: ${error}. Install tandem, or set tandem.command to its path.`;
+    void vscode.window.showErrorMessage(text);
+  }
+}
+
+async function stop() {
+  const running = client;
+  client = undefined;
+  if (running?.isRunning()) await running.stop();
+}
+
+async function restart() {
+  await stop();
+  await start();
+}
+
+/** @param {import("vscode").ExtensionContext} context */
+async function activate(context) {
+  context.subscriptions.push(
+    vscode.commands.registerCommand("tandem.restart", restart),
+    vscode.workspace.onDidChangeConfiguration((change) => {
+      if (change.affectsConfiguration("tandem")) void restart();
+    }),
+  );
+  await start();
+}
+
+module.exports = { activate, deactivate: stop };

@@ -1,0 +1,45 @@
+//! `tandem lsp`: the language server of NC programs, for editors.
+
+mod document;
+mod features;
+mod outline;
+mod server;
+mod setup;
+#[cfg(test)]
+mod tests;
+mod timing;
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::Args;
+use lsp_server::Connection;
+use tandem_interp::{Dialect, dialects};
+
+use self::setup::Setup;
+use super::{EXIT_FOUND, EXIT_OK, Ran};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Configuration of the machine that runs the programs; without it, the nearest tandem.toml in the folder of a program
+    /// or above
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// NC dialect of the programs; without it, that of the configuration, or nj
+    #[arg(long, value_parser = dialects::find)]
+    dialect: Option<&'static Dialect>,
+    /// The language server speaks over standard input and output; editors that can do otherwise say so
+    #[arg(long, hide = true)]
+    stdio: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let command = std::env::current_exe().context("cannot find this command itself")?;
+    let setup = Setup::new(arguments.config.clone(), arguments.dialect);
+    let (connection, threads) = Connection::stdio();
+    let ended = server::serve(&connection, setup, command);
+    drop(connection);
+    let in_order = ended?;
+    threads.join().context("standard input or output")?;
+    Ok(if in_order { EXIT_OK } else { EXIT_FOUND })
+}

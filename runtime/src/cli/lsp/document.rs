@@ -1,0 +1,155 @@
+//! An open text: its places by line and UTF-16 column, as editors count, and what was found in it.
+
+use std::path::{Path, PathBuf};
+
+use lsp_types::{Position, Range, TextDocumentContentChangeEvent, Uri};
+use percent_encoding::percent_decode_str;
+use tandem_model::{Diagnostic, Span};
+use tandem_syntax::{Token, TokenKind, tokens};
+
+use super::setup::Target;
+
+/// An open text.
+pub(super) struct Document {
+    pub uri: Uri,
+    /// Its file, or what stands for the name of a text that has none.
+    pub path: PathBuf,
+    pub version: i32,
+    pub target: Target,
+    /// What the last check has found; places are of the text then.
+    pub found: Vec<Diagnostic>,
+    text: String,
+    /// First byte of each line.
+    starts: Vec<u32>,
+}
+
+impl Document {
+    pub fn new(uri: Uri, version: i32, text: String, target: Target) -> Self {
+        Self {
+            path: path_of(&uri),
+            uri,
+            version,
+            target,
+            found: Vec::new(),
+            starts: starts(&text),
+            text,
+        }
+    }
+
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Takes over what was typed.
+    pub fn change(&mut self, change: TextDocumentContentChangeEvent) {
+        match change.range {
+            Some(range) => {
+                let (start, end) = (self.offset(range.start), self.offset(range.end));
+                self.text.replace_range(start..end.max(start), &change.text);
+            }
+            None => self.text = change.text,
+        }
+        self.starts = starts(&self.text);
+    }
+
+    /// The byte of a place; one behind the end of its line or of the text is that end.
+    pub fn offset(&self, at: Position) -> usize {
+        let line = at.line as usize;
+        let Some(start) = self.starts.get(line) else {
+            return self.text.len();
+        };
+        let text = self.line_text(line);
+        let mut left = at.character as usize;
+        let mut bytes = 0;
+        for character in text.chars() {
+            let width = character.len_utf16();
+            if left < width {
+                break;
+            }
+            left -= width;
+            bytes += character.len_utf8();
+        }
+        *start as usize + bytes
+    }
+
+    /// The place of a byte.
+    pub fn position(&self, byte: u32) -> Position {
+        let line = self
+            .starts
+            .partition_point(|start| *start <= byte)
+            .saturating_sub(1);
+        let start = self.starts.get(line).copied().unwrap_or_default();
+        let mut end = (byte as usize).min(self.text.len());
+        while !self.text.is_char_boundary(end) {
+            end -= 1;
+        }
+        let before = self.text.get(start as usize..end).unwrap_or_default();
+        let columns: usize = before.chars().map(char::len_utf16).sum();
+        Position::new(small(line), small(columns))
+    }
+
+    pub fn range(&self, span: Span) -> Range {
+        Range::new(self.position(span.start), self.position(span.end))
+    }
+
+    /// The text of a line, from 0, without its end.
+    pub fn line_text(&self, line: usize) -> &str {
+        let start = self
+            .starts
+            .get(line)
+            .map_or(self.text.len(), |start| *start as usize);
+        let end = self
+            .starts
+            .get(line + 1)
+            .map_or(self.text.len(), |next| *next as usize);
+        let text = self.text.get(start..end).unwrap_or_default();
+        text.trim_end_matches(['\n', '\r'])
+    }
+
+    pub fn of(&self, span: Span) -> &str {
+        let range = span.start as usize..span.end as usize;
+        self.text.get(range).unwrap_or_default()
+    }
+
+    pub fn tokens(&self) -> impl Iterator<Item = Token> {
+        tokens(&self.text, (self.target.dialect.grammar)())
+    }
+
+    /// The tokens of the line that a byte is in, comments and line ends left out.
+    pub fn line_at(&self, byte: usize) -> Vec<Token> {
+        let mut line = Vec::new();
+        for token in self.tokens() {
+            match token.kind {
+                TokenKind::LineEnd if token.span.start as usize >= byte => break,
+                TokenKind::LineEnd => line.clear(),
+                TokenKind::Comment
+                    if (token.span.start as usize) < byte && byte < token.span.end as usize =>
+                {
+                    return Vec::new();
+                }
+                TokenKind::Comment => {}
+                _ => line.push(token),
+            }
+        }
+        line
+    }
+}
+
+fn starts(text: &str) -> Vec<u32> {
+    let ends = text.bytes().zip(1_u32..).filter(|(byte, _)| *byte == b'\n');
+    std::iter::once(0).chain(ends.map(|(_, next)| next)).collect()
+}
+
+/// The path of a URI; the URI itself where it is none of a file.
+pub(super) fn path_of(uri: &Uri) -> PathBuf {
+    let text = uri.as_str();
+    let path = text
+        .strip_prefix("file://")
+        .map(|path| percent_decode_str(path).decode_utf8_lossy());
+    path.map_or_else(|| Path::new(text).to_owned(), |path| PathBuf::from(path.as_ref()))
+}
+
+/// Lines and columns of a text of 64 MiB.
+pub(super) fn small(number: usize) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
+}

@@ -1,0 +1,234 @@
+//! What the editor asks about a place: what stands there, what can, and where it leads.
+
+use std::str::FromStr as _;
+
+use lsp_types::{
+    CompletionItem, CompletionItemKind, DiagnosticSeverity, Documentation, Hover, HoverContents, Location,
+    MarkupContent, MarkupKind, NumberOrString, Position, Range, TextEdit, Uri,
+};
+use tandem_interp::Dialect;
+use tandem_interp::codes::{Code, WordSpec};
+use tandem_interp::meaning::Role;
+use tandem_model::{Diagnostic, Severity};
+use tandem_runtime::explain::explain;
+use tandem_syntax::{Address, Function, Keyword, Token, TokenKind};
+
+use super::super::find_subprogram;
+use super::super::findings::uri;
+use super::document::{Document, small};
+
+/// The findings, as the editor shows them.
+pub(super) fn diagnostics(document: &Document) -> Vec<lsp_types::Diagnostic> {
+    let shown = |found: &Diagnostic| lsp_types::Diagnostic {
+        range: document.range(found.span),
+        severity: Some(match found.severity {
+            Severity::Error => DiagnosticSeverity::ERROR,
+            Severity::Warning => DiagnosticSeverity::WARNING,
+        }),
+        code: Some(NumberOrString::String(found.code.to_owned())),
+        source: Some("tandem".to_owned()),
+        message: format!("{}\nhelp: {}", found.message, found.help),
+        ..lsp_types::Diagnostic::default()
+    };
+    document.found.iter().map(shown).collect()
+}
+
+/// What stands at a place, and what was found there, explained.
+pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
+    let byte = document.offset(at);
+    let line = document.line_at(byte);
+    let here = |token: &Token| token.span.start as usize <= byte && byte < token.span.end as usize;
+    let index = line.iter().position(here);
+    let name = index.and_then(|index| name_of(document, &line, index));
+    let found = document.found.iter().filter(|found| {
+        let (start, end) = (found.span.start as usize, found.span.end as usize);
+        start <= byte && byte < end
+    });
+    let names = name.into_iter().chain(found.map(|found| found.code.to_owned()));
+    let pages: Vec<String> = names
+        .filter_map(|name| explain(&name, document.target.dialect))
+        .collect();
+    (!pages.is_empty()).then(|| Hover {
+        contents: HoverContents::Markup(MarkupContent {
+            kind: MarkupKind::Markdown,
+            value: pages.join("\n\n---\n\n"),
+        }),
+        range: index.map(|index| document.range(line[index].span)),
+    })
+}
+
+/// The name that a token has a page under: a code, an address, a variable, a keyword or a function.
+fn name_of(document: &Document, line: &[Token], index: usize) -> Option<String> {
+    let token = line.get(index)?;
+    let text = document.of(token.span);
+    match token.kind {
+        TokenKind::Address(Address::G | Address::M) => {
+            let number = line.get(index + 1).filter(|next| next.kind == TokenKind::Number);
+            Some(format!(
+                "{text}{}",
+                number.map_or("", |next| document.of(next.span))
+            ))
+        }
+        TokenKind::Address(address) => Some(address.text().to_owned()),
+        TokenKind::Number => match line.get(index.checked_sub(1)?)?.kind {
+            TokenKind::Address(_) => name_of(document, line, index - 1),
+            _ => None,
+        },
+        TokenKind::Variable(_) | TokenKind::Keyword(_) | TokenKind::Function(_) => Some(text.to_owned()),
+        _ => None,
+    }
+}
+
+/// What can be written at a place: words of the codes before it, codes, and program codes.
+pub(super) fn completion(document: &Document, at: Position) -> Vec<CompletionItem> {
+    let byte = document.offset(at);
+    let mut line = document.line_at(byte);
+    line.retain(|token| token.span.end as usize <= byte);
+    if in_comment(document, byte) {
+        return Vec::new();
+    }
+    let dialect = document.target.dialect;
+    let grammar = (dialect.grammar)();
+    let mut items = words(&codes(document, &line), dialect);
+    let all = dialect.g_codes.codes.iter().chain(dialect.m_codes.codes);
+    items.extend(all.map(|code| item(code.code, CompletionItemKind::KEYWORD, code.name, code.docs)));
+    items.extend(outputs(document));
+    if grammar.program_codes {
+        items.extend(Keyword::ALL.iter().map(|keyword| {
+            let (form, meaning) = keyword.meaning();
+            item(
+                keyword.text(),
+                CompletionItemKind::KEYWORD,
+                form.lines().next().unwrap_or_default(),
+                meaning,
+            )
+        }));
+        items.extend(Function::ALL.iter().map(|function| {
+            item(
+                function.text(),
+                CompletionItemKind::FUNCTION,
+                function.meaning(),
+                function.domain(),
+            )
+        }));
+    }
+    items
+}
+
+fn in_comment(document: &Document, byte: usize) -> bool {
+    let inside = |token: &Token| (token.span.start as usize) < byte && byte <= token.span.end as usize;
+    let mut comments = document.tokens().filter(|token| token.kind == TokenKind::Comment);
+    comments.any(|token| inside(&token) && !document.of(token.span).ends_with(['/', ')']))
+}
+
+fn item(label: &str, kind: CompletionItemKind, detail: &str, docs: &str) -> CompletionItem {
+    CompletionItem {
+        label: label.to_owned(),
+        kind: Some(kind),
+        detail: Some(detail.to_owned()),
+        documentation: Some(Documentation::String(docs.to_owned())),
+        ..CompletionItem::default()
+    }
+}
+
+/// The codes of a line.
+fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
+    let dialect = document.target.dialect;
+    let pairs = line.windows(2).filter_map(|pair| {
+        let TokenKind::Address(address @ (Address::G | Address::M)) = pair[0].kind else {
+            return None;
+        };
+        let number = (pair[1].kind == TokenKind::Number).then(|| document.of(pair[1].span))?;
+        dialect.code(address, number.parse().ok()?)
+    });
+    pairs.collect()
+}
+
+/// The words of codes; where none has any, those that need no code.
+fn words(codes: &[&Code], dialect: &Dialect) -> Vec<CompletionItem> {
+    let of_word = |word: &WordSpec| {
+        let needed = if word.required { ", needed" } else { "" };
+        let detail = format!("{}: {}{needed}", word.meaning, word.range_text());
+        CompletionItem {
+            // before the codes
+            sort_text: Some(format!("!{}", word.address.text())),
+            ..item(word.address.text(), CompletionItemKind::PROPERTY, &detail, "")
+        }
+    };
+    let own: Vec<_> = codes.iter().flat_map(|code| code.words).map(of_word).collect();
+    if !own.is_empty() {
+        return own;
+    }
+    let modal = Address::ALL
+        .iter()
+        .filter_map(|address| dialect.modal_words.get(*address));
+    modal.map(of_word).collect()
+}
+
+/// The M codes that the configuration says something of.
+fn outputs(document: &Document) -> Vec<CompletionItem> {
+    let target = &document.target;
+    let Some(machine) = &target.machine else {
+        return Vec::new();
+    };
+    let of_output = |(number, settings): (&u16, &tandem_runtime::MCodeSettings)| {
+        let mut facts: Vec<String> = settings.wait_state.iter().cloned().collect();
+        if let Some(limit) = settings.timeout_ms {
+            facts.push(format!("reset within {limit} ms"));
+        }
+        let detail = format!("output of {}", machine.name);
+        item(
+            &format!("M{number:02}"),
+            CompletionItemKind::EVENT,
+            &detail,
+            &facts.join(", "),
+        )
+    };
+    machine.m_codes.iter().map(of_output).collect()
+}
+
+/// The file of the subprogram that the block at a place calls.
+pub(super) fn definition(document: &Document, at: Position) -> Option<Location> {
+    let line = document.line_at(document.offset(at));
+    if !codes(document, &line).iter().any(|code| code.role == Role::Call) {
+        return None;
+    }
+    let call = line
+        .windows(2)
+        .find(|pair| pair[0].kind == TokenKind::Address(Address::P))?;
+    let number = document.of(call[1].span).parse().ok()?;
+    let data_dir = document
+        .target
+        .machine
+        .as_ref()
+        .and_then(|machine| machine.data_dir.as_deref());
+    let file = find_subprogram(number, &document.path, data_dir)?;
+    let file = std::path::absolute(file).ok()?;
+    Some(Location {
+        uri: Uri::from_str(&uri(&file.display().to_string())).ok()?,
+        range: Range::default(),
+    })
+}
+
+/// The lines that the layout changes, as one edit; none for a program with errors.
+pub(super) fn formatting(document: &Document) -> Vec<TextEdit> {
+    let Ok(new) = tandem_syntax::format(document.text(), (document.target.dialect.grammar)()) else {
+        return Vec::new();
+    };
+    let old: Vec<&str> = document.text().split_inclusive('\n').collect();
+    let new: Vec<&str> = new.split_inclusive('\n').collect();
+    let same = old.iter().zip(&new).take_while(|(old, new)| old == new).count();
+    let behind = old[same..].iter().rev().zip(new[same..].iter().rev());
+    let same_behind = behind.take_while(|(old, new)| old == new).count();
+    let (old_end, new_end) = (old.len() - same_behind, new.len() - same_behind);
+    if same == old_end && same == new_end {
+        return Vec::new();
+    }
+    vec![TextEdit {
+        range: Range::new(
+            Position::new(small(same), 0),
+            document.position(small(old[..old_end].iter().map(|line| line.len()).sum())),
+        ),
+        new_text: new[same..new_end].concat(),
+    }]
+}

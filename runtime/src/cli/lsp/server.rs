@@ -1,0 +1,325 @@
+//! Messages of the editor, one after the other. What it types is checked when it has been quiet for a moment.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crossbeam_channel::{after, never, select};
+use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
+use lsp_types::notification::{self, Notification as _};
+use lsp_types::request::{self, Request as _};
+use lsp_types::{
+    CodeLensOptions, CompletionOptions, CompletionResponse, DocumentSymbolResponse, GotoDefinitionResponse,
+    HoverProviderCapability, InitializeParams, MessageType, OneOf, PublishDiagnosticsParams, SemanticTokens,
+    SemanticTokensFullOptions, SemanticTokensLegend, SemanticTokensOptions, SemanticTokensRangeResult,
+    SemanticTokensResult, ServerCapabilities, ShowMessageParams, TextDocumentSyncCapability,
+    TextDocumentSyncKind, TextDocumentSyncOptions, TextDocumentSyncSaveOptions, Uri,
+};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+
+use super::super::check::check_text;
+use super::document::{Document, path_of};
+use super::setup::Setup;
+use super::timing::Timing;
+use super::{features, outline};
+
+/// How long the editor has been quiet when what was typed is checked.
+const QUIET: Duration = Duration::from_millis(150);
+
+struct Server<'a> {
+    connection: &'a Connection,
+    setup: Setup,
+    /// By their URIs.
+    documents: BTreeMap<String, Document>,
+    /// Those that are to be checked.
+    due: BTreeSet<String>,
+    timing: Timing,
+    /// The editor asks for times again when it is told that there are new ones.
+    refreshes: bool,
+    requests: i32,
+}
+
+/// Serves an editor until it ends. `command` is this command. True: it has said that it would.
+///
+/// # Errors
+/// The editor does not speak the protocol, or has gone.
+pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> anyhow::Result<bool> {
+    let (id, params) = connection.initialize_start()?;
+    let params: InitializeParams = serde_json::from_value(params)?;
+    let info = json!({"name": "tandem", "version": env!("CARGO_PKG_VERSION")});
+    connection.initialize_finish(id, json!({"capabilities": capabilities(), "serverInfo": info}))?;
+    let workspace = params.capabilities.workspace;
+    let lens = workspace.and_then(|workspace| workspace.code_lens);
+    let mut server = Server {
+        connection,
+        setup,
+        documents: BTreeMap::new(),
+        due: BTreeSet::new(),
+        timing: Timing::new(command),
+        refreshes: lens.and_then(|lens| lens.refresh_support).unwrap_or_default(),
+        requests: 0,
+    };
+    loop {
+        let quiet = if server.due.is_empty() {
+            never()
+        } else {
+            after(QUIET)
+        };
+        select! {
+            recv(connection.receiver) -> message => match message {
+                Ok(Message::Request(request)) if connection.handle_shutdown(&request)? => return Ok(true),
+                Ok(Message::Request(request)) => server.request(request),
+                Ok(Message::Notification(notice)) if notice.method == notification::Exit::METHOD => return Ok(false),
+                Ok(Message::Notification(notice)) => server.notice(notice),
+                Ok(Message::Response(_)) => {}
+                Err(_) => return Ok(false),
+            },
+            recv(server.timing.ended) -> ended => {
+                if ended.is_ok_and(|ended| server.timing.take(ended)) {
+                    server.refresh_times();
+                }
+            },
+            recv(server.timing.late) -> _ => {
+                server.timing.give_up();
+                server.refresh_times();
+            },
+            recv(quiet) -> _ => server.check_due(),
+        }
+    }
+}
+
+fn capabilities() -> ServerCapabilities {
+    ServerCapabilities {
+        text_document_sync: Some(TextDocumentSyncCapability::Options(TextDocumentSyncOptions {
+            open_close: Some(true),
+            change: Some(TextDocumentSyncKind::INCREMENTAL),
+            save: Some(TextDocumentSyncSaveOptions::Supported(true)),
+            ..TextDocumentSyncOptions::default()
+        })),
+        hover_provider: Some(HoverProviderCapability::Simple(true)),
+        completion_provider: Some(CompletionOptions::default()),
+        definition_provider: Some(OneOf::Left(true)),
+        document_symbol_provider: Some(OneOf::Left(true)),
+        folding_range_provider: Some(true.into()),
+        document_formatting_provider: Some(OneOf::Left(true)),
+        code_lens_provider: Some(CodeLensOptions {
+            resolve_provider: Some(false),
+        }),
+        semantic_tokens_provider: Some(
+            SemanticTokensOptions {
+                legend: SemanticTokensLegend {
+                    token_types: outline::TOKEN_TYPES.to_vec(),
+                    token_modifiers: Vec::new(),
+                },
+                full: Some(SemanticTokensFullOptions::Bool(true)),
+                range: Some(true),
+                ..SemanticTokensOptions::default()
+            }
+            .into(),
+        ),
+        ..ServerCapabilities::default()
+    }
+}
+
+impl Server<'_> {
+    fn send(&self, message: impl Into<Message>) {
+        // when the editor has gone, the next message says so
+        let _ = self.connection.sender.send(message.into());
+    }
+
+    fn tell<N: notification::Notification>(&self, params: N::Params) {
+        self.send(Notification::new(N::METHOD.to_owned(), params));
+    }
+
+    fn request(&self, request: Request) {
+        let answer = match request.method.as_str() {
+            request::HoverRequest::METHOD => {
+                self.answer::<request::HoverRequest>(request, |server, params| {
+                    let at = params.text_document_position_params;
+                    features::hover(server.document(&at.text_document.uri)?, at.position)
+                })
+            }
+            request::Completion::METHOD => self.answer::<request::Completion>(request, |server, params| {
+                let at = params.text_document_position;
+                let document = server.document(&at.text_document.uri)?;
+                Some(CompletionResponse::Array(features::completion(
+                    document,
+                    at.position,
+                )))
+            }),
+            request::GotoDefinition::METHOD => {
+                self.answer::<request::GotoDefinition>(request, |server, params| {
+                    let at = params.text_document_position_params;
+                    let found = features::definition(server.document(&at.text_document.uri)?, at.position);
+                    found.map(GotoDefinitionResponse::Scalar)
+                })
+            }
+            request::Formatting::METHOD => self.answer::<request::Formatting>(request, |server, params| {
+                Some(features::formatting(server.document(&params.text_document.uri)?))
+            }),
+            request::DocumentSymbolRequest::METHOD => {
+                self.answer::<request::DocumentSymbolRequest>(request, |server, params| {
+                    let symbols = outline::symbols(server.document(&params.text_document.uri)?);
+                    Some(DocumentSymbolResponse::Nested(symbols))
+                })
+            }
+            request::FoldingRangeRequest::METHOD => self
+                .answer::<request::FoldingRangeRequest>(request, |server, params| {
+                    Some(outline::folding(server.document(&params.text_document.uri)?))
+                }),
+            request::CodeLensRequest::METHOD => {
+                self.answer::<request::CodeLensRequest>(request, |server, params| {
+                    let document = server.document(&params.text_document.uri)?;
+                    Some(vec![server.timing.lens(document)])
+                })
+            }
+            _ => self.semantic_tokens(request),
+        };
+        self.send(answer);
+    }
+
+    fn semantic_tokens(&self, request: Request) -> Response {
+        let tokens = |document: &Document, first, last| SemanticTokens {
+            result_id: None,
+            data: outline::semantic_tokens(document, first, last),
+        };
+        match request.method.as_str() {
+            request::SemanticTokensFullRequest::METHOD => {
+                self.answer::<request::SemanticTokensFullRequest>(request, |server, params| {
+                    let document = server.document(&params.text_document.uri)?;
+                    Some(SemanticTokensResult::Tokens(tokens(document, 0, u32::MAX)))
+                })
+            }
+            request::SemanticTokensRangeRequest::METHOD => self
+                .answer::<request::SemanticTokensRangeRequest>(request, |server, params| {
+                    let document = server.document(&params.text_document.uri)?;
+                    let (first, last) = (params.range.start.line, params.range.end.line);
+                    Some(SemanticTokensRangeResult::Tokens(tokens(document, first, last)))
+                }),
+            method => {
+                let text = format!("{method} is not offered");
+                Response::new_err(request.id, ErrorCode::MethodNotFound as i32, text)
+            }
+        }
+    }
+
+    /// Answers a request; with nothing where its document is not open.
+    fn answer<R: request::Request>(
+        &self,
+        request: Request,
+        answer: impl FnOnce(&Self, R::Params) -> R::Result,
+    ) -> Response
+    where
+        R::Params: DeserializeOwned,
+        R::Result: Serialize,
+    {
+        match serde_json::from_value(request.params) {
+            Ok(params) => Response::new_ok(request.id, answer(self, params)),
+            Err(error) => Response::new_err(request.id, ErrorCode::InvalidParams as i32, error.to_string()),
+        }
+    }
+
+    fn document(&self, uri: &Uri) -> Option<&Document> {
+        self.documents.get(uri.as_str())
+    }
+
+    /// What the editor tells; what is none of these, or malformed, changes nothing.
+    fn notice(&mut self, notice: Notification) {
+        match notice.method.as_str() {
+            notification::DidOpenTextDocument::METHOD => {
+                let Some(params) = params::<notification::DidOpenTextDocument>(notice) else {
+                    return;
+                };
+                self.open(params.text_document);
+            }
+            notification::DidChangeTextDocument::METHOD => {
+                let Some(params) = params::<notification::DidChangeTextDocument>(notice) else {
+                    return;
+                };
+                let uri = params.text_document.uri.as_str().to_owned();
+                if let Some(document) = self.documents.get_mut(&uri) {
+                    document.version = params.text_document.version;
+                    params
+                        .content_changes
+                        .into_iter()
+                        .for_each(|change| document.change(change));
+                    self.timing.forget(&uri);
+                    self.due.insert(uri);
+                }
+            }
+            // other programs may call it, or be called by it
+            notification::DidSaveTextDocument::METHOD => self.due.extend(self.documents.keys().cloned()),
+            notification::DidCloseTextDocument::METHOD => {
+                let Some(params) = params::<notification::DidCloseTextDocument>(notice) else {
+                    return;
+                };
+                let uri = params.text_document.uri;
+                self.documents.remove(uri.as_str());
+                self.due.remove(uri.as_str());
+                self.timing.forget(uri.as_str());
+                self.tell::<notification::PublishDiagnostics>(PublishDiagnosticsParams::new(
+                    uri,
+                    Vec::new(),
+                    None,
+                ));
+            }
+            _ => {}
+        }
+    }
+
+    fn open(&mut self, opened: lsp_types::TextDocumentItem) {
+        let (target, wrong) = self.setup.target(&path_of(&opened.uri));
+        self.warn(wrong);
+        let uri = opened.uri.as_str().to_owned();
+        let document = Document::new(opened.uri, opened.version, opened.text, target);
+        self.documents.insert(uri.clone(), document);
+        self.due.insert(uri);
+    }
+
+    fn warn(&self, wrong: Option<String>) {
+        if let Some(message) = wrong {
+            self.tell::<notification::ShowMessage>(ShowMessageParams {
+                typ: MessageType::WARNING,
+                message,
+            });
+        }
+    }
+
+    /// Checks what has changed, tells what was found, and begins to simulate the last one.
+    fn check_due(&mut self) {
+        for uri in std::mem::take(&mut self.due) {
+            let Some(document) = self.documents.get_mut(&uri) else {
+                continue;
+            };
+            let (target, wrong) = self.setup.target(&document.path);
+            let (dialect, machine) = (target.dialect, target.machine.clone());
+            document.target = target;
+            document.found =
+                check_text(&document.path, document.text(), dialect, machine.as_deref()).diagnostics;
+            self.timing.start(document);
+            let document = &self.documents[&uri];
+            let found = features::diagnostics(document);
+            let params = PublishDiagnosticsParams::new(document.uri.clone(), found, Some(document.version));
+            self.tell::<notification::PublishDiagnostics>(params);
+            self.warn(wrong);
+        }
+        self.refresh_times();
+    }
+
+    fn refresh_times(&mut self) {
+        if self.refreshes {
+            self.requests += 1;
+            let method = request::CodeLensRefresh::METHOD.to_owned();
+            self.send(Request::new(self.requests.into(), method, Value::Null));
+        }
+    }
+}
+
+fn params<N: notification::Notification>(notice: Notification) -> Option<N::Params>
+where
+    N::Params: DeserializeOwned,
+{
+    notice.extract(N::METHOD).ok()
+}

@@ -1,0 +1,195 @@
+//! How long a program takes: `tandem simulate` in a process of its own, which the next change ends.
+
+use std::collections::BTreeMap;
+use std::io::{Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, Sender, after, never, unbounded};
+use lsp_types::{CodeLens, Range};
+use serde::Deserialize;
+
+use super::document::Document;
+
+/// A simulation that takes longer is ended.
+const LIMIT: Duration = Duration::from_secs(20);
+
+/// The times of the open programs.
+pub(super) struct Timing {
+    /// This command.
+    command: PathBuf,
+    /// What is known of each program, by its URI.
+    titles: BTreeMap<String, String>,
+    running: Option<Running>,
+    /// Simulations that have ended: their number, and what they have printed.
+    pub ended: Receiver<(u64, String)>,
+    tell: Sender<(u64, String)>,
+    /// When the one that runs has taken too long.
+    pub late: Receiver<Instant>,
+    started: u64,
+}
+
+struct Running {
+    child: Child,
+    uri: String,
+}
+
+/// What is read of the simulation's result.
+#[derive(Deserialize)]
+struct Simulated {
+    outcome: String,
+    cycle_time_s: f64,
+    alarm: Option<Alarm>,
+}
+
+#[derive(Deserialize)]
+struct Alarm {
+    number: u16,
+    text: String,
+    line: Option<u32>,
+}
+
+impl Timing {
+    pub fn new(command: PathBuf) -> Self {
+        let (tell, ended) = unbounded();
+        Self {
+            command,
+            titles: BTreeMap::new(),
+            running: None,
+            ended,
+            tell,
+            late: never(),
+            started: 0,
+        }
+    }
+
+    /// The program has changed: what is known of it is no longer so.
+    pub fn forget(&mut self, uri: &str) {
+        self.titles.remove(uri);
+        if self.running.as_ref().is_some_and(|running| running.uri == uri) {
+            self.end();
+        }
+    }
+
+    /// Simulates a program that has been checked, in place of the one that runs.
+    pub fn start(&mut self, document: &Document) {
+        let uri = document.uri.as_str().to_owned();
+        self.end();
+        if document.found.iter().any(tandem_model::Diagnostic::is_error) {
+            self.titles
+                .insert(uri, "no time: correct the errors first".to_owned());
+            return;
+        }
+        if document.target.config.is_none()
+            && document.target.dialect.name != tandem_interp::dialects::nj().name
+        {
+            let title = "no time: a machine of this dialect needs a configuration, tandem.toml";
+            self.titles.insert(uri, title.to_owned());
+            return;
+        }
+        let mut command = Command::new(&self.command);
+        command.args(["simulate", "-", "--json"]);
+        if let Some(config) = &document.target.config {
+            command.arg("--config").arg(config);
+        }
+        let folder = document.path.parent().filter(|folder| folder.is_dir());
+        command.current_dir(folder.unwrap_or(Path::new(".")));
+        command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null());
+        let Ok(mut child) = command.spawn() else {
+            self.titles
+                .insert(uri, "no time: the simulation does not start".to_owned());
+            return;
+        };
+        self.started += 1;
+        let (number, tell) = (self.started, self.tell.clone());
+        let (text, stdin, stdout) = (
+            document.text().to_owned(),
+            child.stdin.take(),
+            child.stdout.take(),
+        );
+        std::thread::spawn(move || {
+            if let Some(mut stdin) = stdin {
+                // one that is ended does not read to the end
+                let _ = stdin.write_all(text.as_bytes());
+            }
+            let mut printed = String::new();
+            if let Some(mut stdout) = stdout {
+                let _ = stdout.read_to_string(&mut printed);
+            }
+            // nobody waits for it when the server has ended
+            let _ = tell.send((number, printed));
+        });
+        self.running = Some(Running { child, uri });
+        self.late = after(LIMIT);
+    }
+
+    /// A simulation has ended. True when it is the one that runs, so that there is a new time.
+    pub fn take(&mut self, (number, printed): (u64, String)) -> bool {
+        if number != self.started {
+            return false;
+        }
+        let Some(uri) = self.running.as_ref().map(|running| running.uri.clone()) else {
+            return false;
+        };
+        self.end();
+        self.titles.insert(uri, title(&printed));
+        true
+    }
+
+    /// The one that runs has taken too long.
+    pub fn give_up(&mut self) {
+        if let Some(running) = &self.running {
+            let title = format!("no time: the simulation takes longer than {} s", LIMIT.as_secs());
+            self.titles.insert(running.uri.clone(), title);
+        }
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.late = never();
+        if let Some(mut running) = self.running.take() {
+            // it may have ended by itself
+            let _ = running.child.kill();
+            let _ = running.child.wait();
+        }
+    }
+
+    /// The time of a program, above its first line.
+    pub fn lens(&self, document: &Document) -> CodeLens {
+        let title = self.titles.get(document.uri.as_str());
+        CodeLens {
+            range: Range::default(),
+            command: Some(lsp_types::Command {
+                title: title.map_or("time: ...", String::as_str).to_owned(),
+                command: String::new(),
+                arguments: None,
+            }),
+            data: None,
+        }
+    }
+}
+
+impl Drop for Timing {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+fn title(printed: &str) -> String {
+    let Ok(simulated) = serde_json::from_str::<Simulated>(printed) else {
+        return "no time: the program cannot be simulated".to_owned();
+    };
+    let time = format!("{:.3} s", simulated.cycle_time_s);
+    match simulated.alarm {
+        Some(Alarm { number, text, line }) => {
+            let line = line.map(|line| format!(" in line {line}")).unwrap_or_default();
+            format!("stops after {time}{line}: alarm {number}, {text}")
+        }
+        None if simulated.outcome == "completed" => format!("takes {time}"),
+        None => format!("ends after {time}"),
+    }
+}
