@@ -81,7 +81,7 @@ impl Editor {
         }
     }
 
-    fn tell(&mut self, method: &str, params: Value) {
+    fn tell(&mut self, method: &str, params: &Value) {
         self.send(json!({"method": method, "params": params}));
     }
 
@@ -111,14 +111,14 @@ fn the_server_finds_times_and_ends_over_standard_input_and_output() {
     let mut editor = Editor::new(&machine);
     let text = "G90 G54\nG04 P1000\nM98 P1000\nG05\nM30\n";
     let item = json!({"uri": uri, "languageId": "nc", "version": 1, "text": text});
-    editor.tell("textDocument/didOpen", json!({"textDocument": item}));
+    editor.tell("textDocument/didOpen", &json!({"textDocument": item}));
     let found = editor.wait_for(|message| message["method"] == "textDocument/publishDiagnostics");
     assert_eq!(found["params"]["diagnostics"][0]["range"]["start"]["line"], 3);
     assert_eq!(editor.time(&uri), "no time: correct the errors first");
     let change = |editor: &mut Editor, version: i32, text: &str| {
         let item = json!({"uri": uri, "version": version});
         let params = json!({"textDocument": item, "contentChanges": [{"text": text}]});
-        editor.tell("textDocument/didChange", params);
+        editor.tell("textDocument/didChange", &params);
     };
     // a program that never ends by itself is simulated until the next change
     change(&mut editor, 2, "while (1 == 1) {\n    G04 P1\n}\nM30\n");
@@ -141,6 +141,6 @@ fn the_server_finds_times_and_ends_over_standard_input_and_output() {
     );
     editor.send(json!({"id": 3, "method": "shutdown"}));
     editor.wait_for(|message| message["id"] == 3);
-    editor.tell("exit", json!(null));
+    editor.tell("exit", &json!(null));
     assert_eq!(editor.child.wait().unwrap().code(), Some(0));
 }

@@ -202,11 +202,12 @@ impl BlockWords {
             Some(Some(code)) => self.add_g_code(code, word, place, dialect.policy.rivals, fault),
             Some(None) => {
                 self.unknown_code = true;
-                let number = word.number().unwrap_or_default();
+                let name = format!("G{}", word.number().unwrap_or_default());
+                let help = (dialect.grammar)().foreign(&name, "");
                 fault(diagnostics::G_UNKNOWN.at(
                     word.span(),
-                    format!("there is no G{number}"),
-                    "Write a G code of the dialect.",
+                    format!("there is no {name}"),
+                    help.unwrap_or_else(|| "Write a G code of the dialect.".to_owned()),
                 ));
             }
             None => {

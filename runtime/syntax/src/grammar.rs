@@ -3,6 +3,7 @@
 use tandem_model::limits::OPTIONAL_SKIP_MAX;
 
 use crate::address::{Address, AddressSet};
+use crate::foreign;
 
 /// The grammar of a dialect.
 #[derive(Debug, PartialEq, Eq)]
@@ -25,6 +26,8 @@ pub struct Grammar {
     pub program_form: ProgramForm,
     /// Sections of the dialect's manual that diagnostics name: code and section; empty: they name none.
     pub sections: &'static [(&'static str, &'static str)],
+    /// What programs for other controls write, and what to write here; `{}` is the value behind it.
+    pub foreign: &'static [(&'static str, &'static str)],
 }
 
 /// What is around the blocks of a program.
@@ -82,6 +85,7 @@ static NJ: Grammar = Grammar {
         number_digits_max: 10,
     },
     sections: &[],
+    foreign: foreign::OF_NJ,
 };
 
 static DGSHAPE: Grammar = Grammar {
@@ -154,12 +158,19 @@ static DGSHAPE: Grammar = Grammar {
         ("W0007", "2-6, Program Number"),
         ("W0008", "2-2, G40 to G42"),
     ],
+    foreign: foreign::OF_DGSHAPE,
 };
 
 impl Grammar {
     /// Dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.
     pub fn nj() -> &'static Grammar {
         &NJ
+    }
+
+    /// What to write here for a word, a code without leading zeros, or a character of another control, with the value
+    /// behind it.
+    pub fn foreign(&self, name: &str, value: &str) -> Option<String> {
+        foreign::help(self.foreign, name, value)
     }
 
     /// Help of a diagnostic with the section of the manual, where the dialect names it.

@@ -9,6 +9,7 @@
 mod address;
 mod cursor;
 pub mod diagnostics;
+mod foreign;
 mod format;
 mod grammar;
 mod intermediate;

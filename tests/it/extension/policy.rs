@@ -52,6 +52,7 @@ fn iso() -> &'static Grammar {
             number_digits_max: 8,
         },
         sections: &[],
+        foreign: &[],
     });
     &GRAMMAR
 }

@@ -10,7 +10,7 @@ const NAMED: [&str; 3] = [
 ];
 
 /// Files whose texts are about codes, and why.
-const ABOUT_CODES: [(&str, &str); 6] = [
+const ABOUT_CODES: [(&str, &str); 7] = [
     ("plc-api/src/handshake/rules.rs", "the rules of the handshake"),
     ("runtime/interp/src/decisions.rs", "the rules of the language"),
     ("runtime/motion/src/rules.rs", "the rules of motion"),
@@ -21,6 +21,10 @@ const ABOUT_CODES: [(&str, &str); 6] = [
     (
         "runtime/syntax/src/diagnostics.rs",
         "the manual's rules and examples that explain findings",
+    ),
+    (
+        "runtime/syntax/src/foreign.rs",
+        "what other controls write, and what to write here",
     ),
     (
         "runtime/syntax/src/intermediate.rs",

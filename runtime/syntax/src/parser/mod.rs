@@ -17,6 +17,7 @@ use tandem_model::{Diagnostic, Span};
 use self::control::Nesting;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
+use crate::foreign;
 use crate::grammar::Grammar;
 use crate::tree::{Block, Content, NcProgram};
 
@@ -410,7 +411,7 @@ impl<'a> Parser<'a> {
             let text = self.cursor.excerpt(self.cursor.span_from(start));
             (
                 format!("`{text}` has no address"),
-                "Write the letter of the word before the number.",
+                "Write the letter of the word before the number.".to_owned(),
             )
         } else {
             let shown = if first.is_control() {
@@ -419,14 +420,30 @@ impl<'a> Parser<'a> {
                 first.to_string()
             };
             let help = match first {
+                '#' if self.grammar.program_codes => {
+                    let text = self.cursor.excerpt(self.cursor.span_from(start + 1));
+                    let digits = text.split(|c: char| !c.is_ascii_digit()).next();
+                    foreign::variable(digits.unwrap_or_default())
+                }
+                _ => self.plain_help(first),
+            };
+            (format!("`{shown}` is not part of the language"), help)
+        };
+        self.report_from(start, &diagnostics::UNEXPECTED_CHARACTER, message, help);
+    }
+
+    /// What to write for a character that begins nothing.
+    fn plain_help(&self, first: char) -> String {
+        let foreign = self.grammar.foreign(first.encode_utf8(&mut [0; 4]), "");
+        foreign.unwrap_or_else(|| {
+            let help = match first {
                 ',' => "The decimal sign is a point.",
                 '=' => "Only variables L, Q and P can be assigned to.",
                 _ if first.is_ascii() => "Remove it, or make it a comment.",
                 _ => "Characters that are not ASCII stand in comments only.",
             };
-            (format!("`{shown}` is not part of the language"), help)
-        };
-        self.report_from(start, &diagnostics::UNEXPECTED_CHARACTER, message, help);
+            help.to_owned()
+        })
     }
 
     /// Goes to the end of the line; comments that hold line feeds are passed.

@@ -69,7 +69,9 @@ impl Parser<'_> {
         {
             self.cursor = ahead;
         }
+        let value_start = self.cursor.at();
         self.pass_value();
+        let value = self.cursor.excerpt(self.cursor.span_from(value_start));
         let letter = self.grammar.program_form.number_letter.map(char::from);
         if letter.is_some_and(|letter| name.eq_ignore_ascii_case(letter.encode_utf8(&mut [0; 4]))) {
             self.report_from(
@@ -80,11 +82,14 @@ impl Parser<'_> {
             );
             return;
         }
-        let help = if name.len() <= 2 && name.contains(['O', 'o']) {
-            "If a zero is meant, write the digit 0."
-        } else {
-            "Remove it, or correct its address."
-        };
+        let help = self.grammar.foreign(&name, &value).unwrap_or_else(|| {
+            let help = if name.len() <= 2 && name.contains(['O', 'o']) {
+                "If a zero is meant, write the digit 0."
+            } else {
+                "Remove it, or correct its address."
+            };
+            help.to_owned()
+        });
         self.report_from(
             start,
             &diagnostics::WORD_UNKNOWN,
