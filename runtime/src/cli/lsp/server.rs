@@ -296,8 +296,13 @@ impl Server<'_> {
             let (target, wrong) = self.setup.target(&document.path);
             let (dialect, machine) = (target.dialect, target.machine.clone());
             document.target = target;
-            document.found =
-                check_text(&document.path, document.text(), dialect, machine.as_deref()).diagnostics;
+            let all = check_text(&document.path, document.text(), dialect, machine.as_deref());
+            // those of the programs that it calls are shown where they are open
+            document.found = all
+                .into_iter()
+                .next()
+                .map(|own| own.diagnostics)
+                .unwrap_or_default();
             self.timing.start(document);
             let document = &self.documents[&uri];
             let found = features::diagnostics(document);

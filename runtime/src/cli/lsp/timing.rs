@@ -81,15 +81,14 @@ impl Timing {
                 .insert(uri, "no time: correct the errors first".to_owned());
             return;
         }
-        if document.target.config.is_none()
-            && document.target.dialect.name != tandem_interp::dialects::nj().name
-        {
-            let title = "no time: a machine of this dialect needs a configuration, tandem.toml";
-            self.titles.insert(uri, title.to_owned());
-            return;
-        }
         let mut command = Command::new(&self.command);
-        command.args(["simulate", "-", "--json"]);
+        command.args([
+            "simulate",
+            "-",
+            "--json",
+            "--dialect",
+            document.target.dialect.name,
+        ]);
         if let Some(config) = &document.target.config {
             command.arg("--config").arg(config);
         }
