@@ -156,6 +156,11 @@ export const api = {
     await request("POST", `/alarms/${id}/acknowledge`, {});
   },
 
+  /** What a name means. @param {string} what @returns {Promise<import("./types.d.ts").Explanation>} */
+  async explain(what) {
+    return (await request("GET", `/explain/${encodeURIComponent(what)}`)).json();
+  },
+
   /** @returns {Promise<import("./types.d.ts").ProgramInfo[]>} */
   async programs() {
     return (await (await request("GET", "/programs")).json()).programs;

@@ -2,6 +2,7 @@
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
+import { unfolding } from "./explain.js";
 import { programName } from "./format.js";
 import { icon } from "./icons.js";
 
@@ -36,6 +37,7 @@ export function counts(errors, warnings) {
 
 /** One of them, as an entry of a list. @param {import("./types.d.ts").ProgramDiagnostic} one */
 export function finding({ severity, code, line, column, message, help }) {
+  const more = h("div", { class: "explanation" });
   return h(
     "li",
     { class: "finding", "data-tone": severity === "error" ? "alarm" : "attention" },
@@ -43,9 +45,10 @@ export function finding({ severity, code, line, column, message, help }) {
     h(
       "div",
       { class: "grow" },
-      h("div", { class: "row" }, h("strong", {}, `Line ${line}, column ${column}`), h("span", { class: "spring" }), h("span", { class: "chip" }, code)),
+      h("div", { class: "row" }, h("strong", {}, `Line ${line}, column ${column}`), h("span", { class: "spring" }), unfolding(code, more)),
       h("p", {}, message),
       help && h("p", { class: "muted" }, help),
+      more,
     ),
   );
 }

@@ -91,6 +91,11 @@ export type DiagnosticSeverity = "error" | "warning";
 /** State words, after MTConnect Execution. */
 export type Execution = "READY" | "ACTIVE" | "WAIT" | "FEED_HOLD" | "PROGRAM_STOPPED" | "OPTIONAL_STOP" | "INTERRUPTED" | "STOPPED" | "PROGRAM_COMPLETED";
 
+/** What a name means. */
+export interface Explanation {
+  picture?: string; text: string; what: string;
+}
+
 /** One M code that a handler serves. */
 export interface HandledCode {
   cs: number; m: number;

@@ -2,8 +2,11 @@
 
 mod language;
 
+use plc_api::alarm::USER_ALARM_BASE;
+use plc_api::types::explained::Explained;
+use plc_api::types::words::words;
 use tandem_interp::Dialect;
-use tandem_model::alarm::{ALARMS, AlarmEntry};
+use tandem_model::alarm::{ALARMS, After, AlarmEntry};
 use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
 
 use crate::config::{Config, ConfigKey};
@@ -15,8 +18,15 @@ const RULES: [&[(&str, &str)]; 3] = [
     plc_api::handshake::rules::RULES,
 ];
 
+/// Characters of a name that are looked at. Reason: the nearest name takes the product of both lengths.
+const NAME_MAX: usize = 100;
+
+/// Highest number that a sequence program can give an alarm.
+const USER_ALARM_CODE_MAX: u16 = 9999;
+
 /// What a name means: a diagnostic (`E0105`), an alarm (`alarm 412` or `412`), a code (`G02`), an address, a function, a
-/// keyword or a variable of the dialect, a rule (`D31`), or a key of the configuration. All that has the name is told,
+/// keyword or a variable of the dialect, a word of a state, a refusal or an answer (`HANDLER_LOST`, `not_allowed`), a rule
+/// (`D31`), or a key of the configuration. All that has the name is told,
 /// in plain text in which an indented line stands as it is. `None`: nothing has it.
 ///
 /// ```
@@ -28,11 +38,23 @@ pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
     let keys = Config::keys();
     let pages: Vec<String> = (DiagnosticEntry::find(&what).into_iter().map(of_diagnostic))
         .chain(alarm(&what).map(of_alarm))
+        .chain(of_sequence_program(&what))
         .chain(language::pages(&what, dialect))
+        .chain(
+            words()
+                .filter(|word| word.word.eq_ignore_ascii_case(&what))
+                .map(of_word),
+        )
         .chain(rules(&what))
         .chain(keys.iter().filter(|key| is_named(key, &what)).map(of_key))
         .collect();
     (!pages.is_empty()).then(|| pages.join("\n\n"))
+}
+
+/// Name of the picture of a code's example; `None`: it is no code, or has none.
+pub fn picture(what: &str, dialect: &Dialect) -> Option<String> {
+    let (name, _) = dialect.picture(language::code(what.trim(), dialect)?)?;
+    Some(name)
 }
 
 /// All names that have a page.
@@ -50,6 +72,7 @@ pub fn names(dialect: &Dialect) -> Vec<String> {
     diagnostics
         .chain(alarms)
         .chain(language::names(dialect))
+        .chain(words().map(|word| word.word.to_owned()))
         .chain(rules)
         .chain(keys)
         .collect()
@@ -57,7 +80,7 @@ pub fn names(dialect: &Dialect) -> Vec<String> {
 
 /// The name that a name without a page comes nearest to.
 pub fn nearest(what: &str, dialect: &Dialect) -> String {
-    let what = what.to_lowercase();
+    let what: String = what.chars().take(NAME_MAX).collect::<String>().to_lowercase();
     let distance = |known: &String| strsim::damerau_levenshtein(&what, &known.to_lowercase());
     names(dialect)
         .into_iter()
@@ -87,21 +110,53 @@ fn of_diagnostic(entry: &DiagnosticEntry) -> String {
     page(entry.code, entry.title, &[entry.explanation.to_owned(), example])
 }
 
-/// The alarm of `412` or `alarm 412`.
-fn alarm(what: &str) -> Option<&'static AlarmEntry> {
+/// The number of `412` or `alarm 412`.
+fn alarm_number(what: &str) -> Option<u16> {
     let (word, number) = what.rsplit_once(' ').unwrap_or(("alarm", what));
-    let number: u16 = number.parse().ok()?;
-    let mut entries = ALARMS.iter().copied();
-    let is_named = word.eq_ignore_ascii_case("alarm");
-    entries.find(|entry| is_named && entry.number == number)
+    let number = number.parse().ok()?;
+    word.eq_ignore_ascii_case("alarm").then_some(number)
+}
+
+fn alarm(what: &str) -> Option<&'static AlarmEntry> {
+    let number = alarm_number(what)?;
+    ALARMS.iter().copied().find(|entry| entry.number == number)
+}
+
+/// The page of an alarm whose number a sequence program has chosen.
+fn of_sequence_program(what: &str) -> Option<String> {
+    let number = alarm_number(what)?;
+    let own = number
+        .checked_sub(USER_ALARM_BASE)
+        .filter(|own| *own <= USER_ALARM_CODE_MAX)?;
+    let parts = [
+        format!(
+            "A handler or another part of the sequence program has raised it, as its number {own}; its text says why."
+        ),
+        "What to do: Look at what the text says, and at the documentation of the machine.".to_owned(),
+        format!("How it goes on: {}", After::Reset.text()),
+    ];
+    Some(page(
+        &format!("alarm {number}"),
+        "an alarm of the sequence program",
+        &parts,
+    ))
 }
 
 fn of_alarm(entry: &AlarmEntry) -> String {
-    page(
-        &format!("alarm {}", entry.number),
-        entry.title,
-        &[entry.remedy.to_owned()],
-    )
+    let parts = [
+        entry.cause.to_owned(),
+        format!("What to do: {}", entry.remedy),
+        format!("How it goes on: {}", entry.after.text()),
+    ];
+    page(&format!("alarm {}", entry.number), entry.title, &parts)
+}
+
+fn of_word(word: &Explained) -> String {
+    let parts = [
+        word.meaning.trim_start().to_owned(),
+        format!("How it goes on: {}", word.way_on),
+    ];
+    page(word.word, word.of, &parts)
 }
 
 /// The rule of this number, and those of its group.
@@ -180,6 +235,15 @@ mod tests {
     }
 
     #[test]
+    fn a_name_of_any_length_is_compared_with_all_others_at_once() {
+        let long = "é".repeat(1_000_000);
+        assert_eq!(explain(&long, dialects::nj()), None);
+        let begun = std::time::Instant::now();
+        nearest(&long, dialects::nj());
+        assert!(begun.elapsed().as_secs() < 2, "{:?}", begun.elapsed());
+    }
+
+    #[test]
     fn a_dialect_explains_its_own_codes_only() {
         let dgshape = dialects::dgshape();
         assert!(explain("G83", dgshape).is_some());
@@ -196,6 +260,39 @@ mod tests {
     }
 
     #[test]
+    fn every_alarm_has_a_cause_what_to_do_and_how_it_goes_on() {
+        for entry in ALARMS {
+            let page = of_nj(&format!("alarm {}", entry.number));
+            for part in [entry.title, entry.cause, entry.remedy, entry.after.text()] {
+                assert!(part.len() > 10 && page.contains(part), "{}: {page}", entry.number);
+            }
+        }
+    }
+
+    #[test]
+    fn every_word_of_a_state_a_refusal_and_an_answer_has_a_meaning_and_how_it_goes_on() {
+        for word in words() {
+            let page = of_nj(&word.word.to_lowercase());
+            for part in [word.of, word.meaning.trim_start(), word.way_on] {
+                assert!(page.contains(part), "{}: {page}", word.word);
+            }
+        }
+    }
+
+    #[test]
+    fn every_code_says_what_it_does_and_what_restricts_it() {
+        for dialect in [dialects::nj(), dialects::dgshape()] {
+            for code in dialect.g_codes.codes.iter().chain(dialect.m_codes.codes) {
+                let page = explain(code.code, dialect).unwrap();
+                assert!(!code.docs.is_empty() && page.contains(code.docs), "{}", code.code);
+            }
+        }
+        let page = of_nj("G41");
+        assert!(page.contains("Restrictions:"), "{page}");
+        assert!(page.contains("the side of the compensation changes"), "{page}");
+    }
+
+    #[test]
     fn alarms_functions_keywords_and_variables_have_pages() {
         let alarm = of_nj("412");
         assert!(
@@ -204,6 +301,7 @@ mod tests {
         );
         assert_eq!(of_nj("Alarm  412"), alarm);
         assert_eq!(explain("alarm 9", dialects::nj()), None);
+        assert!(of_nj("alarm 10007").contains("as its number 7"));
         assert!(of_nj("SIND").starts_with("sind: the sine of degrees\n\n    Q0 = sind(x)"));
         assert!(of_nj("while").contains("    while (condition) command"));
         assert!(of_nj("L255").starts_with("L: variables L0 to L255"));

@@ -15,6 +15,7 @@ use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{Command, CommandMeta};
+use plc_api::types::explained::Explanation;
 use plc_api::types::heartbeat::ClientHeartbeat;
 use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
@@ -30,6 +31,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::alarm::{MESSAGES_NOT_KEPT, REQUEST_REFUSED};
 
 use crate::coordinate_system::Mailbox;
+use crate::explain::{explain, nearest, picture};
 use crate::handlers::TooMany;
 use crate::persistence::{LastRuns, StateWriter};
 use crate::shared::Shared;
@@ -266,8 +268,22 @@ impl RuntimePort {
             MachineRequest::Programs => Ok(Answer::Programs(self.shared.store.list())),
             MachineRequest::RaiseAlarm(raise) => self.raise_alarm(raise).await,
             MachineRequest::SkipInput(motor, value) => self.skip_input(motor, value).await,
+            MachineRequest::Explain(what) => self.explain(what),
             MachineRequest::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
         }
+    }
+
+    fn explain(&self, what: String) -> Result<Answer, Refusal> {
+        let dialect = self.shared.machine.dialect();
+        let text = explain(&what, dialect).ok_or_else(|| {
+            let text = format!(
+                "nothing here is called {what}; did you mean {}?",
+                nearest(&what, dialect)
+            );
+            Refusal::new(RefusalCode::NotFound, text)
+        })?;
+        let picture = picture(&what, dialect);
+        Ok(Answer::Explanation(Explanation { what, text, picture }))
     }
 
     async fn of_program(&self, request: ProgramRequest) -> Result<Answer, Refusal> {

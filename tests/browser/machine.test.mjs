@@ -190,3 +190,17 @@ test("runtime killed and started again: the screen says so, and comes back by it
   const refused = errors.filter((text) => /ERR_CONNECTION|WebSocket connection/.test(text));
   errors.splice(0, errors.length, ...errors.filter((text) => !refused.includes(text)));
 });
+
+test("what is on the screen is explained by a press", async () => {
+  await ready("O0002");
+  const explanation = page.locator("dialog.explanation");
+  await page.getByRole("button", { name: /^Explain [A-Z_]+$/ }).first().click();
+  await explanation.getByText("How it goes on:").waitFor();
+  await explanation.getByRole("button", { name: "Close" }).click();
+  await page.locator(".program-card .nc-g").first().click();
+  await explanation.getByText("Example:").waitFor();
+  await until(() => explanation.locator("img").evaluate((image) => image.complete && image.naturalWidth > 0), true, "the picture");
+  await page.screenshot({ path: `${OUT}explanation.png` });
+  await page.keyboard.press("Escape");
+  await explanation.waitFor({ state: "detached" });
+});

@@ -1,6 +1,7 @@
 // Active alarms, newest first, with their remedies.
 
 import { button, card, fill, h, setText } from "../dom.js";
+import { explained } from "../explain.js";
 import { programName, timeOfDay } from "../format.js";
 import { icon } from "../icons.js";
 
@@ -39,7 +40,7 @@ function entry(app, alarm) {
     h(
       "div",
       { class: "grow" },
-      h("div", { class: "row" }, h("strong", {}, `${alarm.severity === "alarm" ? "Alarm" : "Warning"} ${alarm.number}`), h("span", { class: "spring" }), h("span", { class: "muted" }, facts.join(" · "))),
+      h("div", { class: "row" }, h("strong", {}, alarm.severity === "alarm" ? "Alarm" : "Warning"), explained(`alarm ${alarm.number}`), h("span", { class: "spring" }), h("span", { class: "muted" }, facts.join(" · "))),
       h("p", {}, alarm.text),
       remedy && h("p", { class: "remedy" }, remedy),
       alarm.acknowledged_by ? h("p", { class: "muted" }, `Acknowledged by ${alarm.acknowledged_by}`) : alarm.severity === "warning" && h("div", { class: "row end" }, acknowledge),

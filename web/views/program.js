@@ -2,6 +2,7 @@
 // a million lines costs no more than a short one.
 
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
+import { explain } from "../explain.js";
 import { programName } from "../format.js";
 import { NcText } from "../nc_text.js";
 
@@ -46,6 +47,10 @@ class ProgramView {
       // a scroll that this view did not cause is the operator's
       if (this.#following && Math.abs(this.#view.scrollTop - this.#scrolledTo) > 2) this.#setFollowing(false);
       else app.invalidate();
+    });
+    this.#rows.addEventListener("click", (event) => {
+      const code = event.target instanceof Element && event.target.closest(".nc-g, .nc-m");
+      if (code) void explain(code.textContent);
     });
     new ResizeObserver(() => this.#drawAnew()).observe(this.#view);
   }

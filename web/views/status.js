@@ -1,6 +1,7 @@
 // The state in large letters, and a sentence that explains it.
 
 import { button, h, setAttr, setText } from "../dom.js";
+import { explain } from "../explain.js";
 import { programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { announcement, asked, brief, look, sentence } from "../sentence.js";
@@ -18,6 +19,8 @@ export const status = {
     const word = h("span", { class: "word" });
     const said = h("p", { class: "sentence" });
     const detail = h("p", { class: "detail" });
+    const why = button({ class: "button small why", onclick: () => void explain(asking) }, "Explain");
+    let asking = "";
     const answer = button({ class: "button answer", hidden: true, onclick: showQuestion }, "Answer");
     const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
     const element = h(
@@ -25,6 +28,7 @@ export const status = {
       { class: "status", "aria-label": "State" },
       h("div", { class: "state-word" }, sign, word),
       h("div", { class: "said" }, said, detail),
+      why,
       answer,
       live,
     );
@@ -42,6 +46,8 @@ export const status = {
       setAttr(element, "data-execution", state.execution);
       setIcon(sign, name);
       setText(word, text);
+      asking = state.transition ?? state.reason ?? state.execution;
+      setAttr(why, "aria-label", `Explain ${asking}`);
       setAttr(word, "data-long", text.length > LONG_WORD);
       setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts)));
       setText(detail, details(system, model.programs));

@@ -80,7 +80,7 @@ impl FakePort {
             MachineRequest::LastRun(_) => Ok(Answer::LastRun(None)),
             MachineRequest::Journal { .. } => Ok(Answer::Journal(Vec::new())),
             MachineRequest::Programs => Ok(Answer::Programs(Vec::new())),
-            MachineRequest::CommandStatus(_) => unsupported(),
+            MachineRequest::CommandStatus(_) | MachineRequest::Explain(_) => unsupported(),
         }
     }
 

@@ -1,6 +1,8 @@
 //! Commands to a coordinate system and their replies.
 
 use serde::{Deserialize, Serialize};
+
+use super::explained::explained;
 use serde_json::{Value, json};
 
 use super::BootId;
@@ -302,19 +304,25 @@ pub struct Expect {
     pub state_rev: Option<u64>,
 }
 
-/// How far a command is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum CommandStatus {
-    /// It will be carried out.
-    Accepted,
-    /// It will not; nothing changed.
-    Rejected,
-    /// Its effect has been reached.
-    Done,
-    /// It was accepted, and then something prevented its effect.
-    Failed,
+explained! {
+    "status of a command"
+    /// How far a command is.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    pub enum CommandStatus {
+        /// It will be carried out.
+        Accepted = "accepted",
+            "Wait for done or failed.";
+        /// It will not; nothing changed.
+        Rejected = "rejected",
+            "The code and the text say why and what to do.";
+        /// Its effect has been reached.
+        Done = "done",
+            "Nothing to do.";
+        /// It was accepted, and then something prevented its effect.
+        Failed = "failed",
+            "The text says what prevented it, mostly an alarm or another command.";
+    }
 }
 
 /// Payload of `reply/{client_id}`, and of `GET /commands/{id}`.

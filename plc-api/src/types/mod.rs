@@ -3,6 +3,7 @@
 pub mod command;
 pub mod data;
 pub mod execution;
+pub mod explained;
 pub mod form;
 pub mod heartbeat;
 pub mod ids;
@@ -18,6 +19,7 @@ pub mod request;
 pub mod state;
 pub mod topic;
 pub mod verb;
+pub mod words;
 
 use serde::{Deserialize, Serialize};
 

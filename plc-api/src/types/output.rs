@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::explained::explained;
 use super::question::Question;
 use super::{BootId, Timestamp};
 
@@ -19,17 +20,22 @@ pub enum Timing {
     WithMotion,
 }
 
-/// Where an open output stands in its life.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub enum OutputState {
-    /// Not made yet: held back while the program is held (D18).
-    Queued,
-    /// Made, and waiting for a handler to claim it.
-    Output,
-    /// Owned by a handler, whose reset is awaited.
-    Claimed,
+explained! {
+    "state of an output"
+    /// Where an open output stands in its life.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    pub enum OutputState {
+        /// Not made yet: held back while the program is held (D18).
+        Queued = "QUEUED",
+            "It is made when the program is resumed.";
+        /// Made, and waiting for a handler to claim it.
+        Output = "OUTPUT",
+            "A handler for its M code claims it; without one, start it or reset the output by hand.";
+        /// Owned by a handler, whose reset is awaited.
+        Claimed = "CLAIMED",
+            "Its handler resets it when the work is done; progress says how far it is.";
+    }
 }
 
 /// One output as `m_code/{m}/output` says it.
@@ -152,23 +158,31 @@ pub enum ResetResult {
     Fault,
 }
 
-/// What became of a claim or a reset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum HandshakeStatus {
-    /// It counts.
-    Accepted,
-    /// The output was reset before; nothing changed.
-    Duplicate,
-    /// The output was cancelled, failed, timed out, or belongs to another boot; nothing changed.
-    Stale,
-    /// This boot never made that output there with that M number.
-    Unknown,
-    /// Another handler owns the output.
-    NotOwner,
-    /// The message itself is not right, and `text` says why; nothing changed.
-    Refused,
+explained! {
+    "answer to a claim or reset"
+    /// What became of a claim or a reset.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    pub enum HandshakeStatus {
+        /// It counts.
+        Accepted = "accepted",
+            "Nothing to do.";
+        /// The output was reset before; nothing changed.
+        Duplicate = "duplicate",
+            "Nothing to do: the first reset counted, as after a message sent twice.";
+        /// The output was cancelled, failed, timed out, or belongs to another boot; nothing changed.
+        Stale = "stale",
+            "Forget the output; the work that was begun for it counts for nothing any more.";
+        /// This boot never made that output there with that M number.
+        Unknown = "unknown",
+            "Look at seq, coordinate system and M number; the handler may talk to another machine.";
+        /// Another handler owns the output.
+        NotOwner = "not_owner",
+            "Leave it to its owner; an operator may reset it with force.";
+        /// The message itself is not right, and `text` says why; nothing changed.
+        Refused = "refused",
+            "Correct what the text says, and send it again.";
+    }
 }
 
 /// Payload of `m_code/{m}/result`.
@@ -186,25 +200,34 @@ pub struct HandshakeResult {
     pub text: Option<String>,
 }
 
-/// Why an output was cancelled.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum CancelReason {
-    /// The `reset` command.
-    Reset,
-    /// The `stop` command.
-    Stop,
-    /// The `abort` command.
-    Abort,
-    /// An alarm of the coordinate system or of the whole machine.
-    Alarm,
-    /// Not reset in its time (D36).
-    Timeout,
-    /// An operator reset or failed it; sent to its owner.
-    Operator,
-    /// The runtime ends, another boot of it is there, or the sequence program itself ends.
-    Shutdown,
+explained! {
+    "reason why an output was cancelled"
+    /// Why an output was cancelled.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    pub enum CancelReason {
+        /// The `reset` command.
+        Reset = "reset",
+            "End the work for it, as far as that is safe.";
+        /// The `stop` command.
+        Stop = "stop",
+            "End the work for it, as far as that is safe.";
+        /// The `abort` command.
+        Abort = "abort",
+            "End the work for it, as far as that is safe.";
+        /// An alarm of the coordinate system or of the whole machine.
+        Alarm = "alarm",
+            "End the work for it, as far as that is safe; the alarm says what happened.";
+        /// Not reset in its time (D36).
+        Timeout = "timeout",
+            "End the work for it. Alarm 301 has stopped the run; raise timeout_ms if the work takes longer.";
+        /// An operator reset or failed it; sent to its owner.
+        Operator = "operator",
+            "End the work for it: an operator has decided.";
+        /// The runtime ends, another boot of it is there, or the sequence program itself ends.
+        Shutdown = "shutdown",
+            "End the work for it; after a new start outputs have another boot_id.";
+    }
 }
 
 /// Payload of `m_code/{m}/cancel`.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::execution::Execution;
+use super::explained::explained;
 use super::program::ProgramDiagnostic;
 use super::verb::Verb;
 
@@ -35,43 +36,61 @@ impl Refusal {
     }
 }
 
-/// Machine-readable reason of a refusal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum RefusalCode {
-    /// There is no such coordinate system, program, command, alarm or value (404).
-    NotFound,
-    /// The state does not allow it (409).
-    NotAllowed,
-    /// The program runs (409).
-    ProgramRuns,
-    /// A start lock or the interlock is on (409).
-    StartLocked,
-    /// The user may not do this (403).
-    Forbidden,
-    /// Another holds the control lease (409).
-    Busy,
-    /// The control lease under which it was sent has ended (409).
-    LeaseLost,
-    /// Its `command_id` is that of another command of the last 10 minutes (422).
-    CommandIdReused,
-    /// The condition of the command does not hold (412).
-    PreconditionFailed,
-    /// The program has errors (422).
-    ProgramHasErrors,
-    /// The request is not well-formed, or a value is out of its range (400).
-    Invalid,
-    /// Larger than the limit (413).
-    TooLarge,
-    /// Known, and not built yet (501).
-    NotSupported,
-    /// A command over MQTT came with the retain flag (refused there only).
-    Retained,
-    /// The command is older than its `ttl_ms` (412).
-    Expired,
-    /// The runtime cannot do it now: it stops, or its store fails (503).
-    Unavailable,
+explained! {
+    "refusal of a request"
+    /// Machine-readable reason of a refusal.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    pub enum RefusalCode {
+        /// There is no such coordinate system, program, command, alarm or value (404).
+        NotFound = "not_found",
+            "Look at the number or name; the text says what there is.";
+        /// The state does not allow it (409).
+        NotAllowed = "not_allowed",
+            "The answer says the state and what is allowed in it: bring the machine there first.";
+        /// The program runs (409).
+        ProgramRuns = "program_runs",
+            "Wait for the end of the run, or stop it.";
+        /// A start lock or the interlock is on (409).
+        StartLocked = "start_locked",
+            "Whoever has set the start lock or the interlock ends it; its text says why it is on.";
+        /// The user may not do this (403).
+        Forbidden = "forbidden",
+            "Use a token whose role has the right, or ask the administrator for one.";
+        /// Another holds the control lease (409).
+        Busy = "busy",
+            "Wait until the holder of the control lease gives it back or it expires; an administrator can break it.";
+        /// The control lease under which it was sent has ended (409).
+        LeaseLost = "lease_lost",
+            "Take the control lease anew, look at the machine, and send the command with the new fence.";
+        /// Its `command_id` is that of another command of the last 10 minutes (422).
+        CommandIdReused = "command_id_reused",
+            "Give each command a command_id of its own; the same one is for sending the same command again.";
+        /// The condition of the command does not hold (412).
+        PreconditionFailed = "precondition_failed",
+            "Read the state again and decide anew: it is not what the command expects.";
+        /// The program has errors (422).
+        ProgramHasErrors = "program_has_errors",
+            "Correct what the diagnostics of the answer say, and store the program again.";
+        /// The request is not well-formed, or a value is out of its range (400).
+        Invalid = "invalid",
+            "Correct what the text names; the page of routes or topics has the form.";
+        /// Larger than the limit (413).
+        TooLarge = "too_large",
+            "Send less at a time; the text says the limit.";
+        /// Known, and not built yet (501).
+        NotSupported = "not_supported",
+            "Do without it; this version does not have it.";
+        /// A command over MQTT came with the retain flag (refused there only).
+        Retained = "retained",
+            "Send commands without the retain flag: a broker would send them again to every new connection.";
+        /// The command is older than its `ttl_ms` (412).
+        Expired = "expired",
+            "Decide anew and send it again, or send a larger ttl_ms; look at the clocks of both computers.";
+        /// The runtime cannot do it now: it stops, or its store fails (503).
+        Unavailable = "unavailable",
+            "Try again in a moment; alarms 402 to 405 say what cannot be written.";
+    }
 }
 
 impl RefusalCode {

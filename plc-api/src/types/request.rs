@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::CoordinateSystemNumber;
 use super::command::{self, CommandMeta, CommandReply};
 use super::data::{self, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
+use super::explained::Explanation;
 use super::heartbeat::ClientHeartbeat;
 use super::lease::LeaseRequest;
 use super::machine::{AlarmRaise, AlarmRecord};
@@ -327,6 +328,8 @@ requests! {
         AlarmHistory -> Vec<AlarmRecord>;
         /// Programs of the store.
         Programs -> Vec<ProgramInfo>;
+        /// What a name means that people see: a diagnostic, an alarm, a code, a word of a state or a refusal, a key.
+        Explain(what: String) -> Explanation;
     }
     program {
         /// Text of a program.
@@ -458,6 +461,8 @@ answers! {
     Handlers(BTreeMap<String, HandlerPresence>),
     /// Alarms.
     Alarms(Vec<AlarmRecord>),
+    /// What a name means.
+    Explanation(Explanation),
 }
 
 impl TryFrom<Answer> for () {

@@ -5,26 +5,34 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::Timestamp;
+use super::explained::explained;
 use super::output::Progress;
 use super::question::Question;
 
 pub use super::execution::{Execution, Reason};
 
-/// On the way to another state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub enum Transition {
-    /// A start was accepted.
-    Starting,
-    /// Decelerating on the path to a feed hold.
-    Holding,
-    /// Decelerating to a stop.
-    Stopping,
-    /// Leaving a pause.
-    Resuming,
-    /// Being reset.
-    Resetting,
+explained! {
+    "way to another state"
+    /// On the way to another state.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    pub enum Transition {
+        /// A start was accepted.
+        Starting = "STARTING",
+            "It becomes ACTIVE by itself.";
+        /// Decelerating on the path to a feed hold.
+        Holding = "HOLDING",
+            "It becomes FEED_HOLD when the machine rests; in a thread, when the tool is out of it.";
+        /// Decelerating to a stop.
+        Stopping = "STOPPING",
+            "It becomes STOPPED when the machine rests.";
+        /// Leaving a pause.
+        Resuming = "RESUMING",
+            "It becomes ACTIVE by itself.";
+        /// Being reset.
+        Resetting = "RESETTING",
+            "It becomes READY when the machine rests and what was open is cancelled.";
+    }
 }
 
 /// Payload of `state`.

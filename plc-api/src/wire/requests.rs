@@ -16,6 +16,7 @@ use super::row::Fault;
 use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, ParsedRequest, QueryValues, RequestParts, Row, Topic};
 use crate::types::command::{Command, CommandReply};
 use crate::types::data::{Number, ToolChange, ToolTable, VariableValues, WorkOffsetTable};
+use crate::types::explained::Explanation;
 use crate::types::form::HasForm;
 use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
@@ -117,7 +118,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 37] = [
+pub static ROWS: [Row; 38] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -413,6 +414,15 @@ pub static ROWS: [Row; 37] = [
         routes: &[Route::get("/alarms/history", "Alarms of the past.").gives::<AlarmHistory>()],
         answer: json_of::<AlarmHistory>,
         ..carried!(Read, AlarmHistory)
+    },
+    Row {
+        routes: &[Route::get(
+            "/explain/{what}",
+            "What a name means that people see: an alarm, a diagnostic, a code, a word of a state or a refusal, a key.",
+        )
+        .gives::<Explanation>()],
+        answer: json_of::<Explanation>,
+        ..carried!(Read, Explain(what: name))
     },
     Row {
         routes: &[Route::get("/tools", "The tool table.").gives::<ToolTable>()],

@@ -65,6 +65,7 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::DeleteProgram(_)
         | Request::CheckProgram(_)
         | Request::IntermediateCode(_)
+        | Request::Explain(_)
         | Request::AlarmHistory => &[Rest],
     }
 }
@@ -280,7 +281,7 @@ fn of_data(transport: Transport) -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..11);
+    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..12);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::ReadProgram(number),
@@ -292,6 +293,7 @@ fn of_machine() -> impl Strategy<Value = Request> {
         7 => Request::Handler(id, HandlerPresence { online, handles: vec![HandledCode { cs: 1, m: number }], validates: !online }),
         8 => Request::Heartbeat(id, ClientHeartbeat { ttl_ms: u64::from(number), cs }),
         9 => Request::CommandStatus(text + "/ %?"),
+        10 => Request::Explain(text + "/ %?"),
         _ => Request::Handlers,
     })
 }

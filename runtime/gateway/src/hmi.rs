@@ -17,6 +17,12 @@ use crate::shared::Shared;
 #[folder = "web"]
 struct Files;
 
+/// Pictures of examples, which the book shows too.
+#[derive(RustEmbed)]
+#[folder = "pictures"]
+#[prefix = "pictures/"]
+struct Pictures;
+
 /// Extensions of the files that are served; tests, types and package files in the folder are not.
 const SERVED: [&str; 7] = ["html", "js", "css", "svg", "png", "ico", "woff2"];
 
@@ -53,7 +59,10 @@ async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {
         .any(|part| part.starts_with('.') || part == "node_modules");
     let extension = path.rsplit_once('.').map(|(_, extension)| extension);
     let served = !hidden && extension.is_some_and(|extension| SERVED.contains(&extension));
-    match served.then(|| Files::get(path)).flatten() {
+    match served
+        .then(|| Files::get(path).or_else(|| Pictures::get(path)))
+        .flatten()
+    {
         Some(file) => file_response(file, &request),
         None => Problem::not_found(format!("there is nothing at /{path}")).into_response(),
     }

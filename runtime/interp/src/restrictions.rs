@@ -143,8 +143,8 @@ fn first(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
         Some(Refusal {
             entry: row.entry,
             address,
-            message: written(row.message, words, with.dialect, &code),
-            help: written(row.help, words, with.dialect, &code),
+            message: written(row.message, needed(words), with.dialect, &code),
+            help: written(row.help, needed(words), with.dialect, &code),
         })
     });
     broken.next().or_else(|| arc_shape::find(words, with))
@@ -323,9 +323,14 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
     }
 }
 
+/// The words that the cycle of the block begins with.
+fn needed(words: &BlockWords) -> &'static [Address] {
+    words.sets().cycle.flatten().map_or(&[][..], |cycle| cycle.needed)
+}
+
 /// A text with its marks replaced.
 #[cold]
-fn written(text: &str, words: &BlockWords, dialect: &Dialect, found: &str) -> String {
+pub(crate) fn written(text: &str, needed: &[Address], dialect: &Dialect, found: &str) -> String {
     let names = |last, is_meant: fn(&Code) -> bool| dialect.names(last, is_meant);
     let mut parts = text.split(['{', '}']);
     let mut written = parts.next().unwrap_or_default().to_owned();
@@ -344,7 +349,6 @@ fn written(text: &str, words: &BlockWords, dialect: &Dialect, found: &str) -> St
                 code.sets == Some(ModalValue::Length(LengthOffset::Off))
             }),
             "needed" => {
-                let needed = words.sets().cycle.flatten().map_or(&[][..], |cycle| cycle.needed);
                 let needed: Vec<_> = needed.iter().map(|word| word.text()).collect();
                 list(&needed, "and")
             }

@@ -45,7 +45,7 @@ pub(super) fn names(dialect: &Dialect) -> Vec<String> {
 }
 
 /// The code of `G2`, `g 02` or `M100`.
-fn code(what: &str, dialect: &Dialect) -> Option<&'static Code> {
+pub(super) fn code(what: &str, dialect: &Dialect) -> Option<&'static Code> {
     let (letter, number) = what.split_at_checked(1)?;
     let number = number.trim();
     if !number.starts_with(|digit: char| digit.is_ascii_digit()) {
@@ -95,9 +95,32 @@ fn of_code(code: &Code, what: &str, dialect: &Dialect) -> String {
             in_force(code),
             code.docs.to_owned(),
             undeclared.to_owned(),
+            restrictions(code, dialect),
             table(code.words.iter().map(|word| (word.address.text(), word))),
+            example(code, dialect),
         ],
     )
+}
+
+/// A program that shows it, and how to see it.
+fn example(code: &Code, dialect: &Dialect) -> String {
+    let Some(program) = dialect.example(code) else {
+        return String::new();
+    };
+    format!(
+        "Example:\n\n{}\n\nIn a file, such as example.nc, it is drawn by\n\n    tandem plot example.nc --dialect {} -o example.svg",
+        indented(&program),
+        dialect.name
+    )
+}
+
+fn restrictions(code: &Code, dialect: &Dialect) -> String {
+    let rows = tandem_interp::restrictions_of(code, dialect);
+    if rows.is_empty() {
+        return String::new();
+    }
+    let rows: Vec<String> = rows.iter().map(|row| format!("- {row}")).collect();
+    format!("Restrictions:\n\n{}", rows.join("\n"))
 }
 
 fn in_force(code: &Code) -> String {

@@ -1,13 +1,18 @@
 //! Pages of the language, written from the tables that the checker and the interpreter read.
 
 use std::fmt::Write as _;
+use std::process::Command;
 
+use plc_api::types::words::words;
 use tandem_interp::codes::{Code, ModalGroup, WordSpec};
 use tandem_interp::decisions::DECISIONS;
+use tandem_interp::restrictions_of;
 use tandem_interp::{Dialect, dialects};
+use tandem_model::alarm::ALARMS;
 use tandem_syntax::{DIAGNOSTICS, Function};
 
 use super::generated::check;
+use crate::support::binary::{root, tandem};
 
 #[test]
 fn the_page_of_the_codes_is_that_of_the_dialect() {
@@ -20,11 +25,11 @@ fn the_page_of_the_codes_is_that_of_the_dialect() {
 fn page_of_codes(dialect: &Dialect, some: &[&str], file: &str) {
     let mut page = format!("# Codes of dialect {}\n\n## G codes\n\n", dialect.name);
     for code in dialect.g_codes.codes {
-        describe(&mut page, code);
+        describe(&mut page, code, dialect);
     }
     page.push_str("## M codes\n\n");
     for code in dialect.m_codes.codes.iter().chain([&dialect.auxiliary]) {
-        describe(&mut page, code);
+        describe(&mut page, code, dialect);
     }
     page.push_str("## Words that stay in force without a code\n\n");
     let modal: Vec<&WordSpec> = tandem_syntax::Address::ALL
@@ -39,7 +44,7 @@ fn page_of_codes(dialect: &Dialect, some: &[&str], file: &str) {
     check(file, &page);
 }
 
-fn describe(page: &mut String, code: &Code) {
+fn describe(page: &mut String, code: &Code, dialect: &Dialect) {
     let _ = writeln!(page, "### {}: {}\n", code.code, code.name);
     if code.group != ModalGroup::NonModal {
         let _ = writeln!(
@@ -51,6 +56,50 @@ fn describe(page: &mut String, code: &Code) {
     }
     let _ = writeln!(page, "{}\n", code.docs);
     table(page, code.words.iter());
+    let restrictions = restrictions_of(code, dialect);
+    for restriction in &restrictions {
+        let _ = writeln!(page, "- {restriction}");
+    }
+    if !restrictions.is_empty() {
+        page.push('\n');
+    }
+    if let (Some(example), Some((picture, in_z))) = (dialect.example(code), dialect.picture(code)) {
+        let path = format!("docs/src/reference/pictures/{picture}");
+        check(&path, &drawn(&example, dialect, in_z));
+        let _ = writeln!(
+            page,
+            "```nc\n{example}```\n\n![Tool path of the example](pictures/{picture})\n"
+        );
+    }
+}
+
+/// The picture of an example, on the machine of the examples of its dialect.
+fn drawn(example: &str, dialect: &Dialect, in_z: bool) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    std::fs::write(file("example.nc"), example).unwrap();
+    std::fs::write(file("1000.nc"), "G91 G01 X10 F600\nM99\n").unwrap();
+    let mut command = Command::new(tandem());
+    command.args([
+        "plot",
+        "example.nc",
+        "-o",
+        "example.svg",
+        "--plane",
+        if in_z { "iso" } else { "xy" },
+    ]);
+    if dialect.name == "dgshape" {
+        command
+            .arg("--config")
+            .arg(root().join("examples/config/dgshape.toml"));
+    }
+    let ran = command.current_dir(folder.path()).output().unwrap();
+    assert!(
+        ran.status.success(),
+        "{example}{}",
+        String::from_utf8_lossy(&ran.stdout)
+    );
+    std::fs::read_to_string(file("example.svg")).unwrap()
 }
 
 fn table<'a>(page: &mut String, words: impl Iterator<Item = &'a WordSpec>) {
@@ -104,6 +153,46 @@ fn the_page_of_the_diagnostics_is_that_of_their_table() {
         );
     }
     check("docs/src/reference/diagnostics.md", &page);
+}
+
+#[test]
+fn the_page_of_the_alarms_is_that_of_their_table() {
+    let mut page = String::from(
+        "# Alarms\n\n`tandem explain alarm 412`, `GET /explain/alarm 412` and a press on the number in the HMI tell the same. Alarms \
+         from 10000 on are those of sequence programs.\n\n",
+    );
+    for entry in ALARMS {
+        let _ = writeln!(
+            page,
+            "## {}: {}\n\n{}\n\nWhat to do: {}\n\nHow it goes on: {}\n",
+            entry.number,
+            entry.title,
+            entry.cause,
+            entry.remedy,
+            entry.after.text()
+        );
+    }
+    check("docs/src/reference/alarms.md", &page);
+}
+
+#[test]
+fn the_page_of_the_words_is_that_of_their_tables() {
+    let mut page = String::from(
+        "# States, reasons, refusals and answers\n\nThe words that state, requests and handshake use; `tandem explain WORD`, \
+         `GET /explain/WORD` and the HMI tell the same.\n",
+    );
+    let mut of = "";
+    for word in words() {
+        if word.of != of {
+            of = word.of;
+            let _ = writeln!(
+                page,
+                "\n## {of}\n\n| word | means | how it goes on |\n| --- | --- | --- |"
+            );
+        }
+        let _ = writeln!(page, "| `{}` |{} | {} |", word.word, word.meaning, word.way_on);
+    }
+    check("docs/src/reference/words.md", &page);
 }
 
 #[test]

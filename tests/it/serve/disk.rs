@@ -28,6 +28,13 @@ async fn when_the_disk_fails_the_motion_goes_on_and_what_must_be_kept_is_refused
     );
     served.put_program(8, "M30\n").await.expect(503);
     until("alarm 402", async || {
+        let explained = served.get("/explain/alarm%20402").await.expect(200).json();
+        assert!(
+            explained["text"]
+                .as_str()
+                .unwrap()
+                .contains("What to do: Look at the disk of data_dir")
+        );
         let history = served.get("/alarms/history").await.expect(200).json();
         let alarms = history["alarms"].as_array().unwrap();
         alarms.iter().any(|alarm| alarm["number"] == 402).then_some(())

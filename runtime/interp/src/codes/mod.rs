@@ -46,8 +46,8 @@ use tandem_model::Axis;
 use tandem_model::flow::AxisWords;
 use tandem_syntax::{Address, AddressSet, DiagnosticEntry};
 
-pub use table::CodeTable;
 pub(crate) use table::tenths;
+pub use table::{CodeTable, Example};
 
 use crate::block_words::BlockWords;
 use crate::execution::{Execution, axis_of};

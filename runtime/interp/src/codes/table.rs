@@ -2,6 +2,9 @@
 
 use super::Code;
 
+/// Codes, and blocks that show them.
+pub type Example = (&'static [&'static str], &'static str);
+
 /// One past ten times the highest number that a table can hold (999.9).
 const TENTHS: usize = 10_000;
 
@@ -10,6 +13,8 @@ const TENTHS: usize = 10_000;
 pub struct CodeTable {
     /// The codes.
     pub codes: &'static [&'static Code],
+    /// Programs that show codes of the dialect.
+    pub examples: &'static [Example],
     index: [u8; TENTHS],
 }
 
@@ -28,7 +33,18 @@ impl CodeTable {
             entry += 1;
             *at = entry;
         }
-        Self { codes, index }
+        Self {
+            codes,
+            examples: &[],
+            index,
+        }
+    }
+
+    /// The same, with programs that show codes of the dialect.
+    #[must_use]
+    pub const fn shown_by(mut self, examples: &'static [Example]) -> Self {
+        self.examples = examples;
+        self
     }
 
     /// The code whose number, times ten, is this.

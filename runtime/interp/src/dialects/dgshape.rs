@@ -96,7 +96,8 @@ pub(super) static DGSHAPE: Dialect = Dialect {
         &G92,
         &G98,
         &G99,
-    ]),
+    ])
+    .shown_by(super::examples::DGSHAPE),
     m_codes: CodeTable::new(&[
         &M00, &M01, &M02, &M30, &M03, &M05, &M06, &M12, &M13, &M14, &M15, &M16, &M17,
     ]),

@@ -1,6 +1,7 @@
 //! The dialects that are part of Tandem. Each is one file, named here in two lines.
 
 mod dgshape;
+pub mod examples;
 mod nj;
 
 use crate::dialect::Dialect;

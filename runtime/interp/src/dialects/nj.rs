@@ -47,7 +47,8 @@ pub(super) static NJ: Dialect = Dialect {
         &G00, &G01, &G02, &G03, &G04, &G09, &G17, &G18, &G19, &G20, &G21, &G28, &G30, &G31, &G40, &G41, &G42,
         &G43, &G44, &G49, &G50, &G50_1, &G51, &G51_1, &G52, &G53, &G54, &G55, &G56, &G57, &G58, &G59, &G61,
         &G64, &G68, &G69, &G74, &G80, &G84, &G90, &G91, &G98, &G99, &G500, &G501,
-    ]),
+    ])
+    .shown_by(super::examples::NJ),
     m_codes: CodeTable::new(&[&M00, &M01, &M02, &M30, &M98, &M99]),
     auxiliary: &AUXILIARY,
     modal_words: ModalWords::new(&AXIS_WORDS, &FEED_WORDS),

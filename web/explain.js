@@ -1,0 +1,47 @@
+// What a name on the screen means: an alarm, a diagnostic, a code, a word of a state.
+
+import { api } from "./api.js";
+import { openDialog } from "./dialog.js";
+import { button, fill, h } from "./dom.js";
+
+/** Shows what a name means, or why that is not known. @param {string} what */
+export async function explain(what) {
+  const { title, parts } = await pageOf(what);
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
+  const dialog = openDialog("explanation", title, [h("div", { class: "scroll", tabindex: 0 }, ...parts), h("div", { class: "row end" }, close)]);
+}
+
+/** A button that shows what a name means. @param {string} what */
+export function explained(what) {
+  const number = what.replace(/^alarm /, "");
+  return button({ class: "chip-button", "aria-label": `Explain ${what}`, onclick: () => void explain(what) }, h("span", { class: "chip" }, number));
+}
+
+/** A button that unfolds it in a place, and folds it again. @param {string} what @param {Element} place */
+export function unfolding(what, place) {
+  const unfold = async () => {
+    const open = one.getAttribute("aria-expanded") === "true";
+    one.setAttribute("aria-expanded", String(!open));
+    if (open) fill(place);
+    else fill(place, ...(await pageOf(what)).parts);
+  };
+  const one = button({ class: "chip-button", "aria-label": `Explain ${what}`, "aria-expanded": "false", onclick: () => void unfold() }, h("span", { class: "chip" }, what));
+  return one;
+}
+
+/** A title, and what stands below it, or why there is nothing. @param {string} what */
+async function pageOf(what) {
+  try {
+    const { text, picture } = await api.explain(what);
+    const [title = what, ...paragraphs] = text.split("\n\n");
+    const shown = picture ? [h("img", { src: `/pictures/${picture}`, alt: "Tool path of the example" })] : [];
+    return { title, parts: [...paragraphs.map(part), ...shown] };
+  } catch (error) {
+    return { title: what, parts: [h("p", {}, error instanceof Error ? error.message : String(error))] };
+  }
+}
+
+/** A paragraph; lines that are indented or a list stand as they are. @param {string} text */
+function part(text) {
+  return /^( {4}|- )/.test(text) ? h("pre", {}, text.replace(/^ {4}/gm, "")) : h("p", {}, text);
+}
