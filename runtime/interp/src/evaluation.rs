@@ -96,11 +96,11 @@ impl Scope<'_> {
     }
 }
 
-/// True when an expression reads a captured position.
-pub(crate) fn reads_captured(program: &NcProgram, id: ExpressionId) -> bool {
-    let reads = |id| reads_captured(program, id);
+/// True when an expression reads a variable of such a kind.
+pub(crate) fn reads(program: &NcProgram, id: ExpressionId, is_such: fn(VariableKind) -> bool) -> bool {
+    let reads = |id| reads(program, id, is_such);
     match program.expression(id).copied() {
-        Some(Expression::Variable(variable)) => variable.kind == VariableKind::CapturedPosition,
+        Some(Expression::Variable(variable)) => is_such(variable.kind),
         Some(Expression::Negation(operand) | Expression::Not(operand)) => reads(operand),
         Some(Expression::Binary { left, right, .. }) => reads(left) || reads(right),
         Some(Expression::Call { first, second, .. }) => reads(first) || second.is_some_and(reads),

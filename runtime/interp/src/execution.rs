@@ -26,6 +26,8 @@ pub struct Limits {
     pub has_spindle: bool,
     /// A radius may be smaller than half the chord by so much, mm (D26).
     pub arc_radius_tolerance_mm: f64,
+    /// Blocks without motion or output after which a program makes no progress.
+    pub blocks_without_motion_max: u32,
     /// What the dialect leaves to the machine.
     pub options: NcOptions,
 }
@@ -37,6 +39,7 @@ impl Limits {
             max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
             has_spindle: settings.spindle.is_some(),
             arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,
+            blocks_without_motion_max: settings.blocks_without_motion_max,
             options: settings.nc,
         }
     }

@@ -9,7 +9,7 @@ use tandem_model::alarm::{
     PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_LOST, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
-use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_IN_CHAIN_MAX, STEPS_WITHOUT_ITEM_MAX};
+use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_BEFORE_WAIT, STEPS_IN_CHAIN_MAX};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Diagnostic, Origin};
@@ -18,7 +18,7 @@ use tandem_syntax::{Block, Content, NcProgram, Value, Variable, VariableKind, di
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
 use crate::dialect::{Dialect, MCodeTime};
-use crate::evaluation::{Known, Locals, Scope, reads_captured};
+use crate::evaluation::{Known, Locals, Scope, reads};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::fixed_cycles::{Expansion, Given};
 use crate::inputs::Inputs;
@@ -69,6 +69,8 @@ pub struct Interpreter {
     locals: Vec<Locals>,
     /// Blocks since the last item that moves, waits or puts out.
     idle_steps: u32,
+    /// A loop without an item reads P or Q: it waits for somebody to write them.
+    is_waiting: bool,
     /// Blocks since the start.
     steps: u64,
     /// The block that the last item began with; none where it had been read before.
@@ -93,6 +95,7 @@ impl Interpreter {
             cycle: None,
             locals: Vec::with_capacity(CALL_DEPTH_MAX + 1),
             idle_steps: 0,
+            is_waiting: false,
             steps: 0,
             began: None,
             opens: false,
@@ -126,6 +129,7 @@ impl Interpreter {
         self.queue.clear();
         self.cycle = None;
         self.idle_steps = 0;
+        self.is_waiting = false;
         self.steps = 0;
         self.stack.clear();
         self.locals.clear();
@@ -142,7 +146,7 @@ impl Interpreter {
     /// # Errors
     /// An alarm that stops the coordinate system; nothing of its block has been given out: a value out of its range
     /// (D11) or not finite (D07), a missing program (D12), a missing end, a program with errors, or
-    /// [`STEPS_WITHOUT_ITEM_MAX`] blocks without an item.
+    /// `blocks_without_motion_max` blocks without an item that read neither P nor Q.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         self.began = None;
         loop {
@@ -153,6 +157,7 @@ impl Interpreter {
                 // What moves, waits or puts out is counted from anew.
                 if goes_on(&item) {
                     self.idle_steps = 0;
+                    self.is_waiting = false;
                 }
                 return Ok(item);
             }
@@ -163,8 +168,9 @@ impl Interpreter {
             }
             self.idle_steps += 1;
             self.steps += 1;
-            let step = if self.idle_steps > STEPS_WITHOUT_ITEM_MAX {
-                let text = format!("{STEPS_WITHOUT_ITEM_MAX} blocks have given neither motion nor output");
+            let steps_max = self.limits.blocks_without_motion_max;
+            let step = if self.idle_steps > steps_max {
+                let text = format!("{steps_max} blocks have given neither motion nor output");
                 Err(Alarm::new(&STEP_LIMIT, text))
             } else {
                 self.step(inputs)
@@ -235,8 +241,15 @@ impl Interpreter {
             return Ok(());
         };
         if let Content::ProgramCode(_) = block.content {
-            return flow::run(&frame.program, &block, &mut frame.next, locals, inputs)
-                .map_err(|variable| value_lost(variable).at(origin));
+            flow::run(&frame.program, &block, &mut frame.next, locals, inputs)
+                .map_err(|variable| value_lost(variable).at(origin))?;
+            let may_wait = self.is_waiting || self.idle_steps > STEPS_BEFORE_WAIT;
+            if may_wait && reads_shared(&frame.program, &block) {
+                self.is_waiting = true;
+                self.idle_steps = 0;
+                self.queue_action(Some(Action::None), [false; 2], origin);
+            }
+            return Ok(());
         }
         self.g_code_block(&block, origin, inputs)
     }
@@ -263,7 +276,9 @@ impl Interpreter {
             options: &self.limits.options,
         };
         self.words.read(&frame.program, block, &reading, &mut |found| {
-            fault.get_or_insert(found);
+            if found.is_error() {
+                fault.get_or_insert(found);
+            }
         });
         if let Some(variable) = lost.get() {
             return Err(value_lost(variable).at(origin));
@@ -508,10 +523,23 @@ fn goes_on(item: &Item) -> bool {
     }
 }
 
+/// True when a program code reads a variable that others write, too.
+fn reads_shared(program: &NcProgram, block: &Block) -> bool {
+    let code = program.program_code(block);
+    let expression = code.and_then(|code| code.expression);
+    expression.is_some_and(|id| {
+        reads(program, id, |kind| {
+            matches!(kind, VariableKind::Global | VariableKind::CoordinateSystem)
+        })
+    })
+}
+
 /// True when a block reads a captured position.
 fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
     match program.program_code(block) {
-        Some(code) => code.expression.is_some_and(|id| reads_captured(program, id)),
+        Some(code) => code
+            .expression
+            .is_some_and(|id| reads(program, id, |kind| kind == VariableKind::CapturedPosition)),
         None => program.words(block).iter().any(|word| {
             matches!(word.value(), Value::Indirection(variable) if variable.kind == VariableKind::CapturedPosition)
         }),
@@ -540,8 +568,15 @@ fn alarm_of(fault: &Diagnostic) -> Alarm {
         (&diagnostics::ARC_SHAPE, &ARC_REFUSED),
     ];
     let found = alarms.iter().find(|(entry, _)| entry.code == fault.code);
-    let entry = found.map_or(&PROGRAM_HAS_ERRORS, |(_, alarm)| alarm);
-    Alarm::new(entry, fault.message.clone())
+    match found {
+        Some((_, entry)) => Alarm::new(entry, fault.message.clone()),
+        None => {
+            let Diagnostic {
+                code, message, help, ..
+            } = fault;
+            Alarm::new(&PROGRAM_HAS_ERRORS, format!("{code}: {message}. {help}"))
+        }
+    }
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use crate::dialect::{Dialect, list};
 use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role, Side};
 use crate::modal::Modal;
 
+pub(crate) use arc_shape::centre;
 pub use dgshape::DGSHAPE;
 pub use usual::USUAL;
 

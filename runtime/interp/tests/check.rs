@@ -273,6 +273,14 @@ fn d26_an_arc_needs_a_centre_in_its_plane_or_a_radius_that_reaches() {
 }
 
 #[test]
+fn words_of_an_arc_that_it_does_not_use_are_told() {
+    check("G17 G02 X10 I5 K3", &["1:16 W0012"]);
+    check("G18 G02 X10 I5 J3", &["1:16 W0012"]);
+    check("G19 G03 Y10 I1 J5 K0", &["1:13 W0012"]);
+    check("G02 X10 I5 J1\nG03 X5 R9 I3", &["2:11 W0012"]);
+}
+
+#[test]
 fn d26_absolute_arcs_are_judged_where_the_text_shows_the_start() {
     check("G00 X0 Y0\nG02 X20 R9.98", &["2:9 E0122"]);
     check("G00 X0 Y0\nG02 X20 R9.99\nX20 R5", &["3:5 E0122"]);
@@ -374,7 +382,11 @@ fn ranges_of_the_codes_hold() {
     check("G51 P0", &["1:5 E0109"]);
     check("G51 I0.000001", &["1:5 E0109"]);
     check("G51 I-0.00001 J10000", &[]);
-    check("G68 R301", &["1:5 E0109"]);
+    check("G68 R360.1", &["1:5 E0109"]);
+    check(
+        "G68 R-360\nG69\nG68 R300.1\nG69\nG68 R300",
+        &["1:5 W0011", "3:5 W0011"],
+    );
     check("G68 X1", &["1:1 E0111"]);
     check("G30 P5", &["1:5 E0109"]);
     check("G84 Z-1 R1 K10001\nG80", &["1:12 E0109"]);

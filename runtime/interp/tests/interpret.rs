@@ -10,7 +10,7 @@ use tandem_interp::dialects::nj;
 use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
 use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{Action, Distance, Item, PathControl};
-use tandem_model::settings::{Tool, WorkOffsets};
+use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::{Alarm, Variables};
 
 use support::{Run, check, first_block, last_motion, program, settings, text};
@@ -440,6 +440,60 @@ fn a_program_that_makes_no_progress_is_an_alarm() {
         let mut run = Run::new(&("/1 X1\n".repeat(skipped) + "M30"));
         run.optional_skip = 1;
         assert_eq!(after_no_movement(&mut run).1.is_ok(), ends);
+    }
+}
+
+#[test]
+fn a_loop_that_reads_p_or_q_waits_and_is_no_alarm() {
+    for variable in ["P7", "Q7"] {
+        let mut run = Run::new(&format!("while({variable}==0) {{ }}\nX5\nM30"));
+        for turn in 0..5000 {
+            let item = run.next().expect("it waits");
+            assert!(
+                matches!(&item, Item::Block(block) if block.action == Action::None),
+                "{turn}: {item:?}"
+            );
+        }
+        run.variables.global.set(7, 1.0);
+        run.variables.coordinate_system.set(7, 1.0);
+        let (_, next) = after_no_movement(&mut run);
+        assert!(matches!(next, Ok(Item::Block(_))), "{next:?}");
+    }
+}
+
+#[test]
+fn the_limit_of_blocks_without_motion_is_a_setting() {
+    let settings = CoordinateSystemSettings {
+        blocks_without_motion_max: 2000,
+        ..settings()
+    };
+    for (turns, is_alarm) in [(600, false), (700, true)] {
+        let text = format!("while(L1<{turns}) L1=L1+1\nX5\nM30");
+        let mut run = Run::with_settings(&text, &settings);
+        assert_eq!(after_no_movement(&mut run).1.is_err(), is_alarm, "{turns}");
+    }
+}
+
+#[test]
+fn alarm_23_has_code_and_help_of_its_diagnostic() {
+    let alarm = Run::new("G01 X1 R5\nM30").next().unwrap_err();
+    assert_eq!(alarm.entry.number, 23);
+    for part in ["E0108: no code of the block takes R.", "Remove the word"] {
+        assert!(alarm.text.contains(part), "{}", alarm.text);
+    }
+}
+
+#[test]
+fn g68_turns_by_up_to_360_degrees_with_a_warning_beyond_300() {
+    for (angle, warns) in [
+        ("R300", false),
+        ("R-300", false),
+        ("R300.5", true),
+        ("R-360", true),
+    ] {
+        let mut run = Run::new(&format!("G68 X0 Y0 {angle}\nM30"));
+        let first = run.next().expect("it turns");
+        assert_eq!(matches!(first, Item::Warning(..)), warns, "{angle}: {first:?}");
     }
 }
 

@@ -278,3 +278,10 @@ fn many_ways_stay_within_bounds() {
     let nested = "while(P1==1) { L1=L1+1\n".repeat(20) + "X[L1]" + &" }".repeat(20);
     assert!(!of(&nested).1.has_errors());
 }
+
+#[test]
+fn a_case_without_its_colon_is_one_finding() {
+    let source = "switch(P1){\ncase 1\nX1\nbreak\ncase 2: X2\nbreak\n}\nM30";
+    let (_, check) = check_source(source, nj(), &CheckContext::default());
+    assert_eq!(told(source, &check.diagnostics), ["2:1 E0023"]);
+}

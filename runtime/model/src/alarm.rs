@@ -137,7 +137,7 @@ alarms! {
         "Load the program, or correct its number.";
     STEP_LIMIT = 21, Reset, "The program makes no progress",
         "Blocks follow each other without end, and none of them moves, rests, outputs or waits: mostly a loop whose condition never changes.",
-        "Look for a loop that neither moves nor waits.";
+        "Look for a loop that neither moves, waits nor reads P or Q, or raise blocks_without_motion_max.";
     PROGRAM_END_MISSING = 22, Reset, "The program ran past its last block",
         "The last block is carried out and was no M02, M30 or M99: it is missing, or was passed over by a block skip or a jump.",
         "End a main program with M30, a subprogram with M99.";

@@ -24,9 +24,14 @@ pub const SUBPROGRAM_MIN: u16 = 1000;
 /// Highest program number, that of subprograms (D05, manual's subprogram ranges).
 pub const PROGRAM_NUMBER_MAX: u16 = 9999;
 
-/// Blocks the interpreter may pass over (skipped, calculations, calls, without movement) between two items that move,
-/// wait or put out before it raises an alarm: a program that never moves must not hold a thread for ever.
+/// Default of the blocks that the interpreter may pass over (skipped, calculations, calls, without movement) between two
+/// items that move, wait or put out before it raises an alarm: a program that never moves must not hold a thread for ever.
+/// A loop that reads P or Q waits for somebody to write them, and is no reason for an alarm.
 pub const STEPS_WITHOUT_ITEM_MAX: u32 = 1_000_000;
+
+/// Blocks without an item after which a read of P or Q counts as waiting: each then ends a chain, so that time passes.
+/// Reason: a calculation of so many blocks takes some 20 ms.
+pub const STEPS_BEFORE_WAIT: u32 = 100_000;
 
 /// Blocks the interpreter may pass over before a chain of blended blocks ends at rest: what the path stage and the
 /// planner hold back must not wait for a long calculation.

@@ -2,6 +2,7 @@
 
 use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
 use crate::flow::MultiBlock;
+use crate::limits::STEPS_WITHOUT_ITEM_MAX;
 use crate::lost::{LOST, is_lost};
 
 /// Settings of one coordinate system, resolved from the configuration.
@@ -33,6 +34,8 @@ pub struct CoordinateSystemSettings {
     pub hold_slew_ms: f64,
     /// Servo period, s.
     pub servo_period_s: f64,
+    /// Blocks without motion or output after which a program makes no progress (alarm 21).
+    pub blocks_without_motion_max: u32,
     /// Rules of path and motion with a default.
     pub motion: MotionOptions,
     /// What the dialect of the programs says of the path.
@@ -300,6 +303,7 @@ impl Default for CoordinateSystemSettings {
             override_slew_ms: 1000.0,
             hold_slew_ms: 200.0,
             servo_period_s: 0.001,
+            blocks_without_motion_max: STEPS_WITHOUT_ITEM_MAX,
             motion: MotionOptions::default(),
             path: PathRules::NJ,
             nc: NcOptions::default(),

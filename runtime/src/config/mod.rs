@@ -284,6 +284,11 @@ pub struct CoordinateSystemConfig {
     #[serde(default = "count::<10_000>")]
     #[schemars(range(min = 16, max = 1_000_000))]
     pub pre_read_blocks: usize,
+    /// Blocks in a row without motion, wait or output after which a program makes no progress (alarm 21). Blocks of a loop that
+    /// reads P or Q do not count: it waits for somebody to write them.
+    #[serde(default = "count::<1_000_000>")]
+    #[schemars(range(min = 1000, max = 1_000_000_000))]
+    pub blocks_without_motion_max: usize,
     /// Outputs open at the same time.
     #[serde(default = "count::<64>")]
     #[schemars(range(min = 1, max = 1024))]

@@ -244,6 +244,12 @@ diagnostics! {
     NO_RESULT = "W0010", "A calculation gives no number",
         "A division by zero or a function outside of its domain is no alarm by itself, but the value is one where it reaches a word (D07).",
         "wrong: L1 = sqrt(0 - 4)   right: L1 = sqrt(4)";
+    ANGLE_BEYOND_TABLE = "W0011", "An angle is beyond the manual's table",
+        "The table of instruction parameters ends at 300 degrees for R of G68, the description of G68 at none; angles up to 360 degrees turn as written.",
+        "wrong: G68 X0 Y0 R330   right: G68 X0 Y0 R-30";
+    ARC_WORD_UNUSED = "W0012", "A word of an arc is not used",
+        "The centre of an arc lies in the plane in force: K is not used in G17, J not in G18, I not in G19. With R, none of them is (D26).",
+        "wrong: G17 G02 X10 I5 K3   right: G17 G02 X10 I5";
 }
 
 #[cfg(test)]

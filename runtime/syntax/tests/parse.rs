@@ -577,3 +577,27 @@ fn a_program_code_stands_on_the_line_where_it_begins() {
     assert_eq!(lines("G01 X1\nif(\nif(1==1\n\n")[..2], [1, 2]);
     assert_eq!(lines("L1=(\nX1"), [1, 2]);
 }
+
+#[test]
+fn a_captured_position_may_have_its_index_in_parentheses() {
+    check(
+        "L1=_CNC_CapturedPosition(2)+1\nX[_CNC_CapturedPosition(7)] Y[_cnc_capturedposition0]",
+        &[],
+    );
+    check("X[_CNC_CapturedPosition(8)]", &["1:1 E0013"]);
+    check("X[_CNC_CapturedPosition(2]", &["1:1 E0012"]);
+    check("X[L(2)]", &["1:1 E0012"]);
+}
+
+#[test]
+fn one_mistake_is_one_finding() {
+    check("P0=1e3", &["1:4 E0006"]);
+    check("L1=2.5E-3*L2", &["1:4 E0006"]);
+    check("X1e3 Y2", &["1:1 E0006"]);
+    check("for(L1=0;L1<3;L1++) {\nX1\n}\nY2", &["1:1 E0007"]);
+    check(
+        "for (L1=0; L1<3; L1=L1+1)\n{\nX1\nif(L1==1) { X2 }\n}\nY2 Y3",
+        &["1:1 E0007"],
+    );
+    check("}\nX1", &["1:1 E0016"]);
+}

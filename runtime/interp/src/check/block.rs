@@ -22,6 +22,9 @@ use crate::restrictions;
 /// numbers and operators of expressions have two.
 const LONG_BYTES: u32 = 300;
 
+/// The words of an arc's centre.
+const CENTRES: AddressSet = AddressSet::of(&[Address::I, Address::J, Address::K]);
+
 /// More repetitions of a call are not counted.
 const REPETITIONS_COUNTED: u16 = 16;
 
@@ -42,6 +45,7 @@ impl<'a> Explorer<'a> {
         self.rest_in_offset(node, place, tree, block, state);
         self.cycle_outputs(place, tree, block);
         self.context_of_words(node, place, tree, block, state);
+        self.arc_words(node, place, tree, block, state);
         if !(state.has_feed && state.has_speed) {
             self.feed_and_speed(node, place, tree, block, state);
         }
@@ -449,6 +453,43 @@ impl<'a> Explorer<'a> {
                 format!("Write S{max} or less."),
             ));
         }
+        for finding in found {
+            self.note(node, place, finding, false);
+        }
+    }
+
+    /// Warns of words of an arc that it does not use.
+    fn arc_words(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
+        let words = &self.words;
+        let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
+        let centres = words.taken.intersection(CENTRES);
+        if centres.is_empty() || !words.taker.is_some_and(is_arc) {
+            return;
+        }
+        let (unused, why) = if words.taken.contains(Address::R) {
+            (centres, "with R the centre is not used")
+        } else {
+            let Some(plane) = state.modal.in_force.plane else {
+                return;
+            };
+            let used = AddressSet::of(&plane.axes().map(restrictions::centre));
+            if centres.intersection(used).is_empty() {
+                // that is an error by itself
+                return;
+            }
+            let unused = centres.without(used);
+            (unused, "it is not in the plane of the arc")
+        };
+        let found: Vec<_> = unused
+            .iter()
+            .map(|address| {
+                diagnostics::ARC_WORD_UNUSED.at(
+                    tree.span_of(block, address),
+                    format!("{} is not used: {why}", address.text()),
+                    "Remove the word, or select the plane that it belongs to.",
+                )
+            })
+            .collect();
         for finding in found {
             self.note(node, place, finding, false);
         }

@@ -21,7 +21,9 @@ pub(super) fn judge(program: &NcProgram, dialect: &Dialect, dead: Option<usize>,
     } else {
         (dead, dead.is_none())
     };
-    if let Some(block) = dead.and_then(|dead| blocks.get(dead)) {
+    // what could not be read may lead there
+    let is_clear = !branches || !blocks.iter().any(Block::has_errors);
+    if let Some(block) = dead.and_then(|dead| blocks.get(dead)).filter(|_| is_clear) {
         let (message, help) = if branches {
             (
                 "this block is never executed",

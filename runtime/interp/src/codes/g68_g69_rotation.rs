@@ -1,10 +1,17 @@
 //! G68 and G69 Coordinate System Rotation.
 
 use tandem_model::flow::{Rotation, Transform};
-use tandem_syntax::Address;
+use tandem_syntax::{Address, diagnostics};
 
-use super::{Code, ModalGroup, WordSpec, axis_word};
+use super::{Code, ModalGroup, Refusal, WordSpec, axis_word};
 use crate::meaning::{ModalValue, Role, Shape};
+
+/// The largest angle in the manual's table of instruction parameters; the text on G68 knows no limit.
+const ANGLE_OF_TABLE_DEG: f64 = 300.0;
+
+fn is_beyond_table(angle_deg: f64) -> bool {
+    angle_deg.abs() > ANGLE_OF_TABLE_DEG && angle_deg.abs() <= 360.0
+}
 
 /// G68.
 pub static G68: Code = Code {
@@ -17,12 +24,29 @@ pub static G68: Code = Code {
         axis_word(Address::X),
         axis_word(Address::Y),
         axis_word(Address::Z),
-        WordSpec::new(Address::R, "angle, counter-clockwise", "deg", -300.0, 300.0).needed(),
+        WordSpec::new(Address::R, "angle, counter-clockwise", "deg", -360.0, 360.0).needed(),
     ],
     docs: "Turns the coordinates about the centre X, Y, Z by the angle R in the plane in force. The centre is absolute; \
-           an axis that is not written has it where the tool is.",
+           an axis that is not written has it where the tool is. The manual's table ends at 300 degrees: beyond it is a warning.",
+    check: Some(|words| {
+        let angle_deg = words.get(Address::R).filter(|angle| is_beyond_table(*angle))?;
+        Some(Refusal {
+            entry: &diagnostics::ANGLE_BEYOND_TABLE,
+            address: Address::R,
+            message: format!("R{angle_deg} is beyond the {ANGLE_OF_TABLE_DEG} degrees of the manual's table"),
+            help: format!(
+                "Write R{}, which turns the same way.",
+                angle_deg - 360.0_f64.copysign(angle_deg)
+            ),
+        })
+    }),
     select: |execution| {
         let angle_deg = execution.words.get(Address::R).unwrap_or_default();
+        if is_beyond_table(angle_deg) {
+            execution.warn(format!(
+                "R{angle_deg} is beyond the {ANGLE_OF_TABLE_DEG} degrees of the manual's table; the coordinates turn by it"
+            ));
+        }
         let plane = execution.modal.plane();
         let centre = execution.centre(&plane.axes(), Transform::before_rotation);
         execution.transform(|transform| {

@@ -65,6 +65,7 @@ mod tests {
             max_spindle_speed_r_min: Some(max),
             has_spindle: true,
             arc_radius_tolerance_mm: 0.0,
+            blocks_without_motion_max: 1000,
             options: NcOptions {
                 min_spindle_speed_r_min: min,
                 ..NcOptions::default()

@@ -48,7 +48,7 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
 }
 
 /// The address of the centre along an axis of the plane.
-fn centre(axis: Axis) -> Address {
+pub(crate) fn centre(axis: Axis) -> Address {
     match axis {
         Axis::X => Address::I,
         Axis::Y => Address::J,

@@ -69,6 +69,7 @@ impl CoordinateSystemConfig {
             override_slew_ms: self.override_slew_ms,
             hold_slew_ms: self.hold_slew_ms,
             servo_period_s: servo_period_us as f64 / 1e6,
+            blocks_without_motion_max: u32::try_from(self.blocks_without_motion_max).unwrap_or(u32::MAX),
             path: self.dialect.path,
             nc: self.nc_options(m_codes, checked),
             motion: MotionOptions {

@@ -21,6 +21,35 @@ pub(super) struct Nesting {
     /// Program codes of `break` whose target is not known yet.
     breaks: Vec<usize>,
     switches: Vec<OpenSwitch>,
+    /// Braces of statements of another language, which have been reported.
+    pub(super) foreign: Foreign,
+}
+
+/// Where the commands of statements of another language are.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Foreign {
+    /// There are none.
+    #[default]
+    None,
+    /// Their brace is to come.
+    Begun,
+    /// So many braces are open.
+    Open(u32),
+}
+
+impl Foreign {
+    /// Passes a brace that belongs to one.
+    pub(super) fn passes(&mut self, byte: u8) -> bool {
+        let (passes, then) = match (*self, byte) {
+            (Foreign::Begun, b'{') => (true, Foreign::Open(1)),
+            (Foreign::Open(open), b'{') => (true, Foreign::Open(open + 1)),
+            (Foreign::Open(1), _) => (true, Foreign::None),
+            (Foreign::Open(open), _) => (true, Foreign::Open(open - 1)),
+            (other, _) => (false, other),
+        };
+        *self = then;
+        passes
+    }
 }
 
 /// A `switch` that is being read.

@@ -157,6 +157,16 @@ impl Parser<'_> {
 
     fn number(&mut self, start: usize) -> Option<Node> {
         match self.cursor.number(false) {
+            Ok(_) if self.pass_exponent() => {
+                let text = self.cursor.excerpt(self.cursor.span_from(start));
+                self.report_from(
+                    start,
+                    &diagnostics::NUMBER_MALFORMED,
+                    format!("`{text}` is not a number"),
+                    "Write it without an exponent, for example 1000, or with exp2 and pow.",
+                );
+                None
+            }
             Ok(number) => Some((self.node(Expression::Number(number.value)), Kind::Number)),
             Err(NumberError::TooLarge) => {
                 self.report_from(

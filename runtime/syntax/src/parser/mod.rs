@@ -361,6 +361,9 @@ impl<'a> Parser<'a> {
     fn stray_brace(&mut self, byte: u8) {
         let start = self.cursor.at();
         self.cursor.advance(1);
+        if self.nesting.foreign.passes(byte) {
+            return;
+        }
         self.report_from(
             start,
             &diagnostics::BRACE_UNMATCHED,

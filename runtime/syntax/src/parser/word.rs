@@ -2,6 +2,7 @@
 
 use tandem_model::Span;
 
+use super::control::Foreign;
 use super::{LineKind, Parser, index};
 use crate::address::Address;
 use crate::cursor::{Number, NumberError};
@@ -63,6 +64,11 @@ impl Parser<'_> {
     fn unknown_word(&mut self, start: usize, letters: usize) {
         self.cursor.advance(letters);
         let name = self.cursor.excerpt(self.cursor.span_from(start));
+        let mut ahead = self.cursor;
+        if self.grammar.program_codes && ahead.blanks(self.grammar).is_ok() && ahead.peek() == Some(b'(') {
+            self.foreign_statement(start, &name);
+            return;
+        }
         let mut ahead = self.cursor;
         if ahead.blanks(self.grammar).is_ok()
             && matches!(ahead.peek(), Some(b'0'..=b'9' | b'.' | b'-' | b'+' | b'['))
@@ -143,6 +149,8 @@ impl Parser<'_> {
                 if let Some(b'.' | b'-' | b'+') = self.cursor.peek() {
                     self.pass_value();
                     self.number_malformed(start, value_start);
+                } else if self.pass_exponent() {
+                    self.number_malformed(start, value_start);
                 } else if matches!(address, Address::L | Address::P | Address::Q) && self.is_assignment() {
                     self.assignment(start, address, value_start);
                 } else {
@@ -183,6 +191,45 @@ impl Parser<'_> {
             format!("`{text}` is not a number"),
             "Write an optional sign, digits, and at most one decimal point.",
         );
+    }
+
+    /// A statement of another language, `for (..)`: all of it is one fault, its braces too.
+    fn foreign_statement(&mut self, start: usize, name: &str) {
+        let mut open = 0_u32;
+        while let Some(byte) = self.cursor.peek() {
+            match byte {
+                b'\n' => break,
+                b'(' => open += 1,
+                b')' if open == 1 => {
+                    self.cursor.advance(1);
+                    break;
+                }
+                b')' => open -= 1,
+                _ => {}
+            }
+            self.cursor.pass_character();
+        }
+        self.nesting.foreign = Foreign::Begun;
+        self.report_from(
+            start,
+            &diagnostics::WORD_UNKNOWN,
+            format!("`{name}` is no program code of this dialect"),
+            "Write it with if, switch, while or do; a counter is set before the while, and counts at the end of its commands.",
+        );
+    }
+
+    /// Passes the exponent of a number, which the language does not have.
+    pub(super) fn pass_exponent(&mut self) -> bool {
+        let mut ahead = self.cursor;
+        let is_one = (ahead.take(b'e') || ahead.take(b'E')) && {
+            let _ = ahead.take(b'-') || ahead.take(b'+');
+            matches!(ahead.peek(), Some(b'0'..=b'9'))
+        };
+        if is_one && self.grammar.program_codes {
+            ahead.advance(ahead.digits().len());
+            self.cursor = ahead;
+        }
+        is_one && self.grammar.program_codes
     }
 
     /// True when `=` follows a variable.
@@ -228,17 +275,22 @@ impl Parser<'_> {
         }
     }
 
-    /// Passes the name of a variable: its array, and its index however large.
+    /// Passes the name of a variable: its array, and its index however large. That of a captured position may stand in
+    /// parentheses, as the manual's description of G31 writes it.
     pub(super) fn variable(&mut self) -> Option<(VariableKind, u64)> {
         let letters = self.cursor.letters();
         let kind = VariableKind::find(letters)?;
         let mut ahead = self.cursor;
         ahead.advance(letters.len());
+        let in_parentheses = kind == VariableKind::CapturedPosition && ahead.take(b'(');
         let digits = ahead.digits();
         if digits.is_empty() {
             return None;
         }
         ahead.advance(digits.len());
+        if in_parentheses && !ahead.take(b')') {
+            return None;
+        }
         self.cursor = ahead;
         Some((kind, digits.parse().unwrap_or(u64::MAX)))
     }
