@@ -9,7 +9,7 @@ use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnost
 use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
 use crate::dialect::{Dialect, Numbers, OtherMCodes, Rivals};
-use crate::evaluation::Known;
+use crate::evaluation::{Known, Trust};
 use crate::meaning::{InForce, Role};
 use crate::modal::Modal;
 use crate::range::Range;
@@ -325,19 +325,20 @@ impl BlockWords {
             Value::Number(value) => value,
             Value::Indirection(variable) => match known {
                 Known::Run(scope) => scope.variable(variable),
-                Known::Text { values, believed } => self.shown(word.address, values.get(variable), *believed),
+                Known::Text { values, trust } => self.shown(word.address, values.get(variable), *trust),
             },
         };
     }
 
     /// The value of a variable as the text shows it; not a number, and noted, where it does not.
-    fn shown(&mut self, address: Address, range: Range, believed: bool) -> f64 {
+    fn shown(&mut self, address: Address, range: Range, trust: Trust) -> f64 {
         self.indirect.insert(address);
         let value = range.value();
         if value.is_some() && !range.own {
             self.doubtful.insert(address);
         }
-        value.filter(|_| believed || range.own).unwrap_or_else(|| {
+        let least = if range.own { Trust::Own } else { Trust::Believed };
+        value.filter(|_| trust >= least).unwrap_or_else(|| {
             self.unknown.insert(address);
             f64::NAN
         })

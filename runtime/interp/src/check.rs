@@ -9,6 +9,7 @@ mod codes;
 mod explore;
 mod expressions;
 mod graph;
+mod machine;
 mod state;
 mod structure;
 mod verdict;
@@ -64,6 +65,9 @@ pub struct CheckContext<'a> {
     pub goes_on: bool,
     /// Manual data input, which has no marks around it.
     pub manual: bool,
+    /// What will be an alarm in a run counts as an error: calculated values that are wrong (D11), a feedrate or a spindle speed
+    /// that is missing.
+    pub calculates: bool,
 }
 
 impl CheckContext<'_> {

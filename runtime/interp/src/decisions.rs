@@ -27,7 +27,7 @@ pub static DECISIONS: &[(&str, &str)] = &[
     ("D22", "G43, G44 and G49 move nothing; the next motion ends at the corrected Z."),
     ("D23", "G28, G30 and G53 with cutter compensation or a tool offset are refused."),
     ("D24", "G28 or G30 without axis words moves all axes straight to the reference point."),
-    ("D25", "G20 changes the reading of lengths and feedrates; settings, offsets and tools stay in mm. F of a block that moves rotary axes only is in degrees a minute in G20 too."),
+    ("D25", "G20 changes the reading of lengths and feedrates, those of `max_feedrate` and `default_feedrate` of the coordinate system among them (manual, G20 and G21): their numbers stay, and count in inches a minute. Limits of motors, soft limits, reference points, tools, offsets and every position of commands and interfaces stay in mm. F of a block that moves rotary axes only is in degrees a minute in G20 too."),
     ("D26", "I, J, K count from the start point in G90 and G91. A radius is at least half the way, less `arc_radius_tolerance` (0.01 mm) in the machine. R wins over I, J, K with a warning; neither in the plane is an error."),
     ("D27", "G09 before the axis words stops before the block's motion, behind them after it."),
     ("D30", "An M code with parameters is always output after motion."),

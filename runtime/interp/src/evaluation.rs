@@ -29,8 +29,19 @@ pub(crate) struct Scope<'a> {
 pub(crate) enum Known<'a> {
     /// Those of a run.
     Run(Scope<'a>),
-    /// What the text shows of them; with `believed` also where somebody else may have written them meanwhile.
-    Text { values: &'a Values, believed: bool },
+    /// What the text shows of them.
+    Text { values: &'a Values, trust: Trust },
+}
+
+/// Which values of variables count that the text shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Trust {
+    /// None.
+    None,
+    /// Those that nobody else can have written.
+    Own,
+    /// All.
+    Believed,
 }
 
 impl Scope<'_> {

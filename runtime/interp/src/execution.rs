@@ -18,8 +18,10 @@ use crate::modal::Modal;
 /// Limits of the coordinate system that words are held to (D11).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// F above it is clipped, mm/min.
+    /// F above it is clipped, mm/min, in G20 inch/min (D25).
     pub max_feedrate_mm_min: f64,
+    /// F before one is programmed, in the same unit.
+    pub default_feedrate_mm_min: f64,
     /// S above it is an alarm, r/min; `None` without a spindle.
     pub max_spindle_speed_r_min: Option<f64>,
     /// True when the coordinate system has a spindle.
@@ -36,6 +38,7 @@ impl Limits {
     pub(crate) fn of(settings: &CoordinateSystemSettings) -> Self {
         Self {
             max_feedrate_mm_min: settings.max_feedrate_mm_min,
+            default_feedrate_mm_min: settings.default_feedrate_mm_min,
             max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
             has_spindle: settings.spindle.is_some(),
             arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,

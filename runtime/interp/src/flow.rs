@@ -2,10 +2,10 @@
 
 use std::cell::Cell;
 
-use tandem_syntax::{Block, NcProgram, Statement, Variable, VariableKind};
+use tandem_syntax::{Block, NcProgram, Statement, Value, Variable, VariableKind};
 
 use crate::arithmetic::label;
-use crate::evaluation::{Locals, Scope};
+use crate::evaluation::{Locals, Scope, reads};
 use crate::inputs::Inputs;
 
 /// Runs a program code. `next` is the block after it, and changes when it jumps.
@@ -77,4 +77,27 @@ pub(crate) fn run(
         *next = to as usize;
     }
     Ok(())
+}
+
+/// True when a program code reads a variable that others write, too.
+pub(crate) fn reads_shared(program: &NcProgram, block: &Block) -> bool {
+    let code = program.program_code(block);
+    let expression = code.and_then(|code| code.expression);
+    expression.is_some_and(|id| {
+        reads(program, id, |kind| {
+            matches!(kind, VariableKind::Global | VariableKind::CoordinateSystem)
+        })
+    })
+}
+
+/// True when a block reads a captured position.
+pub(crate) fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
+    match program.program_code(block) {
+        Some(code) => code
+            .expression
+            .is_some_and(|id| reads(program, id, |kind| kind == VariableKind::CapturedPosition)),
+        None => program.words(block).iter().any(|word| {
+            matches!(word.value(), Value::Indirection(variable) if variable.kind == VariableKind::CapturedPosition)
+        }),
+    }
 }

@@ -13,12 +13,12 @@ use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_BEFORE_WAIT, STEPS_IN_CHAIN_MAX
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Diagnostic, Origin};
-use tandem_syntax::{Block, Content, NcProgram, Value, Variable, VariableKind, diagnostics};
+use tandem_syntax::{Block, Content, NcProgram, Variable, VariableKind, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
 use crate::dialect::{Dialect, MCodeTime};
-use crate::evaluation::{Known, Locals, Scope, reads};
+use crate::evaluation::{Known, Locals, Scope};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::fixed_cycles::{Expansion, Given};
 use crate::inputs::Inputs;
@@ -232,7 +232,7 @@ impl Interpreter {
         if block.has_errors() {
             return Err(Alarm::new(&PROGRAM_HAS_ERRORS, "the block has an error"));
         }
-        if inputs.captured.is_none() && reads_captured_position(&frame.program, &block) {
+        if inputs.captured.is_none() && flow::reads_captured_position(&frame.program, &block) {
             self.queue.push_back(Item::NeedsStandstill(origin));
             return Ok(());
         }
@@ -244,7 +244,7 @@ impl Interpreter {
             flow::run(&frame.program, &block, &mut frame.next, locals, inputs)
                 .map_err(|variable| value_lost(variable).at(origin))?;
             let may_wait = self.is_waiting || self.idle_steps > STEPS_BEFORE_WAIT;
-            if may_wait && reads_shared(&frame.program, &block) {
+            if may_wait && flow::reads_shared(&frame.program, &block) {
                 self.is_waiting = true;
                 self.idle_steps = 0;
                 self.queue_action(Some(Action::None), [false; 2], origin);
@@ -523,29 +523,6 @@ fn goes_on(item: &Item) -> bool {
     }
 }
 
-/// True when a program code reads a variable that others write, too.
-fn reads_shared(program: &NcProgram, block: &Block) -> bool {
-    let code = program.program_code(block);
-    let expression = code.and_then(|code| code.expression);
-    expression.is_some_and(|id| {
-        reads(program, id, |kind| {
-            matches!(kind, VariableKind::Global | VariableKind::CoordinateSystem)
-        })
-    })
-}
-
-/// True when a block reads a captured position.
-fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
-    match program.program_code(block) {
-        Some(code) => code
-            .expression
-            .is_some_and(|id| reads(program, id, |kind| kind == VariableKind::CapturedPosition)),
-        None => program.words(block).iter().any(|word| {
-            matches!(word.value(), Value::Indirection(variable) if variable.kind == VariableKind::CapturedPosition)
-        }),
-    }
-}
-
 /// The alarm for what would have been an error at check time.
 /// The alarm of a block that reads a variable whose value is lost.
 fn value_lost(variable: Variable) -> Alarm {
@@ -568,15 +545,11 @@ fn alarm_of(fault: &Diagnostic) -> Alarm {
         (&diagnostics::ARC_SHAPE, &ARC_REFUSED),
     ];
     let found = alarms.iter().find(|(entry, _)| entry.code == fault.code);
-    match found {
-        Some((_, entry)) => Alarm::new(entry, fault.message.clone()),
-        None => {
-            let Diagnostic {
-                code, message, help, ..
-            } = fault;
-            Alarm::new(&PROGRAM_HAS_ERRORS, format!("{code}: {message}. {help}"))
-        }
+    if let Some((_, entry)) = found {
+        return Alarm::new(entry, fault.message.clone());
     }
+    let (code, message, help) = (fault.code, &fault.message, &fault.help);
+    Alarm::new(&PROGRAM_HAS_ERRORS, format!("{code}: {message}. {help}"))
 }
 
 #[cfg(test)]

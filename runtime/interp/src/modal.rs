@@ -87,6 +87,8 @@ pub struct Modal {
     pub feedrate_mm_min: f64,
     /// F as blocks of rotary axes alone read it, deg/min: a number of degrees, whatever the unit of lengths.
     pub feedrate_deg_min: f64,
+    /// F has been programmed; until then the default feedrate is in force, which counts in the unit of lengths (D25).
+    pub is_feed_programmed: bool,
     /// S, r/min.
     pub spindle_speed_r_min: f64,
     /// ta, ms.
@@ -112,13 +114,14 @@ pub struct Modal {
 impl Modal {
     /// The state at start-up: the manual's initial codes, and feedrate and times of the settings.
     pub(crate) fn start_up(dialect: &Dialect, settings: &CoordinateSystemSettings) -> Self {
+        let of_text = Self::of_text(dialect, settings.unit);
         Self {
-            feedrate_mm_min: settings.default_feedrate_mm_min,
+            feedrate_mm_min: settings.default_feedrate_mm_min * of_text.unit(),
             ta_ms: settings.default_ta_ms,
             td_ms: settings.default_td_ms,
             ts_ms: settings.default_ts_ms,
             feedrate_deg_min: settings.default_feedrate_mm_min,
-            ..Self::of_text(dialect, settings.unit)
+            ..of_text
         }
     }
 
@@ -129,6 +132,7 @@ impl Modal {
             in_force: InForce::START,
             feedrate_mm_min: 0.0,
             feedrate_deg_min: 0.0,
+            is_feed_programmed: false,
             spindle_speed_r_min: 0.0,
             ta_ms: 0.0,
             td_ms: 0.0,
@@ -210,6 +214,14 @@ impl Modal {
         }
     }
 
+    /// The name of the unit of lengths.
+    pub fn unit_text(&self) -> &'static str {
+        match self.in_force.unit {
+            Some(Unit::Inch) => "inch",
+            Some(Unit::Millimetre) | None => "mm",
+        }
+    }
+
     /// How axis words count.
     pub fn distance(&self) -> Distance {
         self.in_force.distance.unwrap_or_default()
@@ -256,6 +268,7 @@ impl Modal {
     /// Feedrate and ramp times in force.
     pub fn feed(&self) -> Feed {
         Feed {
+            unit_mm: self.unit(),
             feedrate_mm_min: self.feedrate_mm_min,
             ta_ms: self.ta_ms,
             td_ms: self.td_ms,

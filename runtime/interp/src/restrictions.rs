@@ -5,6 +5,7 @@ mod arc_shape;
 mod dgshape;
 mod usual;
 
+use tandem_model::Axis;
 use tandem_model::flow::Distance;
 use tandem_model::plane::Plane;
 use tandem_syntax::{Address, DiagnosticEntry};
@@ -15,7 +16,6 @@ use crate::dialect::{Dialect, list};
 use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role, Side};
 use crate::modal::Modal;
 
-pub(crate) use arc_shape::centre;
 pub use dgshape::DGSHAPE;
 pub use usual::USUAL;
 
@@ -216,6 +216,15 @@ fn moves(words: &BlockWords) -> bool {
 
 fn moves_by(words: &BlockWords, kind: MotionKind) -> bool {
     moves(words) && words.taker.is_some_and(|code| code.role == Role::Motion(kind))
+}
+
+/// The address of the centre along an axis of the plane.
+pub(crate) fn centre(axis: Axis) -> Address {
+    match axis {
+        Axis::X => Address::I,
+        Axis::Y => Address::J,
+        _ => Address::K,
+    }
 }
 
 /// Which restrictions hold for a block, by what is in force before it and by its own codes.

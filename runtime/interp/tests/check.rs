@@ -478,20 +478,20 @@ fn d42_m_codes_that_a_tapping_cycle_puts_out_are_listed() {
 }
 
 #[test]
-fn d25_a_feedrate_in_inches_is_held_to_the_maximum_in_millimetres() {
+fn d25_the_number_of_the_maximum_feedrate_counts_in_the_unit_in_force() {
     let context = CheckContext {
         max_feedrate_mm_min: Some(2540.0),
         ..CheckContext::default()
     };
     assert_eq!(
-        findings("G20 X1 F100\nF101\nG21 F2540\nM30", &context),
-        ["2:1 W0004"]
+        findings("G20 X1 F2540\nF2541\nG21 F2540\nF2541\nM30", &context),
+        ["2:1 W0004", "4:1 W0004"]
     );
     let inch = CheckContext {
         unit: Unit::Inch,
         ..context
     };
-    assert_eq!(findings("F101\nM30", &inch), ["1:1 W0004"]);
+    assert_eq!(findings("X1 F2540\nF2541\nM30", &inch), ["2:1 W0004"]);
 }
 
 #[test]

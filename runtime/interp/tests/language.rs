@@ -323,9 +323,12 @@ fn d25_a_block_has_f_in_degrees_for_rotary_axes_in_inches_too() {
     }
     let (length, degrees) = feedrates("G21 F10 A90");
     assert!((length - 10.0).abs() < 1e-12 && (degrees - 10.0).abs() < 1e-12);
-    // before an F, that of the settings counts
-    let (length, degrees) = feedrates("G20 A90");
-    assert!((length - 500.0).abs() < 1e-12 && (degrees - 500.0).abs() < 1e-12);
+    // before an F, the number of the settings counts in the unit in force
+    for (source, unit_mm) in [("G20 A90", 25.4), ("A90", 1.0), ("G20\nG21 A90", 1.0)] {
+        let (length, degrees) = feedrates(source);
+        assert!((length - 500.0 * unit_mm).abs() < 1e-9, "{source}");
+        assert!((degrees - 500.0).abs() < 1e-12, "{source}");
+    }
 }
 
 #[test]

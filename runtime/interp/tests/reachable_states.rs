@@ -17,9 +17,16 @@ fn told(source: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
         .collect()
 }
 
+fn calculating() -> CheckContext<'static> {
+    CheckContext {
+        calculates: true,
+        ..CheckContext::default()
+    }
+}
+
 fn of(source: &str) -> (String, Check) {
     let source = format!("{source}\nM30");
-    let (_, check) = check_source(source.as_str(), nj(), &CheckContext::default());
+    let (_, check) = check_source(source.as_str(), nj(), &calculating());
     (source, check)
 }
 
@@ -131,6 +138,26 @@ fn values_out_of_their_range_are_told() {
 }
 
 #[test]
+fn d11_a_calculated_value_is_an_alarm_of_a_run_and_a_warning_of_a_load() {
+    let found = |source: &str| {
+        let source = format!("{source}\nM30");
+        told(
+            &source,
+            &check_source(source.as_str(), nj(), &CheckContext::default())
+                .1
+                .diagnostics,
+        )
+    };
+    assert_eq!(found("L1=2000000\nX[L1]"), ["2:1 W0009"]);
+    assert_eq!(found("L1=1/0\nX[L1]"), ["1:1 W0010", "2:1 W0009"]);
+    assert_eq!(
+        found("L1=2000000\nX[L1] X2 R5"),
+        ["2:1 W0009", "2:7 E0105", "2:10 E0108"]
+    );
+    assert_eq!(found("L1=P1\nif(L1>2000000) { X[L1] }"), ["2:18 W0009"]);
+}
+
+#[test]
 fn a_value_that_another_program_may_have_written_is_a_warning() {
     finds("P1=2000000\nM100\nX[P1]", &["3:1 W0009"]);
     let message = message("P1=2000000\nM100\nX[P1]");
@@ -160,7 +187,7 @@ fn with_called(main: &str, called: &[(u16, &str)]) -> (Vec<String>, Vec<(u16, Ve
         .collect();
     let context = CheckContext {
         programs: Some(&trees),
-        ..CheckContext::default()
+        ..calculating()
     };
     let (_, check) = check_source(main, nj(), &context);
     let text = |number| {
@@ -242,7 +269,7 @@ fn a_computed_call_is_followed_where_its_number_is_known() {
 fn a_missing_feedrate_is_told_where_the_machine_has_none() {
     let context = CheckContext {
         default_feedrate_mm_min: Some(0.0),
-        ..CheckContext::default()
+        ..calculating()
     };
     let found = |source: &str| told(source, &check_source(source, nj(), &context).1.diagnostics);
     assert_eq!(found("G00 X1\nG01 X2\nX3\nM30"), ["2:1 E0126"]);
@@ -257,7 +284,7 @@ fn a_thread_without_a_spindle_speed_is_told_where_the_machine_has_a_spindle() {
     let found = |source: &str, has_spindle| {
         let context = CheckContext {
             has_spindle: Some(has_spindle),
-            ..CheckContext::default()
+            ..calculating()
         };
         told(source, &check_source(source, nj(), &context).1.diagnostics)
     };

@@ -249,7 +249,7 @@ pub enum Compensation {
 }
 
 /// Feedrate and ramp times of a cutting block.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feed {
     /// F: mm/min over X, Y, Z (deg/min for a block of rotary axes only). 0: never programmed.
     pub feedrate_mm_min: f64,
@@ -259,6 +259,20 @@ pub struct Feed {
     pub td_ms: f64,
     /// Jerk time ts, ms.
     pub ts_ms: f64,
+    /// Millimetres of a programmed length of 1: the maximum and the default feedrate count in it (D25).
+    pub unit_mm: f64,
+}
+
+impl Default for Feed {
+    fn default() -> Self {
+        Self {
+            feedrate_mm_min: 0.0,
+            ta_ms: 0.0,
+            td_ms: 0.0,
+            ts_ms: 0.0,
+            unit_mm: 1.0,
+        }
+    }
 }
 
 /// A piece of the way in machine coordinates, for the motion stage.

@@ -16,9 +16,9 @@ pub struct CoordinateSystemSettings {
     pub spindle: Option<MotorSettings>,
     /// The unit in force at start-up.
     pub unit: Unit,
-    /// F above it is clipped with a warning, mm/min.
+    /// F above it is clipped with a warning, mm/min; in G20 inch/min (D25).
     pub max_feedrate_mm_min: f64,
-    /// F before one is programmed, mm/min; 0: F must be programmed.
+    /// F before one is programmed, mm/min, in G20 inch/min (D25); 0: F must be programmed.
     pub default_feedrate_mm_min: f64,
     /// ta before one is programmed, ms.
     pub default_ta_ms: f64,

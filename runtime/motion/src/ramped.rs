@@ -182,7 +182,7 @@ pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]
 pub fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<f64, Alarm> {
     let feedrate = feed.feedrate_mm_min;
     check_finite("The feedrate", feedrate)?;
-    let maximum = settings.max_feedrate_mm_min;
+    let maximum = settings.max_feedrate_mm_min * feed.unit_mm;
     if feedrate <= 0.0 || maximum.is_nan() || maximum <= 0.0 {
         let text = format!("The feedrate {feedrate} and its maximum {maximum} must be above 0");
         return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));

@@ -94,6 +94,7 @@ fn squares(arcs: bool, compensation: Compensation) -> Vec<Block> {
                     ta_ms: 100.0,
                     td_ms: 100.0,
                     ts_ms: 50.0,
+                    ..Feed::default()
                 },
                 feedrate_deg_min: 3000.0,
                 path_control: PathControl::ContinuousPath,

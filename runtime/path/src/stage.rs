@@ -455,13 +455,15 @@ impl PathStage {
         if self.dry_run {
             feed.feedrate_mm_min = match self.settings.motion.dry_run_feedrate_mm_min {
                 configured if configured > 0.0 => configured,
-                _ => self.settings.max_feedrate_mm_min,
+                _ => self.settings.max_feedrate_mm_min * feed.unit_mm,
             };
         }
         if self.turns_freely(path.start(), path.end()) {
-            feed.feedrate_mm_min = f64::INFINITY;
+            feed.feedrate_mm_min = self.settings.max_feedrate_mm_min;
         }
-        feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.settings.max_feedrate_mm_min);
+        feed.feedrate_mm_min = feed
+            .feedrate_mm_min
+            .min(self.settings.max_feedrate_mm_min * feed.unit_mm);
         Ok(feed)
     }
 
@@ -475,7 +477,8 @@ impl PathStage {
         let feedrate = if rotary_only && self.settings.rotary_feedrate_deg_min > 0.0 {
             self.settings.rotary_feedrate_deg_min
         } else if programmed == 0.0 {
-            self.settings.default_feedrate_mm_min
+            let unit = if rotary_only { 1.0 } else { block.feed.unit_mm };
+            self.settings.default_feedrate_mm_min * unit
         } else {
             programmed
         };

@@ -79,7 +79,7 @@ impl PathStage {
         let travel = (to[Axis::Z] - self.at[Axis::Z]).abs();
         let revolutions = match tap.spindle_speed_r_min {
             None => {
-                self.as_fast_as_f(feed.feedrate_mm_min)?;
+                self.as_fast_as_f(feed)?;
                 0.0
             }
             Some(speed) if speed > 0.0 => travel * speed / feed.feedrate_mm_min,
@@ -92,10 +92,11 @@ impl PathStage {
     }
 
     /// Without a spindle locked to Z nothing slows the spindle down with it: the pitch is right only at F itself.
-    fn as_fast_as_f(&self, feedrate: f64) -> Result<(), Alarm> {
+    fn as_fast_as_f(&self, feed: Feed) -> Result<(), Alarm> {
         let z = self.settings.motors[Axis::Z.index()].as_ref();
         let velocity = z.map_or(f64::INFINITY, |motor| motor.max_velocity);
-        let most = self.settings.max_feedrate_mm_min.min(velocity * 60.0);
+        let most = (self.settings.max_feedrate_mm_min * feed.unit_mm).min(velocity * 60.0);
+        let feedrate = feed.feedrate_mm_min;
         if feedrate <= most {
             return Ok(());
         }

@@ -162,6 +162,7 @@ fn paced() -> Vec<Profile> {
                     ta_ms: 20.0,
                     td_ms: 20.0,
                     ts_ms: 0.0,
+                    ..Feed::default()
                 },
             },
             end: SegmentEnd::Continuous,
@@ -487,6 +488,7 @@ fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
             ta_ms: 50.0,
             td_ms: 50.0,
             ts_ms: 0.0,
+            ..Feed::default()
         },
     };
     let (from, to) = (at(0.0), at(1.0));

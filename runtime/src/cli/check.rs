@@ -114,7 +114,7 @@ pub(super) fn check_text(
     let (tree, parsed) = parse(text, (dialect.grammar)());
     let first = machine.and_then(|machine| machine.coordinate_systems.first());
     let of = machine.zip(first.map(|system| &system.settings));
-    check_tree(path, (&tree, parsed), dialect, of)
+    check_tree(path, (&tree, parsed), dialect, of, true)
 }
 
 /// The same for a program that is parsed, against a coordinate system of a machine.
@@ -125,7 +125,7 @@ pub(super) fn check_stored(
     settings: &CoordinateSystemSettings,
 ) -> Vec<Findings> {
     let parsed = (&*program.tree, program.parsed.clone());
-    check_tree(path, parsed, machine.dialect(), Some((machine, settings)))
+    check_tree(path, parsed, machine.dialect(), Some((machine, settings)), false)
 }
 
 fn check_tree(
@@ -133,6 +133,7 @@ fn check_tree(
     (tree, parsed): (&NcProgram, Vec<Diagnostic>),
     dialect: &'static Dialect,
     of: Option<(&Machine, &CoordinateSystemSettings)>,
+    calculates: bool,
 ) -> Vec<Findings> {
     let programs = Beside {
         caller: path,
@@ -144,6 +145,7 @@ fn check_tree(
     let context = CheckContext {
         programs: Some(&programs),
         m_codes_with_settings: m_codes.as_ref(),
+        calculates,
         ..of.map_or_else(CheckContext::default, |(_, settings)| CheckContext::of(settings))
     };
     let mut check = check(tree, dialect, &context);

@@ -221,11 +221,11 @@ pub struct CoordinateSystemConfig {
     pub axes: BTreeMap<String, u16>,
     /// Motor number of the spindle, if it has one.
     pub spindle: Option<u16>,
-    /// Highest feedrate.
+    /// Highest feedrate. In G20 the value counts in inch/min (manual, G20 and G21); no motor is faster than its own limits.
     #[serde(default = "number::<10_000>")]
     #[schemars(range(min = RATE_MIN, max = 1e9), extend("x-unit" = "units/min"))]
     pub max_feedrate: f64,
-    /// Feedrate until a program sets F; 0: F must be programmed.
+    /// Feedrate until a program sets F, in G20 in inch/min; 0: F must be programmed.
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "units/min"))]
     pub default_feedrate: f64,

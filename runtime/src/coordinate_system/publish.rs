@@ -215,7 +215,8 @@ impl CoordinateSystem {
             .map(|(group, code)| (group.to_owned(), code.to_owned()));
         let modal = Modal {
             g: groups.collect(),
-            f: (modal.feedrate_mm_min).min(self.context.configured.settings.max_feedrate_mm_min),
+            f: (modal.feedrate_mm_min)
+                .min(self.context.configured.settings.max_feedrate_mm_min * modal.unit()),
             s: modal.spindle_speed_r_min,
             ta: modal.ta_ms,
             td: modal.td_ms,

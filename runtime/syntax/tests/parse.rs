@@ -586,18 +586,15 @@ fn a_captured_position_may_have_its_index_in_parentheses() {
     );
     check("X[_CNC_CapturedPosition(8)]", &["1:1 E0013"]);
     check("X[_CNC_CapturedPosition(2]", &["1:1 E0012"]);
-    check("X[L(2)]", &["1:1 E0012"]);
 }
 
 #[test]
 fn one_mistake_is_one_finding() {
     check("P0=1e3", &["1:4 E0006"]);
-    check("L1=2.5E-3*L2", &["1:4 E0006"]);
     check("X1e3 Y2", &["1:1 E0006"]);
     check("for(L1=0;L1<3;L1++) {\nX1\n}\nY2", &["1:1 E0007"]);
     check(
         "for (L1=0; L1<3; L1=L1+1)\n{\nX1\nif(L1==1) { X2 }\n}\nY2 Y3",
         &["1:1 E0007"],
     );
-    check("}\nX1", &["1:1 E0016"]);
 }

@@ -78,6 +78,31 @@ fn d25_g20_reads_lengths_and_f_in_inches_and_g21_in_millimetres() {
     assert!((0.0..0.0104).contains(&late_s), "{} s", run.cycle_time_s());
 }
 
+#[test]
+fn d25_the_numbers_of_max_and_default_feedrate_count_in_inches_in_g20() {
+    let systems = COORDINATE_SYSTEMS.replacen(
+        "max_feedrate = 12000.0",
+        "max_feedrate = 120.0\ndefault_feedrate = 60.0",
+        1,
+    );
+    let machine = Machine::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{systems}"));
+    // without F 60, with F600 the maximum of 120, in inch/min or in mm/min; one inch, or 25.4 mm, in each block
+    for (text, unit_mm) in [("G20 G01 X1\nX2 F600", 25.4), ("G01 X25.4\nX50.8 F600", 1.0)] {
+        let text = format!("ta20 td20 ts0 G61\n{text}\nM30\n");
+        let run = simulate_on(&machine, &text, &[]).completed();
+        close(run.machine("X"), 50.8);
+        let time_s = 25.4 / unit_mm + 0.02 + 25.4 / (2.0 * unit_mm) + 0.02;
+        let late_s = run.cycle_time_s() - time_s;
+        assert!((0.0..0.0104).contains(&late_s), "{} s", run.cycle_time_s());
+    }
+    // above 500 mm/s of the motor nothing goes: 120 inch/min is below, 60000 inch/min is not
+    let fast = systems.replacen("max_feedrate = 120.0", "max_feedrate = 60000.0", 1);
+    let machine = Machine::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{fast}"));
+    let text = "ta20 td20 ts0 G61\nG20 G01 X10 F60000\nM30\n";
+    let run = simulate_on(&machine, text, &[]).completed();
+    assert!(run.cycle_time_s() > 254.0 / 500.0, "{} s", run.cycle_time_s());
+}
+
 /// A machine whose first to third motors have reference points.
 fn with_reference_points() -> Machine {
     let points = "kind = \"linear\"\nreference_points = [-10.0, 20.0, 30.0, 40.0]\n";

@@ -4,26 +4,23 @@ use tandem_model::Diagnostic;
 use tandem_model::limits::{BLOCK_BYTES_MAX, CALL_DEPTH_MAX};
 use tandem_model::plane::Plane;
 use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CompensationRules};
-use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, block_bytes, diagnostics};
+use tandem_syntax::{Address, Block, NcProgram, Value, block_bytes, diagnostics};
 
 use super::explore::{Explorer, Next, Step};
 use super::graph::{Call, Kind, Place, Tree, Way};
 use super::state::{Caller, State};
+use super::verdict::Weight;
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::value::judge_value;
 use crate::codes::{Code, ModalGroup};
-use crate::dialect::{Dialect, SpindleWord};
-use crate::evaluation::Known;
-use crate::execution::axis_of;
+use crate::dialect::Dialect;
+use crate::evaluation::{Known, Trust};
 use crate::meaning::{ModalValue, MotionKind, Role};
 use crate::restrictions;
 
 /// A shorter block cannot be too long in the intermediate code: there each word of two bytes or more has a blank, and
 /// numbers and operators of expressions have two.
 const LONG_BYTES: u32 = 300;
-
-/// The words of an arc's centre.
-const CENTRES: AddressSet = AddressSet::of(&[Address::I, Address::J, Address::K]);
 
 /// More repetitions of a call are not counted.
 const REPETITIONS_COUNTED: u16 = 16;
@@ -126,31 +123,56 @@ impl<'a> Explorer<'a> {
                 format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
                 "Write the words in several blocks.",
             );
-            self.note(node, place, finding, false);
+            self.note(node, place, finding, Weight::Sure);
         }
     }
 
     /// Reads the words as the state says, and notes what is wrong with them.
     fn read(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
         let mut found = Vec::new();
-        self.read_with(tree, block, state, false, &mut found);
+        self.read_with(tree, block, state, Trust::Own, &mut found);
         if state.is_open {
             self.read_in_all(tree, block, state, &mut found);
         }
-        if !self.words.doubtful.is_empty() {
-            let mut believed = Vec::new();
-            self.read_with(tree, block, state, true, &mut believed);
-            self.read_with(tree, block, state, false, &mut Vec::new());
-            for finding in believed.into_iter().filter(|finding| !found.contains(finding)) {
-                self.note(node, place, finding, true);
-            }
-        }
         if !self.words.indirect.is_empty() {
             self.judge_ranges(tree, block, state, &mut found);
+            self.read_by_trust(node, place, tree, block, state, &mut found);
         }
         for finding in found {
-            self.note(node, place, finding, false);
+            self.note(node, place, finding, Weight::Sure);
         }
+    }
+
+    /// Tells apart what depends on calculated values, and on those that somebody else may have written.
+    fn read_by_trust(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &State,
+        found: &mut Vec<Diagnostic>,
+    ) {
+        if !self.words.doubtful.is_empty() {
+            let mut believed = Vec::new();
+            self.read_with(tree, block, state, Trust::Believed, &mut believed);
+            for finding in believed.into_iter().filter(|finding| !found.contains(finding)) {
+                self.note(node, place, finding, Weight::Doubtful);
+            }
+        }
+        if !self.context.calculates && !found.is_empty() {
+            let mut written = Vec::new();
+            self.read_with(tree, block, state, Trust::None, &mut written);
+            let (sure, calculated) = std::mem::take(found)
+                .into_iter()
+                .partition(|finding| written.contains(finding));
+            *found = sure;
+            let calculated: Vec<Diagnostic> = calculated;
+            for finding in calculated {
+                self.note(node, place, finding, Weight::Calculated);
+            }
+        }
+        self.read_with(tree, block, state, Trust::Own, &mut Vec::new());
     }
 
     fn read_with(
@@ -158,7 +180,7 @@ impl<'a> Explorer<'a> {
         tree: &NcProgram,
         block: &Block,
         state: &State,
-        believed: bool,
+        trust: Trust,
         found: &mut Vec<Diagnostic>,
     ) {
         let reading = Reading {
@@ -166,7 +188,7 @@ impl<'a> Explorer<'a> {
             modal: &state.modal,
             known: Known::Text {
                 values: &state.values,
-                believed,
+                trust,
             },
             position: &state.position,
             arc_radius_tolerance_mm: self
@@ -214,7 +236,7 @@ impl<'a> Explorer<'a> {
                 supposed.modal.in_force.set(ModalValue::Plane(*plane));
             }
             let mut here = Vec::new();
-            self.read_with(tree, block, &supposed, false, &mut here);
+            self.read_with(tree, block, &supposed, Trust::Own, &mut here);
             let is_in = |all: &[Diagnostic], one: &Diagnostic| {
                 all.iter()
                     .any(|other| other.code == one.code && other.span.start == one.span.start)
@@ -226,7 +248,7 @@ impl<'a> Explorer<'a> {
                 Some(common) => common.into_iter().filter(|one| is_in(&here, one)).collect(),
             });
         }
-        self.read_with(tree, block, state, false, &mut Vec::new());
+        self.read_with(tree, block, state, Trust::Own, &mut Vec::new());
         let mut more = common.unwrap_or_default();
         if more.is_empty() && all_wrong {
             // wrong with each of them, but not for one reason
@@ -294,7 +316,7 @@ impl<'a> Explorer<'a> {
                 "the second block in a row without a motion along X or Y in tool-diameter offset",
                 "Write one of them elsewhere.",
             );
-            self.note(node, place, finding, false);
+            self.note(node, place, finding, Weight::Sure);
         }
     }
 
@@ -409,143 +431,6 @@ impl<'a> Explorer<'a> {
             kind: Kind::Real,
         }])
     }
-
-    /// Checks words against what is known of the coordinate system.
-    fn context_of_words(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
-        let words = &self.words;
-        let mut found = Vec::new();
-        if let Some(axes) = self.context.axes {
-            let dwells = words.codes().any(|code| code.role == Role::Dwell);
-            let own = if dwells {
-                AddressSet::EMPTY
-            } else {
-                words.own.intersection(words.present)
-            };
-            for address in words.axis_words.union(own).iter() {
-                if axis_of(address).is_some_and(|axis| !axes.contains(axis)) {
-                    found.push(diagnostics::AXIS_UNKNOWN.at(
-                        tree.span_of(block, address),
-                        format!("the coordinate system has no axis {}", address.text()),
-                        "Remove the word, or assign a motor to the axis.",
-                    ));
-                }
-            }
-        }
-        let free = |address| words.get(address).filter(|_| !words.own.contains(address));
-        let unit = state.modal.unit();
-        if let (Some(feedrate), Some(max)) = (free(Address::F), self.context.max_feedrate_mm_min)
-            && feedrate * unit > max
-        {
-            found.push(diagnostics::FEEDRATE_CLIPPED.at(
-                tree.span_of(block, Address::F),
-                format!("F{feedrate} is above the maximum feedrate of {max} mm/min, which will be used"),
-                format!("Write F{} or less, or raise max_feedrate.", max / unit),
-            ));
-        }
-        let is_bounded = self.dialect.policy.spindle_word == SpindleWord::Speed;
-        if let (Some(speed), Some(max)) = (free(Address::S), self.context.max_spindle_speed_r_min)
-            && is_bounded
-            && speed > max
-        {
-            found.push(diagnostics::OUT_OF_RANGE.at(
-                tree.span_of(block, Address::S),
-                format!("S{speed} is above the spindle's maximum of {max} r/min"),
-                format!("Write S{max} or less."),
-            ));
-        }
-        for finding in found {
-            self.note(node, place, finding, false);
-        }
-    }
-
-    /// Warns of words of an arc that it does not use.
-    fn arc_words(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
-        let words = &self.words;
-        let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
-        let centres = words.taken.intersection(CENTRES);
-        if centres.is_empty() || !words.taker.is_some_and(is_arc) {
-            return;
-        }
-        let (unused, why) = if words.taken.contains(Address::R) {
-            (centres, "with R the centre is not used")
-        } else {
-            let Some(plane) = state.modal.in_force.plane else {
-                return;
-            };
-            let used = AddressSet::of(&plane.axes().map(restrictions::centre));
-            if centres.intersection(used).is_empty() {
-                // that is an error by itself
-                return;
-            }
-            let unused = centres.without(used);
-            (unused, "it is not in the plane of the arc")
-        };
-        let found: Vec<_> = unused
-            .iter()
-            .map(|address| {
-                diagnostics::ARC_WORD_UNUSED.at(
-                    tree.span_of(block, address),
-                    format!("{} is not used: {why}", address.text()),
-                    "Remove the word, or select the plane that it belongs to.",
-                )
-            })
-            .collect();
-        for finding in found {
-            self.note(node, place, finding, false);
-        }
-    }
-
-    /// Tells a cutting motion before the first F, where the machine has no other (alarm 101), and a thread before the first S
-    /// (alarm 113).
-    fn feed_and_speed(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &mut State,
-    ) {
-        let words = &self.words;
-        let has = |address| words.present.contains(address) && !words.own.contains(address);
-        let lacks_feed =
-            !state.has_feed && !has(Address::F) && !words.taken.is_empty() && words.taker.is_some_and(cuts);
-        let lacks_speed = !state.has_speed
-            && !has(Address::S)
-            && !words.taken.is_empty()
-            && words.taker.is_some_and(threads);
-        // once is enough
-        state.has_feed |= lacks_feed || has(Address::F);
-        state.has_speed |= lacks_speed || has(Address::S);
-        if lacks_feed {
-            let finding = diagnostics::FEEDRATE_MISSING.at(
-                tree.span(block),
-                "the block moves at the feedrate, and none is programmed",
-                "Write F in this block or before it, or set default_feedrate.",
-            );
-            self.note(node, place, finding, false);
-        }
-        if lacks_speed {
-            let finding = diagnostics::SPEED_MISSING.at(
-                tree.span(block),
-                "the block cuts a thread, and no spindle speed is programmed",
-                "Write S in this block or before it: the pitch is F / S.",
-            );
-            self.note(node, place, finding, false);
-        }
-    }
-}
-
-/// True for a code that moves at the feedrate.
-fn cuts(code: &Code) -> bool {
-    match code.role {
-        Role::Motion(kind) => kind != MotionKind::Rapid,
-        _ => code.group == ModalGroup::FixedCycle,
-    }
-}
-
-/// True for a cycle that cuts a thread.
-fn threads(code: &Code) -> bool {
-    matches!(code.sets, Some(ModalValue::Cycle(Some(cycle))) if cycle.threads().is_some())
 }
 
 /// Where the called program has ended: another repetition, or the caller.

@@ -8,6 +8,7 @@ use super::explore::{Explorer, Next, Step};
 use super::expressions::{holds, number, suppose};
 use super::graph::{Kind, Place, Tree, Way};
 use super::state::State;
+use super::verdict::Weight;
 use crate::arithmetic::label;
 use crate::range::Range;
 use crate::text_values::Values;
@@ -80,7 +81,7 @@ impl<'a> Explorer<'a> {
                 what,
                 "Test the value before, or correct the calculation; as a word's value it is an alarm.",
             );
-            self.note(node, place, finding, false);
+            self.note(node, place, finding, Weight::Sure);
         }
     }
 }

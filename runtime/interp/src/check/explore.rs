@@ -13,7 +13,7 @@ use tandem_syntax::{Block, Content, NcProgram};
 
 use super::graph::{Checked, JOIN, Kind, LOOKED_AT, Node, Place, REACHED, Tree, Way};
 use super::state::State;
-use super::verdict::{Found, Groups};
+use super::verdict::{Found, Groups, Weight};
 use super::{Check, CheckContext, Findings, structure};
 use crate::block_words::BlockWords;
 use crate::dialect::Dialect;
@@ -332,12 +332,12 @@ impl<'a> Explorer<'a> {
     }
 
     /// Notes a finding in a block that a node comes to.
-    pub fn note(&mut self, node: usize, place: Place, finding: Diagnostic, is_doubtful: bool) {
+    pub fn note(&mut self, node: usize, place: Place, finding: Diagnostic, weight: Weight) {
         self.groups.note(Found {
             node,
             place,
             finding,
-            is_doubtful,
+            weight,
         });
     }
 

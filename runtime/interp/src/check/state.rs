@@ -46,10 +46,12 @@ impl State {
             position: TextPosition::unknown(),
             values: Values::default(),
             callers: Vec::new(),
-            has_feed: context
-                .default_feedrate_mm_min
-                .is_none_or(|feedrate| feedrate > 0.0),
-            has_speed: !(context.has_spindle == Some(true)
+            has_feed: !context.calculates
+                || context
+                    .default_feedrate_mm_min
+                    .is_none_or(|feedrate| feedrate > 0.0),
+            has_speed: !(context.calculates
+                && context.has_spindle == Some(true)
                 && dialect.policy.spindle_word == SpindleWord::Speed),
             at_rest: 0,
             is_open: false,

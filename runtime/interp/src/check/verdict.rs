@@ -16,8 +16,18 @@ pub(super) struct Found {
     pub node: usize,
     pub place: Place,
     pub finding: Diagnostic,
-    /// It depends on a variable that somebody else may have written.
-    pub is_doubtful: bool,
+    pub weight: Weight,
+}
+
+/// What a finding depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Weight {
+    /// On what is written.
+    Sure,
+    /// On a calculated value: it is an alarm in a run (D11).
+    Calculated,
+    /// On a variable that somebody else may have written.
+    Doubtful,
 }
 
 /// One fault, and the states that have it.
@@ -25,7 +35,7 @@ struct Group {
     place: Place,
     finding: Diagnostic,
     nodes: BTreeSet<usize>,
-    is_doubtful: bool,
+    weight: Weight,
 }
 
 /// The findings so far: by program, first byte, code and last byte.
@@ -43,9 +53,9 @@ impl Groups {
             place: found.place,
             finding: found.finding,
             nodes: BTreeSet::new(),
-            is_doubtful: true,
+            weight: Weight::Doubtful,
         });
-        group.is_doubtful &= found.is_doubtful;
+        group.weight = group.weight.min(found.weight);
         group.nodes.insert(found.node);
     }
 
@@ -74,15 +84,15 @@ fn judge(group: Group, nodes: &[Node], programs: &[Checked<'_>]) -> Option<Diagn
     if finding.severity == Severity::Warning {
         return Some(finding);
     }
-    let doubt = if group.is_doubtful {
-        ", unless another program has written the variable"
-    } else {
-        ""
+    let doubt = match group.weight {
+        Weight::Sure => "",
+        Weight::Calculated => "; a run stops there with an alarm",
+        Weight::Doubtful => ", unless another program has written the variable",
     };
     let way = match verdict(group.place, &group.nodes, nodes) {
         Verdict::Never => return None,
-        Verdict::Always if group.is_doubtful => String::new(),
-        Verdict::Always => return Some(finding),
+        Verdict::Always if group.weight == Weight::Sure => return Some(finding),
+        Verdict::Always => String::new(),
         Verdict::Sometimes { with, without } => {
             let parting = parting(nodes, with, without);
             match parting {

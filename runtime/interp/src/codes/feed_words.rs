@@ -31,15 +31,19 @@ pub static FEED_AND_SPEED: [WordSpec; 2] = [
 /// (M1h); no motion is faster than the maximum.
 pub(crate) fn take_over(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
-        let feedrate = programmed * execution.modal.unit();
         let max = execution.limits.max_feedrate_mm_min;
-        if feedrate > max {
+        if programmed > max {
+            let unit = execution.modal.unit_text();
             execution.warn(format!(
-                "F{programmed} is above the maximum feedrate: {max} mm/min is used"
+                "F{programmed} is above the maximum feedrate: {max} {unit}/min is used"
             ));
         }
+        let feedrate = programmed * execution.modal.unit();
+        execution.modal.is_feed_programmed = true;
         execution.modal.feedrate_mm_min = feedrate.max(execution.limits.options.min_feedrate_mm_min);
         execution.modal.feedrate_deg_min = programmed;
+    } else if !execution.modal.is_feed_programmed {
+        execution.modal.feedrate_mm_min = execution.limits.default_feedrate_mm_min * execution.modal.unit();
     }
     if let Some(programmed) = execution.free_word(Address::S) {
         let speed = match execution.dialect.policy.spindle_word {

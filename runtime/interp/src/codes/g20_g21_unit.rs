@@ -10,7 +10,8 @@ pub static G20: Code = Code::setting(
     ModalValue::Unit(Unit::Inch),
     "G20",
     "Inch input",
-    "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets, tools \
+    "Lengths and feedrates from this block on are in inches and inches a minute, `max_feedrate` and \
+     `default_feedrate` of the coordinate system too. Motor limits, soft limits, offsets, tools \
      and `_CNC_CapturedPosition` stay in mm, and F of blocks that move rotary axes only stays in degrees a minute (D25).",
 );
 

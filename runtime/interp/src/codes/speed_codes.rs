@@ -62,6 +62,7 @@ mod tests {
     fn limits(min: f64, max: f64) -> Limits {
         Limits {
             max_feedrate_mm_min: 0.0,
+            default_feedrate_mm_min: 0.0,
             max_spindle_speed_r_min: Some(max),
             has_spindle: true,
             arc_radius_tolerance_mm: 0.0,

@@ -1,10 +1,9 @@
 //! Whether the words of an arc make one (D26), as far as the text shows.
 
-use tandem_model::Axis;
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::ARC_SHAPE;
 
-use super::moves_by;
+use super::{centre, moves_by};
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::Refusal;
 use crate::meaning::{MotionKind, Shape};
@@ -45,13 +44,4 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
         message: format!("no arc of radius {} reaches over {chord}", radius.abs()),
         help: "Write a radius of half the way or more; a full circle needs a centre.".to_owned(),
     })
-}
-
-/// The address of the centre along an axis of the plane.
-pub(crate) fn centre(axis: Axis) -> Address {
-    match axis {
-        Axis::X => Address::I,
-        Axis::Y => Address::J,
-        _ => Address::K,
-    }
 }

@@ -372,6 +372,7 @@ mod tests {
                 ta_ms: 1.0,
                 td_ms: 1.0,
                 ts_ms: 0.3,
+                ..Feed::default()
             };
             let block = Block {
                 segment: u64::from(turn) + 1,

@@ -84,6 +84,7 @@ pub fn feed(feedrate_mm_min: f64, [ta_ms, td_ms, ts_ms]: [f64; 3]) -> Feed {
         ta_ms,
         td_ms,
         ts_ms,
+        ..Feed::default()
     }
 }
 

@@ -192,7 +192,7 @@ impl Builder {
         let feedrate = programmed * rate(mean(centre.radii)) / rate(mean(wall.radii));
         Feed {
             feedrate_mm_min: if feedrate.is_finite() && feedrate > 0.0 {
-                feedrate.min(self.max_feedrate_mm_min.max(programmed))
+                feedrate.min((self.max_feedrate_mm_min * self.feed.unit_mm).max(programmed))
             } else {
                 programmed
             },

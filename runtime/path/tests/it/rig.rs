@@ -64,6 +64,7 @@ pub fn block(line: u32, action: Action) -> Block {
             ta_ms: 100.0,
             td_ms: 100.0,
             ts_ms: 50.0,
+            ..Feed::default()
         },
         feedrate_deg_min: 600.0,
         path_control: PathControl::ContinuousPath,

@@ -404,6 +404,7 @@ fn m1d_a_way_back_of_which_the_ring_holds_only_nanoseconds_comes_to_its_end() {
         ta_ms: 0.0,
         td_ms: 0.0,
         ts_ms: 0.0,
+        ..Feed::default()
     };
     let settings = soft_machine(acceleration, Some(jerk));
     let machine = go_back_through_a_ring(&settings, &[(1e-5, 0.0, false); 2], feed, 4, 1).unwrap();

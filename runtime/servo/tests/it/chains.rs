@@ -41,6 +41,7 @@ fn chain() -> Vec<Profile> {
         ta_ms: 100.0,
         td_ms: 120.0,
         ts_ms: 50.0,
+        ..Feed::default()
     };
     let mut planner = Planner::new(&settings());
     let mut out = VecDeque::new();

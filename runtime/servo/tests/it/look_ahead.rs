@@ -161,6 +161,7 @@ pub fn feeds() -> impl Strategy<Value = Feeds> {
             ta_ms,
             td_ms: ta_ms,
             ts_ms,
+            ..Feed::default()
         },
         shares,
     })
@@ -268,6 +269,7 @@ fn m1d_what_is_known_always_ends_in_a_stop_on_the_path() {
         ta_ms: 50.0,
         td_ms: 50.0,
         ts_ms: 0.0,
+        ..Feed::default()
     };
     // 400 lines of 2 mm and a little up and down.
     let ways: Vec<Way> = (0..400)

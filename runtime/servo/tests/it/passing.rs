@@ -213,6 +213,7 @@ fn a_g500_chain_whose_blocks_are_late_slows_down_as_when_every_cycle_is_counted(
         ta_ms: 50.0,
         td_ms: 50.0,
         ts_ms: 0.0,
+        ..Feed::default()
     };
     let profiles = crate::look_ahead::plan(&settings, &[(20.0, 1.0, false); 8], feed);
     for known in 2..profiles.len() {

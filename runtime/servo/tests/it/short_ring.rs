@@ -51,6 +51,7 @@ fn fast() -> Feed {
         ta_ms: 20.0,
         td_ms: 20.0,
         ts_ms: 0.0,
+        ..Feed::default()
     }
 }
 

@@ -109,6 +109,7 @@ pub fn slow_feed() -> Feed {
         ta_ms: 100.0,
         td_ms: 100.0,
         ts_ms: 0.0,
+        ..Feed::default()
     }
 }
 
@@ -170,6 +171,7 @@ fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_in_the_next_profile()
         ta_ms: 0.0,
         td_ms: 0.0,
         ts_ms: 20.0,
+        ..Feed::default()
     };
     let mut settings = machine(10_000.0);
     settings.hold_slew_ms = 0.0;
@@ -210,6 +212,7 @@ fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_not_taken() {
             ta_ms: 0.0,
             td_ms: 0.0,
             ts_ms: 0.0,
+            ..Feed::default()
         },
         shares: [
             0.159_835_947_443_025_23,

@@ -1,0 +1,169 @@
+//! A block's words against the machine, as far as the context tells it, and words that a motion needs or does not use.
+
+use tandem_syntax::{Address, AddressSet, Block, diagnostics};
+
+use super::explore::Explorer;
+use super::graph::{Place, Tree};
+use super::state::State;
+use super::verdict::Weight;
+use crate::codes::{Code, ModalGroup};
+use crate::dialect::SpindleWord;
+use crate::execution::axis_of;
+use crate::meaning::{ModalValue, MotionKind, Role};
+use crate::restrictions;
+
+/// The words of an arc's centre.
+const CENTRES: AddressSet = AddressSet::of(&[Address::I, Address::J, Address::K]);
+
+impl<'a> Explorer<'a> {
+    /// Checks words against what is known of the coordinate system.
+    pub(super) fn context_of_words(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &State,
+    ) {
+        let words = &self.words;
+        let mut found = Vec::new();
+        if let Some(axes) = self.context.axes {
+            let dwells = words.codes().any(|code| code.role == Role::Dwell);
+            let own = if dwells {
+                AddressSet::EMPTY
+            } else {
+                words.own.intersection(words.present)
+            };
+            for address in words.axis_words.union(own).iter() {
+                if axis_of(address).is_some_and(|axis| !axes.contains(axis)) {
+                    found.push(diagnostics::AXIS_UNKNOWN.at(
+                        tree.span_of(block, address),
+                        format!("the coordinate system has no axis {}", address.text()),
+                        "Remove the word, or assign a motor to the axis.",
+                    ));
+                }
+            }
+        }
+        let free = |address| words.get(address).filter(|_| !words.own.contains(address));
+        let unit = state.modal.unit_text();
+        if let (Some(feedrate), Some(max)) = (free(Address::F), self.context.max_feedrate_mm_min)
+            && feedrate > max
+        {
+            found.push(diagnostics::FEEDRATE_CLIPPED.at(
+                tree.span_of(block, Address::F),
+                format!("F{feedrate} is above the maximum feedrate of {max} {unit}/min, which will be used"),
+                format!("Write F{max} or less, or raise max_feedrate."),
+            ));
+        }
+        let is_bounded = self.dialect.policy.spindle_word == SpindleWord::Speed;
+        if let (Some(speed), Some(max)) = (free(Address::S), self.context.max_spindle_speed_r_min)
+            && is_bounded
+            && speed > max
+        {
+            found.push(diagnostics::OUT_OF_RANGE.at(
+                tree.span_of(block, Address::S),
+                format!("S{speed} is above the spindle's maximum of {max} r/min"),
+                format!("Write S{max} or less."),
+            ));
+        }
+        for finding in found {
+            self.note(node, place, finding, Weight::Sure);
+        }
+    }
+
+    /// Warns of words of an arc that it does not use.
+    pub(super) fn arc_words(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &State,
+    ) {
+        let words = &self.words;
+        let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
+        let centres = words.taken.intersection(CENTRES);
+        if centres.is_empty() || !words.taker.is_some_and(is_arc) {
+            return;
+        }
+        let (unused, why) = if words.taken.contains(Address::R) {
+            (centres, "with R the centre is not used")
+        } else {
+            let Some(plane) = state.modal.in_force.plane else {
+                return;
+            };
+            let used = AddressSet::of(&plane.axes().map(restrictions::centre));
+            if centres.intersection(used).is_empty() {
+                // that is an error by itself
+                return;
+            }
+            let unused = centres.without(used);
+            (unused, "it is not in the plane of the arc")
+        };
+        let found: Vec<_> = unused
+            .iter()
+            .map(|address| {
+                diagnostics::ARC_WORD_UNUSED.at(
+                    tree.span_of(block, address),
+                    format!("{} is not used: {why}", address.text()),
+                    "Remove the word, or select the plane that it belongs to.",
+                )
+            })
+            .collect();
+        for finding in found {
+            self.note(node, place, finding, Weight::Sure);
+        }
+    }
+
+    /// Tells a cutting motion before the first F, where the machine has no other (alarm 101), and a thread before the first S
+    /// (alarm 113).
+    pub(super) fn feed_and_speed(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &mut State,
+    ) {
+        let words = &self.words;
+        let has = |address| words.present.contains(address) && !words.own.contains(address);
+        let lacks_feed =
+            !state.has_feed && !has(Address::F) && !words.taken.is_empty() && words.taker.is_some_and(cuts);
+        let lacks_speed = !state.has_speed
+            && !has(Address::S)
+            && !words.taken.is_empty()
+            && words.taker.is_some_and(threads);
+        // once is enough
+        state.has_feed |= lacks_feed || has(Address::F);
+        state.has_speed |= lacks_speed || has(Address::S);
+        if lacks_feed {
+            let finding = diagnostics::FEEDRATE_MISSING.at(
+                tree.span(block),
+                "the block moves at the feedrate, and none is programmed",
+                "Write F in this block or before it, or set default_feedrate.",
+            );
+            self.note(node, place, finding, Weight::Sure);
+        }
+        if lacks_speed {
+            let finding = diagnostics::SPEED_MISSING.at(
+                tree.span(block),
+                "the block cuts a thread, and no spindle speed is programmed",
+                "Write S in this block or before it: the pitch is F / S.",
+            );
+            self.note(node, place, finding, Weight::Sure);
+        }
+    }
+}
+
+/// True for a code that moves at the feedrate.
+fn cuts(code: &Code) -> bool {
+    match code.role {
+        Role::Motion(kind) => kind != MotionKind::Rapid,
+        _ => code.group == ModalGroup::FixedCycle,
+    }
+}
+
+/// True for a cycle that cuts a thread.
+fn threads(code: &Code) -> bool {
+    matches!(code.sets, Some(ModalValue::Cycle(Some(cycle))) if cycle.threads().is_some())
+}
