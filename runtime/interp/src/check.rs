@@ -65,8 +65,8 @@ pub struct CheckContext<'a> {
     pub goes_on: bool,
     /// Manual data input, which has no marks around it.
     pub manual: bool,
-    /// What will be an alarm in a run counts as an error: calculated values that are wrong (D11), a feedrate or a spindle speed
-    /// that is missing.
+    /// What will be an alarm in a run counts as an error: calculated values that are wrong (D11), what is in force behind
+    /// branches and calls, a feedrate or a spindle speed that is missing. Without it, that is a warning or nothing.
     pub calculates: bool,
 }
 

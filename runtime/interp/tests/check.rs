@@ -307,7 +307,7 @@ fn what_is_in_force_behind_a_branch_depends_on_the_way() {
     check("G02 X1 R5\nwhile(P1==1) { X3 R5\nG00 X1 }", &["2:19 W0009"]);
     check("G01 X1\nif(L1==1) { X3 R5 }", &["2:16 E0108"]);
     check("G90 G00 X0 Y0\nif(L1==1) { G02 X20 R5 }", &["2:21 E0122"]);
-    check("G90 G00 X0 Y0\nif(P1==1) X20\nG90 G02 X0 R5", &["3:12 E0122"]);
+    check("G90 G00 X0 Y0\nif(P1==1) X20\nG90 G02 X0 R5", &["3:12 W0009"]);
     check("G90 G00 X0 Y0\nif(P1==1) X20\nG90 G02 X9 R5", &["3:12 W0009"]);
 }
 

@@ -39,6 +39,9 @@ impl<'a> Explorer<'a> {
         self.length(node, place, tree, block, state);
         self.read(node, place, tree, block, state);
         follow(self.dialect, &self.words, block, state);
+        if let Some(shown) = &mut self.shown {
+            follow(self.dialect, &self.words, block, shown);
+        }
         self.rest_in_offset(node, place, tree, block, state);
         self.cycle_outputs(place, tree, block);
         self.context_of_words(node, place, tree, block, state);
@@ -136,6 +139,9 @@ impl<'a> Explorer<'a> {
         }
         if !self.words.indirect.is_empty() {
             self.judge_ranges(tree, block, state, &mut found);
+        }
+        let is_doubtful = !self.words.doubtful.is_empty();
+        if is_doubtful || !self.context.calculates && !found.is_empty() {
             self.read_by_trust(node, place, tree, block, state, &mut found);
         }
         for finding in found {
@@ -143,7 +149,8 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Tells apart what depends on calculated values, and on those that somebody else may have written.
+    /// Tells apart what the text shows by itself, what depends on calculated values and on the way, and what on values that
+    /// somebody else may have written.
     fn read_by_trust(
         &mut self,
         node: usize,
@@ -162,7 +169,15 @@ impl<'a> Explorer<'a> {
         }
         if !self.context.calculates && !found.is_empty() {
             let mut written = Vec::new();
-            self.read_with(tree, block, state, Trust::None, &mut written);
+            let shown = self.shown.take();
+            self.read_with(
+                tree,
+                block,
+                shown.as_ref().unwrap_or(state),
+                Trust::None,
+                &mut written,
+            );
+            self.shown = shown;
             let (sure, calculated) = std::mem::take(found)
                 .into_iter()
                 .partition(|finding| written.contains(finding));

@@ -50,6 +50,8 @@ pub(super) struct Explorer<'a> {
     pub nodes: Vec<Node>,
     pub groups: Groups,
     pub words: BlockWords,
+    /// Where calculated values are no errors: the state as the text shows it since ways have joined. `None`: as the state is.
+    pub shown: Option<State>,
     heads: HashMap<Place, Vec<usize>>,
     open: BinaryHeap<Reverse<(usize, usize)>>,
     supposed: VecDeque<(usize, Next)>,
@@ -67,6 +69,7 @@ impl<'a> Explorer<'a> {
             nodes: Vec::new(),
             groups: Groups::default(),
             words: BlockWords::new(dialect),
+            shown: None,
             heads: HashMap::new(),
             open: BinaryHeap::new(),
             supposed: VecDeque::new(),
@@ -201,6 +204,7 @@ impl<'a> Explorer<'a> {
         let tree = self.programs[program].tree.clone();
         let mut state = State::clone(&self.nodes[node].state);
         let kind = self.nodes[node].kind;
+        self.shown = self.shown_at(node, &state);
         let mut at = start;
         loop {
             let checked = &mut self.programs[program];
@@ -222,6 +226,20 @@ impl<'a> Explorer<'a> {
             }
         }
         self.nodes[node].end = at;
+    }
+
+    /// What the text shows by itself at the head of a node: nothing behind a jump, a call or a block that may be skipped.
+    fn shown_at(&self, node: usize, state: &State) -> Option<State> {
+        let Node { place, before, .. } = &self.nodes[node];
+        let (before, way) = before.filter(|_| !self.context.calculates)?;
+        let is_behind = self.programs[place.program].has(place.block, JOIN)
+            || matches!(way, Way::Skip(_) | Way::Called)
+            || self.nodes[before].place.program != place.program;
+        is_behind.then(|| {
+            let mut shown = state.clone();
+            shown.forget_all();
+            shown
+        })
     }
 
     fn step(&mut self, node: usize, tree: &Tree<'a>, at: usize, block: &Block, state: &mut State) -> Step {

@@ -66,8 +66,15 @@ impl<'a> Explorer<'a> {
                 format!("Write S{max} or less."),
             ));
         }
+        let calculated = [Address::F, Address::S].map(|address| words.indirect.contains(address));
+        let is_calculated = !self.context.calculates && calculated.contains(&true);
         for finding in found {
-            self.note(node, place, finding, Weight::Sure);
+            let weight = if is_calculated && finding.is_error() {
+                Weight::Calculated
+            } else {
+                Weight::Sure
+            };
+            self.note(node, place, finding, weight);
         }
     }
 
