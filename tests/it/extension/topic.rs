@@ -24,6 +24,9 @@ fn a_state_topic_is_named_by_its_row_by_its_payload_and_where_it_is_published() 
         assert_eq!(with("plc-api", code), [PathBuf::from(file)], "{code}");
     }
     assert_eq!(with("plc-api", "CsTopic::Modal"), Vec::<PathBuf>::new());
-    assert_eq!(with("runtime", "CsTopic::Modal"), [PathBuf::from(PUBLISHED)]);
+    // the command line reads topics as any client does
+    let mut named = with("runtime", "CsTopic::Modal");
+    named.retain(|file| !file.starts_with("runtime/src/cli"));
+    assert_eq!(named, [PathBuf::from(PUBLISHED)]);
     assert_eq!(costs("a state topic"), [TOPICS, PUBLISHED, TYPES]);
 }
