@@ -13,7 +13,7 @@ use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_BEFORE_WAIT, STEPS_IN_CHAIN_MAX
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Diagnostic, Origin};
-use tandem_syntax::{Block, Content, NcProgram, Variable, VariableKind, diagnostics};
+use tandem_syntax::{Block, Content, NcProgram, Variable, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
@@ -237,21 +237,27 @@ impl Interpreter {
             return Ok(());
         }
         frame.next += 1;
-        let Some(locals) = self.locals.last_mut() else {
-            return Ok(());
-        };
         if let Content::ProgramCode(_) = block.content {
-            flow::run(&frame.program, &block, &mut frame.next, locals, inputs)
-                .map_err(|variable| value_lost(variable).at(origin))?;
-            let may_wait = self.is_waiting || self.idle_steps > STEPS_BEFORE_WAIT;
-            if may_wait && flow::reads_shared(&frame.program, &block) {
-                self.is_waiting = true;
-                self.idle_steps = 0;
-                self.queue_action(Some(Action::None), [false; 2], origin);
-            }
-            return Ok(());
+            return self.program_code(&block, origin, inputs);
         }
         self.g_code_block(&block, origin, inputs)
+    }
+
+    /// The same for a program code.
+    #[inline(never)]
+    fn program_code(&mut self, block: &Block, origin: Origin, inputs: &Inputs<'_>) -> Result<(), Alarm> {
+        let (Some(frame), Some(locals)) = (self.stack.last_mut(), self.locals.last_mut()) else {
+            return Ok(());
+        };
+        flow::run(&frame.program, block, &mut frame.next, locals, inputs)
+            .map_err(|variable| value_lost(variable).at(origin))?;
+        let may_wait = self.is_waiting || self.idle_steps > STEPS_BEFORE_WAIT;
+        if may_wait && flow::reads_shared(&frame.program, block) {
+            self.is_waiting = true;
+            self.idle_steps = 0;
+            self.queue_action(Some(Action::None), [false; 2], origin);
+        }
+        Ok(())
     }
 
     /// The same for a block of words.
@@ -523,18 +529,15 @@ fn goes_on(item: &Item) -> bool {
     }
 }
 
-/// The alarm for what would have been an error at check time.
 /// The alarm of a block that reads a variable whose value is lost.
 fn value_lost(variable: Variable) -> Alarm {
-    let letter = if variable.kind == VariableKind::Global {
-        'P'
-    } else {
-        'Q'
-    };
-    let text = format!("{letter}{} is damaged; nothing has moved for it", variable.index);
+    let Variable { kind, index } = variable;
+    let text = format!("{}{index} is damaged; nothing has moved for it", kind.prefix());
     Alarm::new(&VALUE_LOST, text)
 }
 
+/// The alarm for what would have been an error at check time.
+#[cold]
 fn alarm_of(fault: &Diagnostic) -> Alarm {
     let alarms = [
         (&diagnostics::NUMBER_TOO_LARGE, &VALUE_NOT_FINITE),
