@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tandem_interp::dialects::dgshape;
-use tandem_interp::{CheckContext, Inputs, Interpreter, Modal, check_source};
+use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, Modal, check_source};
 use tandem_model::flow::{Item, Output, Path, Segment, SegmentMotion};
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::Variables;
@@ -76,8 +76,12 @@ length = 5.0
 /// The settings of [`MACHINE`] with more keys of `[coordinate_system.dgshape]`.
 pub fn settings(keys: &str) -> CoordinateSystemSettings {
     let (before, tools) = MACHINE.split_at(MACHINE.find("[[tool]]").unwrap());
-    let text = format!("{before}[coordinate_system.dgshape]\n{keys}\n{tools}");
-    let machine = Config::from_toml(&text, "").unwrap().resolve().unwrap();
+    machine_settings(&format!("{before}[coordinate_system.dgshape]\n{keys}\n{tools}"))
+}
+
+/// The settings of the first coordinate system of a configuration.
+pub fn machine_settings(config: &str) -> CoordinateSystemSettings {
+    let machine = Config::from_toml(config, "").unwrap().resolve().unwrap();
     machine.coordinate_systems[0].settings.clone()
 }
 
@@ -125,17 +129,64 @@ enum Step<'a> {
 /// Runs blocks with the tools and offsets of the machine, from machine position 0.
 ///
 /// The modal state at the end; the alarm that ends the program.
-fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result<Modal, Alarm> {
-    let settings = settings(keys);
-    let (tree, found) = parse(program(blocks), (dgshape().grammar)());
+fn each_step(blocks: &str, keys: &str, each: impl FnMut(Step<'_>)) -> Result<Modal, Alarm> {
+    each_step_of(&program(blocks), dgshape(), &settings(keys), each)
+}
+
+/// The motions of a text that go somewhere, and its outputs, in any dialect.
+///
+/// # Errors
+/// The alarm that ends the program.
+pub fn steps(
+    text: &str,
+    dialect: &'static Dialect,
+    settings: &CoordinateSystemSettings,
+) -> Result<Vec<String>, Alarm> {
+    let mut done = Vec::new();
+    let mut at = String::new();
+    each_step_of(text, dialect, settings, |step| match step {
+        Step::Segment(segment) => {
+            let end = match &segment.motion {
+                SegmentMotion::Rapid { to, .. }
+                | SegmentMotion::Feed {
+                    path: Path::Line { to, .. },
+                    ..
+                } => Some(place(*to)),
+                SegmentMotion::Feed {
+                    path: Path::Arc(arc), ..
+                } => {
+                    at = place(arc.end());
+                    None
+                }
+                _ => None,
+            };
+            let stays = end.as_ref() == Some(&at);
+            at = end.unwrap_or_else(|| at.clone());
+            if !stays {
+                done.push(shown(segment));
+            }
+        }
+        Step::Output(output) => done.push(format!("M{} {:?}", output.m, output.params[0])),
+    })?;
+    Ok(done)
+}
+
+fn each_step_of(
+    text: &str,
+    dialect: &'static Dialect,
+    settings: &CoordinateSystemSettings,
+    mut each: impl FnMut(Step<'_>),
+) -> Result<Modal, Alarm> {
+    let (tree, found) = parse(text, (dialect.grammar)());
     assert!(found.is_empty(), "{found:?}");
+    let mut tool = None;
     let tools: BTreeMap<u16, Tool> = [(1, 8.0, 3.0), (2, 5.0, 2.0)]
         .map(|(id, length, radius)| (id, Tool { length, radius }))
         .into();
     let mut work_offsets = WorkOffsets::default();
     work_offsets.0[1][Axis::X] = 10.0;
-    let mut path = PathStage::new(&settings, MachinePosition::default());
-    let mut interpreter = Interpreter::new(&settings, dgshape());
+    let mut path = PathStage::new(settings, MachinePosition::default());
+    let mut interpreter = Interpreter::new(settings, dialect);
     interpreter.start(Arc::new(tree), 1);
     loop {
         let item = interpreter.next(&Inputs {
@@ -143,7 +194,7 @@ fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result
             optional_skip: 1,
             work_offsets: &work_offsets,
             variables: &Variables::default(),
-            tool: None,
+            tool,
             tools: &tools,
             captured: Some([0.0; AXES_MAX]),
             position: Some(path.counts_from().0),
@@ -159,7 +210,13 @@ fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result
             each(Step::Segment(segment));
         }
         match &item {
-            Item::Output(output) => each(Step::Output(output)),
+            Item::Output(output) => {
+                // the sequence program changes tools
+                let changed = output.params[0].filter(|_| output.m == 6);
+                let named = |(id, _): &(&u16, &Tool)| Some(f64::from(**id)) == changed;
+                tool = tools.iter().find(named).map(|(_, tool)| *tool).or(tool);
+                each(Step::Output(output));
+            }
             Item::End(_) => return Ok(interpreter.modal().clone()),
             _ => {}
         }

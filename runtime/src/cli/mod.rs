@@ -4,6 +4,7 @@ mod cert;
 mod check;
 mod compile;
 mod completions;
+mod convert;
 mod diff;
 mod explain;
 mod findings;
@@ -67,6 +68,8 @@ enum Command {
     Check(check::Arguments),
     /// Lays out NC programs: blanks and case, and nothing else
     Fmt(fmt::Arguments),
+    /// Writes programs of other controls in dialect nj
+    Convert(convert::Arguments),
     /// Serves editors: findings while you type, explanations, completion, layout, and the time of a program
     Lsp(lsp::Arguments),
     /// Writes the intermediate code of NC programs
@@ -110,6 +113,7 @@ pub fn run() -> ExitCode {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Fmt(arguments) => Ok(fmt::run(&arguments)),
+        Command::Convert(arguments) => convert::run(&arguments),
         Command::Lsp(arguments) => lsp::run(&arguments),
         Command::Compile(arguments) => compile::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),

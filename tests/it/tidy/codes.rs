@@ -3,8 +3,9 @@
 use super::{CRATES, files, read, without_unit_tests};
 
 /// Where codes are named.
-const NAMED: [&str; 3] = [
+const NAMED: [&str; 4] = [
     "runtime/interp/src/codes/",
+    "runtime/interp/src/convert",
     "runtime/interp/src/dialects/",
     "runtime/src/world/",
 ];

@@ -1,0 +1,237 @@
+//! Programs of other dialects, written in dialect nj: block by block, with the comments. What has no equal in nj is left
+//! out of the program, stands there as a comment, and is told; nothing is dropped without a word.
+//!
+//! Each motion names its code, fixed cycles become their motions, and an M code stands in a block of its own. What comes
+//! out is checked as a program of nj: a block that is wrong there counts as one that could not be converted.
+
+mod block;
+mod cycles;
+mod state;
+
+use tandem_model::Diagnostic;
+use tandem_model::settings::{Calculator, NcOptions};
+use tandem_syntax::{Grammar, LineIndex, NcProgram, Token, TokenKind, parse, tokens};
+
+pub use self::state::Source;
+use self::state::State;
+use crate::check::{CheckContext, check, check_source};
+use crate::dialects;
+
+/// What a program starts with in its own dialect, where nj starts otherwise.
+const START: &str = "G00 G17 G21 G40 G49 G80 G90 G98 G54 G500 ta0 td0 ts0";
+
+/// A program of nj, and what it lacks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Converted {
+    /// The text.
+    pub text: String,
+    /// Lines that could not be converted, ascending.
+    pub left: Vec<Left>,
+}
+
+/// A line that could not be converted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Left {
+    /// Line of the source, from 1.
+    pub line: u32,
+    /// What stands there.
+    pub text: String,
+    /// Why, and what to write instead.
+    pub reason: String,
+}
+
+/// Writes a program in dialect nj.
+pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
+    let mut options = *options;
+    if from == Source::Fanuc {
+        options.calculator = Calculator::All;
+    }
+    let grammar = Grammar::dgshape();
+    let (program, mut found) = parse(source, grammar);
+    if from == Source::Dgshape {
+        let context = CheckContext {
+            options,
+            ..CheckContext::default()
+        };
+        found.extend(check(&program, dialects::dgshape(), &context).diagnostics);
+    }
+    let mut writer = Writer {
+        source,
+        program: &program,
+        wrong: wrong_lines(source, &found, from),
+        state: State::new(from, options),
+        lines: vec![(0, START.to_owned())],
+        left: Vec::new(),
+        at: 0,
+    };
+    let mut line = Vec::new();
+    let mut number = 1;
+    for token in tokens(source, grammar) {
+        if token.kind == TokenKind::LineEnd {
+            writer.line(number, &line);
+            line.clear();
+            number += 1;
+        } else {
+            line.push(token);
+        }
+    }
+    if !line.is_empty() {
+        writer.line(number, &line);
+    }
+    writer.finish()
+}
+
+/// What is wrong with the source, by lines. The mark may be missing in programs of other controls.
+fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> Vec<(u32, String)> {
+    let index = LineIndex::new(source);
+    let is_told = |one: &&Diagnostic| {
+        let is_form = matches!(one.code, "E0024" | "E0026" | "E0115");
+        one.is_error() && !(from == Source::Fanuc && is_form)
+    };
+    let line = |one: &Diagnostic| {
+        (
+            index.locate(one.span.start).0,
+            format!("{}. {}", one.message, one.help),
+        )
+    };
+    found.iter().filter(is_told).map(line).collect()
+}
+
+struct Writer<'a> {
+    source: &'a str,
+    program: &'a NcProgram,
+    wrong: Vec<(u32, String)>,
+    state: State,
+    /// Lines of nj, each with that of the source.
+    lines: Vec<(u32, String)>,
+    left: Vec<Left>,
+    /// Blocks that have been written.
+    at: usize,
+}
+
+impl Writer<'_> {
+    fn of(&self, token: &Token) -> &str {
+        let range = token.span.start as usize..token.span.end as usize;
+        self.source.get(range).unwrap_or_default()
+    }
+
+    fn line(&mut self, number: u32, line: &[Token]) {
+        let is_comment = |token: &&Token| token.kind == TokenKind::Comment;
+        let comments: Vec<String> = line
+            .iter()
+            .filter(is_comment)
+            .map(|token| comment(self.of(token)))
+            .collect();
+        let comments = comments.join(" ");
+        let code = line.iter().find(|token| !is_comment(token));
+        let shown = |blocks: &str| match (blocks.is_empty(), comments.is_empty()) {
+            (_, true) => blocks.to_owned(),
+            (true, false) => format!("// {comments}"),
+            (false, false) => format!("{blocks} // {comments}"),
+        };
+        let Some(code) = code else {
+            let text = shown("");
+            self.lines.push((number, text));
+            return;
+        };
+        let wrong = self
+            .wrong
+            .iter()
+            .find(|(line, _)| *line == number)
+            .map(|(_, why)| why.clone());
+        let written = match (wrong, code.kind) {
+            (Some(why), _) => Err(why),
+            // nj has no marks
+            (None, TokenKind::Mark) => Ok(Vec::new()),
+            (None, TokenKind::ProgramNumber) => Ok(vec![format!("// {}", self.of(code))]),
+            (None, _) => self.block(number),
+        };
+        if let Some(rest) = line.iter().find(|token| token.kind == TokenKind::Rest)
+            && !self.of(rest).trim().is_empty()
+        {
+            self.leave(number, "what follows the program is not read");
+        }
+        match written {
+            Ok(mut blocks) => {
+                let last = blocks.pop().unwrap_or_default();
+                let lines = blocks.into_iter().map(|block| (number, block));
+                self.lines.extend(lines);
+                let is_comment = last.starts_with("//");
+                let text = if is_comment {
+                    format!("{last} {comments}")
+                } else {
+                    shown(&last)
+                };
+                self.lines.push((number, text.trim_end().to_owned()));
+            }
+            Err(why) => {
+                self.state.lose_position();
+                self.leave(number, &why);
+                let raw = self.raw(number).to_owned();
+                self.lines.push((number, format!("// not converted: {raw}")));
+            }
+        }
+    }
+
+    fn raw(&self, number: u32) -> &str {
+        let line = self.source.lines().nth(number.saturating_sub(1) as usize);
+        line.unwrap_or_default().trim()
+    }
+
+    fn leave(&mut self, line: u32, reason: &str) {
+        let text = self.raw(line).to_owned();
+        self.left.push(Left {
+            line,
+            text,
+            reason: reason.to_owned(),
+        });
+    }
+
+    /// The blocks of nj of the block on this line.
+    fn block(&mut self, number: u32) -> Result<Vec<String>, String> {
+        let blocks = self.program.blocks();
+        while blocks.get(self.at).is_some_and(|block| block.line < number) {
+            self.at += 1;
+        }
+        let block = blocks.get(self.at).filter(|block| block.line == number);
+        let block = block.ok_or("it cannot be read")?;
+        let before = self.state.clone();
+        let written = self.state.block(self.program, block);
+        if written.is_err() {
+            self.state = before;
+        }
+        written
+    }
+
+    /// What was written, as far as it is right in nj.
+    fn finish(mut self) -> Converted {
+        let text: String = self
+            .lines
+            .iter()
+            .flat_map(|(_, line)| [line.as_str(), "\n"])
+            .collect();
+        let (_, found) = check_source(text.as_str(), dialects::nj(), &CheckContext::default());
+        let index = LineIndex::new(&text);
+        for one in found.diagnostics.iter().filter(|one| one.is_error()) {
+            let (written, _) = index.locate(one.span.start);
+            let line = self
+                .lines
+                .get(written.saturating_sub(1) as usize)
+                .map_or(0, |(line, _)| *line);
+            if self.left.iter().all(|left| left.line != line) {
+                self.leave(line, &format!("{}. {}", one.message, one.help));
+            }
+        }
+        self.left.sort_by_key(|left| left.line);
+        Converted {
+            text,
+            left: self.left,
+        }
+    }
+}
+
+/// The text of a comment in parentheses, for one that ends with its line.
+fn comment(text: &str) -> String {
+    let inside = text.strip_prefix('(').unwrap_or(text);
+    inside.strip_suffix(')').unwrap_or(inside).trim().to_owned()
+}

@@ -1,0 +1,159 @@
+//! Fixed cycles as their motions.
+
+use tandem_syntax::{Address, Word};
+
+use super::state::{Cycle, State, Words, shown};
+
+/// Holes of one block; more would be a program of their own.
+const REPETITIONS_MAX: u32 = 100;
+
+/// Cuts of one hole.
+const CUTS_MAX: u32 = 1000;
+
+/// Z of a hole: positions, or distances from the initial level.
+struct Levels {
+    r: f64,
+    z: f64,
+    /// Where the hole ends.
+    end: f64,
+}
+
+/// The way of Z in a hole.
+struct Way<'a> {
+    lines: &'a mut Vec<String>,
+    absolute: bool,
+    at: f64,
+}
+
+impl Way<'_> {
+    /// Goes to a level; one that it is at needs no block.
+    fn go(&mut self, code: &str, to: f64) {
+        let value = shown(if self.absolute { to } else { to - self.at });
+        if self.absolute || value != "0" {
+            self.lines.push(format!("{code} Z{value}"));
+        }
+        self.at = to;
+    }
+}
+
+impl State {
+    /// The holes of a block.
+    pub fn holes(&mut self, words: &mut Words<'_>, begins: bool) -> Result<Vec<String>, String> {
+        let Some(mut cycle) = self.cycle.clone() else {
+            return Ok(Vec::new());
+        };
+        if cycle.absolute != self.absolute {
+            return Err(
+                "G90 and G91 change within a fixed cycle. Write G80 before, and the cycle anew.".to_owned(),
+            );
+        }
+        let own = [
+            Address::X,
+            Address::Y,
+            Address::Z,
+            Address::R,
+            Address::P,
+            Address::Q,
+            Address::K,
+        ];
+        if !begins && !words.has(&own) {
+            return Ok(Vec::new());
+        }
+        let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
+        cycle.z = take(Address::Z)?.or(cycle.z);
+        cycle.r = take(Address::R)?.or(cycle.r);
+        cycle.depth = take(Address::Q)?.or(cycle.depth);
+        cycle.dwell_ms = words.take(Address::P).and_then(Word::number).or(cycle.dwell_ms);
+        let repetitions = words.take(Address::K).map_or(Some(1), Word::whole);
+        let repetitions = repetitions.filter(|count| (1..=REPETITIONS_MAX).contains(count));
+        let repetitions = repetitions
+            .ok_or_else(|| format!("K is 1 to {REPETITIONS_MAX} here. Write a loop with while."))?;
+        if words.has(&[Address::A]) {
+            return Err("A does not move in a fixed cycle. Write it in a block before.".to_owned());
+        }
+        let mut place = self.positions(words)?.join(" ");
+        if !place.is_empty() {
+            place = format!("G00 {place}");
+        }
+        let mut lines = Vec::new();
+        for _ in 0..repetitions {
+            if !place.is_empty() {
+                lines.push(place.clone());
+            }
+            if cycle.z.is_some() {
+                self.hole(&mut cycle, &mut lines)?;
+            }
+        }
+        self.cycle = Some(cycle);
+        Ok(lines)
+    }
+
+    /// One hole, from where the tool is above it.
+    fn hole(&mut self, cycle: &mut Cycle, lines: &mut Vec<String>) -> Result<(), String> {
+        let levels = self.levels(cycle)?;
+        let mut way = Way {
+            lines,
+            absolute: cycle.absolute,
+            at: cycle.at,
+        };
+        way.go("G00", levels.r);
+        if let Some(depth) = cycle.depth.filter(|depth| cycle.code == 83 && *depth > 0.0) {
+            self.cuts(&mut way, &levels, depth)?;
+        }
+        way.go("G01", levels.z);
+        if let Some(dwell_ms) = cycle.dwell_ms.filter(|_| matches!(cycle.code, 82 | 89)) {
+            way.lines.push(format!("G04 X{}", shown(dwell_ms / 1000.0)));
+        }
+        let slowly = matches!(cycle.code, 85 | 89);
+        if slowly {
+            way.go("G01", levels.r);
+        }
+        if !slowly || self.to_initial {
+            way.go("G00", levels.end);
+        }
+        let at = way.at;
+        cycle.at = if cycle.absolute { 0.0 } else { at };
+        self.z = if cycle.absolute {
+            Some(levels.end)
+        } else {
+            cycle.initial.map(|initial| initial + at)
+        };
+        Ok(())
+    }
+
+    /// All cuts but the last one, each with its way out and back.
+    fn cuts(&self, way: &mut Way<'_>, levels: &Levels, depth: f64) -> Result<(), String> {
+        let below = |way: f64| levels.r + way.max(0.0).copysign(levels.z - levels.r);
+        let mut cuts = 1;
+        while f64::from(cuts) * depth < (levels.z - levels.r).abs() {
+            let reached = f64::from(cuts) * depth;
+            way.go("G01", below(reached));
+            way.go("G00", levels.r);
+            way.go("G00", below(reached - self.clearance()));
+            cuts += 1;
+            if cuts > CUTS_MAX {
+                return Err(format!(
+                    "a hole has more than {CUTS_MAX} cuts. Write a loop with while."
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn levels(&self, cycle: &Cycle) -> Result<Levels, String> {
+        let z = cycle.z.unwrap_or_default();
+        if !cycle.absolute {
+            let r = cycle.r.unwrap_or_default();
+            let end = if self.to_initial { 0.0 } else { r };
+            return Ok(Levels { r, z: r + z, end });
+        }
+        let unknown = "the level of Z where the cycle begins is not known. Write a motion to a position of Z before it.";
+        let r = cycle.r.or(cycle.initial).ok_or(unknown)?;
+        let end = if self.to_initial {
+            cycle.initial.ok_or(unknown)?
+        } else {
+            r
+        };
+        Ok(Levels { r, z, end })
+    }
+}

@@ -1,0 +1,89 @@
+//! `tandem convert`: programs of other controls in dialect nj.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context, ensure};
+use clap::{Args, ValueEnum};
+use tandem_interp::convert::{Source, convert};
+use tandem_model::settings::NcOptions;
+
+use super::{EXIT_FOUND, EXIT_OK, Ran, complain, notice_unwritten, read_config, read_program, shown};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// NC program; - is standard input
+    file: PathBuf,
+    /// What the program is written in
+    #[arg(long, value_enum)]
+    from: From,
+    /// What it becomes
+    #[arg(long, value_enum, default_value_t = To::Nj)]
+    to: To,
+    /// Writes the program into this file instead of to standard output
+    #[arg(short, long, value_name = "OUT.nc")]
+    output: Option<PathBuf>,
+    /// Configuration of the machine that the program was written for, with what its dialect leaves to the machine
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum From {
+    /// Dialect dgshape
+    Dgshape,
+    /// What FANUC controls and those like them have in common
+    Fanuc,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum To {
+    /// Dialect nj
+    Nj,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let To::Nj = arguments.to;
+    let source = match arguments.from {
+        From::Dgshape => Source::Dgshape,
+        From::Fanuc => Source::Fanuc,
+    };
+    let options = match &arguments.config {
+        None => NcOptions::default(),
+        Some(path) => {
+            let (_, machine) = read_config(Some(path))?;
+            let first = machine.coordinate_systems.first();
+            first.map(|system| system.settings.nc).unwrap_or_default()
+        }
+    };
+    let text = read_program(&arguments.file)?;
+    let converted = convert(&text, source, &options);
+    match &arguments.output {
+        None => notice_unwritten(std::io::stdout().lock().write_all(converted.text.as_bytes())),
+        Some(path) => {
+            let is_same = matches!(
+                (path.canonicalize(), arguments.file.canonicalize()),
+                (Ok(one), Ok(other)) if one == other
+            );
+            ensure!(
+                !is_same,
+                "{} is the program itself; name another file",
+                path.display()
+            );
+            std::fs::write(path, &converted.text)
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+    }
+    let file = shown(&arguments.file);
+    for left in &converted.left {
+        complain(format!(
+            "{file}:{}: not converted: {}\n  {}",
+            left.line, left.text, left.reason
+        ));
+    }
+    Ok(if converted.left.is_empty() {
+        EXIT_OK
+    } else {
+        EXIT_FOUND
+    })
+}

@@ -1,0 +1,292 @@
+//! `tandem convert`: what comes out moves as what went in, and what has no equal is told.
+
+use std::fs;
+
+use tandem_interp::convert::{Converted, Source, convert};
+use tandem_interp::dialects::{dgshape, nj};
+use tandem_interp::{CheckContext, check_source};
+use tandem_model::settings::{Calculator, NcOptions};
+
+use crate::cli_findings::run_with;
+use crate::dgshape::{MACHINE, machine_settings, steps};
+use crate::support::binary::root;
+use crate::support::machine::Machine;
+use crate::support::simulated::run;
+
+/// A small generator of numbers (xorshift64*).
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, bound: i64) -> i64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        let value = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
+        i64::try_from(value).unwrap() % bound
+    }
+
+    /// A length between two, mm: with a point, or in thousandths without one.
+    fn length(&mut self, from: i64, to: i64) -> String {
+        let thousandths = from * 1000 + self.below((to - from) * 1000 + 1);
+        if self.below(3) == 0 {
+            return thousandths.to_string();
+        }
+        let sign = if thousandths < 0 { "-" } else { "" };
+        let (whole, rest) = (thousandths.abs() / 1000, thousandths.abs() % 1000);
+        format!("{sign}{whole}.{rest:03}")
+    }
+}
+
+/// A few blocks of dialect dgshape that have an equal.
+fn blocks(random: &mut Random) -> String {
+    let (x, y) = (random.length(-9, 9), random.length(-9, 9));
+    let (z, r) = (random.length(-9, -2), random.length(-1, 3));
+    let level = random.length(4, 9);
+    match random.below(11) {
+        0 => format!("G00X{x}Y{y}Z{level}\n"),
+        1 => format!("G01X{x}Y{y}F{}.\nY{x}(on) \nZ{level}\n", 100 + random.below(900)),
+        2 => format!(
+            "G91G01X{}Z{}F200.\nG00Y{}\nG90\n",
+            random.length(-2, 2),
+            random.length(-1, 0),
+            random.length(-2, 2)
+        ),
+        3 => "G91\nG02X5.Y0R4.F300.\nG03X-5.I-2.5\nG90G00\n".to_owned(),
+        4 => "G91G18G02X3.R-2.F100.\nG17G90G00Z5.\n".to_owned(),
+        5 => format!("G04P{}\nG04X.5\nG04X250\n", random.below(2000)),
+        6 => {
+            let tool = 1 + random.below(2);
+            format!(
+                "M06T{tool}\nS{}M03\nG43H{tool}Z20.\nG01X{x}F100.\nG49Z15.\n",
+                500 + random.below(5000)
+            )
+        }
+        7 => {
+            let code = ["81", "82", "83", "85", "86", "89"][usize::try_from(random.below(6)).unwrap()];
+            let back = 98 + random.below(2);
+            let more = match code {
+                "83" => format!("Q{}", random.length(1, 2)),
+                "82" | "89" => "P300".to_owned(),
+                _ => String::new(),
+            };
+            format!("M03\nG00Z12.\nG{back}G{code}X{x}Y{y}Z{z}R{r}{more}F150.\nX{y}\nG98Y{x}\nG80\nX1.\n")
+        }
+        8 => format!("M03\nG00Z8.\nG91G99G81X1.Y-1.Z-3.R-2.K3F99.\nX-2.\nG98X.5\nG80\nG90\nG00X0Z{level}\n"),
+        9 => format!("G5{}\nG00X{x}Y{y}Z5.\nM12\nM13\n", 4 + random.below(2)),
+        _ => "(over)\n\nG17\nG40G49\n".to_owned(),
+    }
+}
+
+fn moves_equally(text: &str, converted: &Converted) {
+    let of_dgshape = steps(text, dgshape(), &machine_settings(MACHINE));
+    let config = MACHINE.replace("dialect = \"dgshape\"\n", "");
+    let of_nj = steps(&converted.text, nj(), &machine_settings(&config));
+    assert_eq!(
+        of_nj.unwrap_or_else(|alarm| panic!("{alarm:?}\n{}", converted.text)),
+        of_dgshape.unwrap_or_else(|alarm| panic!("{alarm:?}\n{text}")),
+        "{text}\n{}",
+        converted.text
+    );
+}
+
+#[test]
+fn programs_of_dgshape_made_at_random_move_equally_in_nj() {
+    let mut random = Random(0x0c0d_e000_0000_0001);
+    for _ in 0..300 {
+        let count = 1 + random.below(6);
+        let body: String = (0..count).map(|_| blocks(&mut random)).collect();
+        let text = format!("%\nO0001(a)\nG21G90\nG00X0Y0Z10.\n{body}\nM05\nM30\n%\n");
+        let converted = convert(&text, Source::Dgshape, &NcOptions::default());
+        assert_eq!(converted.left, [], "{text}");
+        moves_equally(&text, &converted);
+    }
+}
+
+#[test]
+fn the_example_of_dgshape_moves_equally_in_nj_but_for_the_returns_with_a_tool_length() {
+    let text = fs::read_to_string(root().join("examples/nc/dgshape/plate.nc")).unwrap();
+    let converted = convert(&text, Source::Dgshape, &NcOptions::default());
+    let left: Vec<&str> = converted.left.iter().map(|left| left.text.as_str()).collect();
+    assert_eq!(left, ["N170 G91 G28 Z0.0", "N290 G91 G28 Z0.0"]);
+    // nj refuses a contour whose ways in and out cut into each other
+    let uncompensated = text.replace("G41 D1 ", "");
+    let lines = uncompensated.lines().filter(|line| !line.contains("G28"));
+    let rest: String = lines.flat_map(|line| [line, "\n"]).collect();
+    let converted = convert(&rest, Source::Dgshape, &NcOptions::default());
+    assert_eq!(converted.left, []);
+    moves_equally(&rest, &converted);
+    for comment in ["plate: pocket outline by tool 1", "// lead in", "// lead out"] {
+        assert!(converted.text.contains(comment), "{comment}: {}", converted.text);
+    }
+}
+
+#[test]
+fn block_numbers_comments_block_skip_and_the_program_number_stay() {
+    let text =
+        "%\nO12 (Title)\n(first)\nN10 G90 G00 X1. (there) \n\n/ N20 X2.\n/(skipped)M08 (oil)\nN30 M30\n%\n";
+    let options = NcOptions {
+        m_codes: [8].into_iter().collect(),
+        ..NcOptions::default()
+    };
+    let converted = convert(text, Source::Dgshape, &options);
+    assert_eq!(converted.left, []);
+    let lines: Vec<&str> = converted.text.lines().skip(1).collect();
+    let expected = [
+        "",
+        "// O12 Title",
+        "// first",
+        "N10 G90 G00 X1 // there",
+        "",
+        "/ N20 G00 X2",
+        "/ M08 // skipped oil",
+        "N30 M30",
+        "",
+    ];
+    assert_eq!(lines, expected);
+}
+
+#[test]
+fn numbers_are_read_as_the_machine_of_dgshape_reads_them() {
+    let of = |calculator| {
+        let options = NcOptions {
+            calculator,
+            ..NcOptions::default()
+        };
+        convert("%\nG00 X1500 Y1.5\nM30\n%\n", Source::Dgshape, &options).text
+    };
+    assert!(of(Calculator::None).contains("G00 X1.5 Y1.5"));
+    assert!(of(Calculator::All).contains("G00 X1500 Y1.5"));
+}
+
+#[test]
+fn what_has_no_equal_is_told_with_its_line_and_reason_and_stays_as_a_comment() {
+    for (line, reason) in [
+        (
+            "G10 P1 R3.",
+            "G10 has no equal here. Remove it: the configuration",
+        ),
+        ("G92 X0", "G92 has no equal here. Write G52"),
+        ("G39 X5. Y5.", ""),
+        ("G51 X0 P2.", "G51 has no equal"),
+        ("G01 A90. F100.", "the feedrate of A"),
+        (
+            "G43 H2 Z5.",
+            "H2 is not the offset of the tool in the spindle (no tool is known)",
+        ),
+        ("S50 M03", "S50 is the number of a speed"),
+        ("G28", "it names no axis"),
+        ("/ G91 X5.", "a block that may be skipped changes"),
+        ("G05", "there is no G5"),
+        ("X1.;", "`;` is not part"),
+        ("G01 X1. (not closed", "the comment"),
+    ] {
+        let text = format!("%\nG90\n{line}\nM30\n%\n");
+        let converted = convert(&text, Source::Dgshape, &NcOptions::default());
+        let left: Vec<_> = converted.left.iter().filter(|left| left.line == 3).collect();
+        assert_eq!(left.len(), 1, "{line}: {:?}", converted.left);
+        assert_eq!(left[0].text, line);
+        assert!(left[0].reason.starts_with(reason), "{line}: {}", left[0].reason);
+        assert!(converted.text.contains(line), "{line}: {}", converted.text);
+    }
+}
+
+#[test]
+fn programs_of_fanuc_become_programs_of_nj() {
+    let text = "%\nO1234 (BRACKET)\nN1 G21 G94 G97\nT5 M06 (MILL)\nG54 G90 G00 X-10 Y0 S4000 M03\nG43 H5 Z50. M08\nG01 Z-2 F200\nG02 X0 Y10 R10\nG98 G83 X20. Y20. Z-8. R2. Q3. F100\nX40.\nG80 M09\nM98 P1000 L2\nG28 G91 Z0\nM05\nM30\n%\n";
+    let converted = convert(text, Source::Fanuc, &NcOptions::default());
+    assert_eq!(converted.left, []);
+    for line in [
+        "// O1234 BRACKET",
+        "M06 VA5 // MILL",
+        "S4000 M03",
+        "G00 X-10 Y0",
+        "M08",
+        "G43 G00 Z50",
+        "F200 G01 Z-2",
+        "G02 X0 Y10 R10",
+        "G00 X40",
+        "M98 P1000 L2",
+    ] {
+        assert!(
+            converted.text.lines().any(|one| one.contains(line)),
+            "{line}: {}",
+            converted.text
+        );
+    }
+    let (_, check) = check_source(converted.text.as_str(), nj(), &CheckContext::default());
+    assert!(!check.has_errors(), "{:?}", check.diagnostics);
+    for (line, reason) in [
+        ("#100 = 5", "`#` is not part"),
+        ("G65 P9000 A1.", "there is no G65"),
+        ("T3", "a tool that is called before its change"),
+        ("G84 Z-5. R2. F1.", "G84 has no equal"),
+        ("M98 P51000", "the number of a subprogram"),
+    ] {
+        let converted = convert(&format!("{line}\nM30\n"), Source::Fanuc, &NcOptions::default());
+        let told: Vec<_> = converted
+            .left
+            .iter()
+            .map(|left| (left.line, left.text.as_str()))
+            .collect();
+        assert_eq!(told, [(1, line)], "{:?}", converted.left);
+        assert!(!reason.is_empty());
+    }
+}
+
+#[test]
+fn no_text_makes_convert_panic_or_leaves_something_unsaid() {
+    let corpus = [
+        "%\nO1\nG81Z-1.R1.\nX1\nG80\n%\nrest",
+        "G91G83Z-5R-1Q.001K99\n",
+        "((\n)X\nM6\nM6T1T2\nG43\nN\n/",
+        "\u{feff}G0X1\u{e4}\r\n",
+    ];
+    let mut random = Random(77);
+    for round in 0..3000_usize {
+        let mut text: Vec<char> = corpus[round % corpus.len()].chars().collect();
+        for _ in 0..random.below(6) {
+            let at = usize::try_from(random.below(i64::try_from(text.len()).unwrap() + 1)).unwrap();
+            let piece = ["G", "M06", "(", ")", "\n", "X1.", "/", "%", "K0", "T9", "9", "-"];
+            let piece = piece[usize::try_from(random.below(12)).unwrap()];
+            text.splice(at..at, piece.chars());
+        }
+        let text: String = text.into_iter().collect();
+        for from in [Source::Dgshape, Source::Fanuc] {
+            let converted = convert(&text, from, &NcOptions::default());
+            assert!(converted.left.is_sorted_by_key(|left| left.line), "{text:?}");
+            let (_, check) = check_source(converted.text.as_str(), nj(), &CheckContext::default());
+            assert!(!check.has_errors() || !converted.left.is_empty(), "{text:?}");
+        }
+    }
+}
+
+#[test]
+fn convert_writes_the_program_tells_what_is_left_and_ends_with_1() {
+    let machine = Machine::new("");
+    machine.write("old.nc", "%\nO1 (one)\nG90 G00 X1.\nG92 X0\nM30\n%\n");
+    let arguments = [
+        "convert", "old.nc", "--from", "dgshape", "--to", "nj", "-o", "new.nc",
+    ];
+    let ran = run(machine.folder(), &arguments);
+    assert_eq!((ran.code, ran.stdout.as_str()), (1, ""));
+    assert!(
+        ran.stderr.contains("old.nc:4: not converted: G92 X0\n  "),
+        "{}",
+        ran.stderr
+    );
+    let new = fs::read_to_string(machine.path("new.nc")).unwrap();
+    assert!(new.contains("G90 G00 X1\n// not converted: G92 X0\n"), "{new}");
+    let ran = run_with(
+        machine.folder(),
+        &["convert", "-", "--from", "fanuc"],
+        "G00 X1.\nM30\n",
+    );
+    assert_eq!((ran.code, ran.stderr.as_str()), (0, ""));
+    assert!(ran.stdout.contains("\nG00 X1\nM30\n"), "{}", ran.stdout);
+    let ran = run(
+        machine.folder(),
+        &["convert", "old.nc", "--from", "dgshape", "-o", "old.nc"],
+    );
+    assert_eq!(ran.code, 2);
+    assert!(ran.stderr.contains("is the program itself"), "{}", ran.stderr);
+}
