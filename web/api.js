@@ -171,13 +171,24 @@ export const api = {
     return (await (await request("POST", `/programs/${number}/check`)).json()).diagnostics;
   },
 
-  /** @param {number} number */
-  async programText(number) {
-    return (await request("GET", `/programs/${number}`)).text();
+  /** A program and its hash. @param {number} number @returns {Promise<{text: string, hash: string}>} */
+  async program(number) {
+    const response = await request("GET", `/programs/${number}`);
+    return { text: await response.text(), hash: (response.headers.get("ETag") ?? "").replaceAll('"', "") };
   },
 
-  /** Stores a program, also one with errors. @param {number} number @param {string} text @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
-  async storeProgram(number, text) {
-    return (await (await request("PUT", `/programs/${number}`, text)).json()).diagnostics ?? [];
+  /**
+   * Stores a program, also one with errors.
+   * @param {number} number
+   * @param {string} text
+   * @param {string} hash of the program that may be replaced; empty: any
+   * @param {string} dialect of the text; empty: that of the lowest coordinate system
+   * @returns {Promise<import("./types.d.ts").ProgramCheck>}
+   */
+  async storeProgram(number, text, hash, dialect) {
+    /** @type {Record<string, string>} */
+    const headers = hash === "" ? {} : { "If-Match": `"${hash}"` };
+    const query = dialect === "" ? "" : `?dialect=${dialect}`;
+    return (await request("PUT", `/programs/${number}${query}`, text, headers)).json();
   },
 };

@@ -3,7 +3,7 @@
 import { openDialog } from "./dialog.js";
 import { button, fill, h, setText } from "./dom.js";
 import { finding, summary } from "./findings.js";
-import { programName } from "./format.js";
+import { programName, shortHash } from "./format.js";
 
 /** Longer texts are stored unchanged: such a text field would make the browser slow. */
 const EDITABLE_CHARS = 1_000_000;
@@ -16,8 +16,10 @@ const NUMBER_MAX = 9999;
  * @param {import("./main.js").App} app
  * @param {number} number
  * @param {string} text
+ * @param {string} [hash] of the program of this number that was read; it is not stored over another one
+ * @param {string} [dialect] of the text; that of the coordinate system shown
  */
-export function openEditor(app, number, text) {
+export function openEditor(app, number, text, hash = "", dialect = app.model.current?.info.dialect ?? "") {
   const editable = text.length <= EDITABLE_CHARS;
   const name = h("input", { type: "number", class: "input editor-number", min: 1, max: NUMBER_MAX, step: 1, value: number, required: true });
   const area = h("textarea", { class: "input editor-text", "aria-label": "Program text", spellcheck: "false", wrap: "off", autofocus: true, hidden: !editable });
@@ -59,9 +61,10 @@ export function openEditor(app, number, text) {
     const chosen = Number(name.value);
     void app.attempt(async () => {
       const sent = area.value;
-      const diagnostics = await app.api.storeProgram(chosen, editable ? sent : text);
+      const { diagnostics = [], hash: now, unchanged } = await app.api.storeProgram(chosen, editable ? sent : text, chosen === number ? hash : "", dialect);
       stored = sent;
-      setText(note, `${programName(chosen)} is stored: ${summary(diagnostics) || "nothing to complain of"}.`);
+      if (chosen === number) hash = now;
+      setText(note, `${programName(chosen)} ${unchanged ? "has not changed" : "is stored"}: ${summary(diagnostics) || "nothing to complain of"}. Hash ${shortHash(now)}.`);
       fill(findings, ...diagnostics.slice(0, SHOWN_MAX).map((one) => entry(one, area)));
       await app.readPrograms();
     });

@@ -56,6 +56,14 @@ export function programName(number) {
 }
 
 /**
+ * The beginning of a program's hash, by which a person tells two programs apart.
+ * @param {string | null | undefined} hash
+ */
+export function shortHash(hash) {
+  return (hash ?? "").slice(0, 8);
+}
+
+/**
  * Time of day of an RFC 3339 time, in the viewer's zone.
  * @param {string} timestamp
  */

@@ -57,18 +57,18 @@ export interface CapturedMessage {
 
 /** A command is accepted. */
 export interface CommandAccepted {
-  command_id: string;
+  command_id: string; hash?: string;
 }
 
 /** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
 export interface CommandReply {
-  code: string; command_id: string; lease?: Lease; state_rev: number; status: CommandStatus; text: string;
-  variables?: VariableValues;
+  code: string; command_id: string; hash?: string; lease?: Lease; state_rev: number; status: CommandStatus;
+  text: string; variables?: VariableValues;
 }
 
 /** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
 export interface CommandReplyMessage {
-  boot_id: BootId; code: string; command_id: string; lease?: Lease; rev?: number; state_rev: number;
+  boot_id: BootId; code: string; command_id: string; hash?: string; lease?: Lease; rev?: number; state_rev: number;
   status: CommandStatus; text: string; ts: string; v: 1; variables?: VariableValues;
 }
 
@@ -256,7 +256,8 @@ export interface Problem {
 
 /** What checking says of a program. */
 export interface ProgramCheck {
-  diagnostics: ProgramDiagnostic[]; m_codes: number[]; programs: number[];
+  diagnostics: ProgramDiagnostic[]; dialect: string; hash: string; m_codes: number[]; o_number: number | null;
+  programs: number[]; signature: SignatureState | null; unchanged?: boolean;
 }
 
 /** One finding. */
@@ -267,7 +268,8 @@ export interface ProgramDiagnostic {
 
 /** One program of the store. */
 export interface ProgramInfo {
-  bytes: number; errors: number; number: number; title: string; warnings: number;
+  bytes: number; dialect: string; errors: number; hash: string; number: number; o_number: number | null;
+  signature: SignatureState | null; title: string; warnings: number;
 }
 
 /** Payload of `program`. */
@@ -297,6 +299,9 @@ export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" 
 /** What a handler does with an output that it may already have worked on. */
 export type Redelivery = "ask" | "redo" | "verify";
 
+/** What is known of the signature of a program. */
+export type SignatureState = "valid" | "missing" | "wrong";
+
 /** How a spindle turns. */
 export type SpindleDirection = "cw" | "ccw" | "stop" | "orient";
 
@@ -308,10 +313,10 @@ export interface SpindleMessage {
 
 /** Payload of `state`. */
 export interface StateMessage {
-  alarm_count: number; boot_id: BootId; dry_run: boolean; execution: Execution; last_command_id: string | null;
-  optional_skip: number[]; optional_stop: boolean; program: number | null; reason: Reason | null; rev?: number;
-  run_id: string | null; single_block: boolean; transition: Transition | null; ts: string; v: 1;
-  wait_state: string | null; waiting_on: WaitingOn | null;
+  alarm_count: number; boot_id: BootId; dry_run: boolean; execution: Execution; hash: string | null;
+  last_command_id: string | null; o_number: number | null; optional_skip: number[]; optional_stop: boolean;
+  program: number | null; reason: Reason | null; rev?: number; run_id: string | null; single_block: boolean;
+  transition: Transition | null; ts: string; v: 1; wait_state: string | null; waiting_on: WaitingOn | null;
 }
 
 /** Payload of an input with one value. */

@@ -240,6 +240,7 @@ impl SequenceProgram {
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());
+        let plc = &plc.of_handler(&handler_id);
         let serving = run::run(self.table, self.on_redelivery, plc, handler_id.into());
         let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {

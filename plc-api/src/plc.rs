@@ -36,6 +36,8 @@ use crate::types::topic::Topic;
 pub struct Plc {
     port: Arc<dyn Port>,
     client_id: Arc<str>,
+    /// The handler in whose name it asks.
+    handler_id: Option<Arc<str>>,
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
     /// The runtime that drives its connection.
@@ -56,6 +58,7 @@ impl Plc {
         Self {
             port,
             client_id: unique_name("plc").into(),
+            handler_id: None,
             user: None,
             commands: Arc::default(),
             runtime: None,
@@ -237,12 +240,25 @@ impl Plc {
         self.user.as_deref()
     }
 
+    /// The same machine, in the name of a handler.
+    pub(crate) fn of_handler(&self, handler_id: &str) -> Self {
+        Self {
+            handler_id: Some(handler_id.into()),
+            ..self.clone()
+        }
+    }
+
+    /// By which name the journal tells of what is asked.
+    pub(crate) fn name(&self) -> &str {
+        self.handler_id.as_deref().unwrap_or(&self.client_id)
+    }
+
     pub(crate) fn client_id(&self) -> &str {
         &self.client_id
     }
 
     pub(crate) async fn request<R: TypedRequest>(&self, request: R) -> Result<R::Answer> {
-        Ok(self.port.ask(request).await?)
+        Ok(self.port.ask_as(self.name(), request).await?)
     }
 
     /// Identifies a new command and its client.

@@ -33,6 +33,15 @@ pub trait Port: Send + Sync + 'static {
     /// answer.
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
+    /// The same on behalf of a client, by whose name the journal tells of it. Transports know their client themselves.
+    fn request_as<'a>(
+        &'a self,
+        _client: &'a str,
+        request: Request,
+    ) -> BoxFuture<'a, Result<Answer, Refusal>> {
+        self.request(request)
+    }
+
     /// Sleeps on the port's clock, which is simulated time in a simulation.
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()>;
 
@@ -54,7 +63,18 @@ impl dyn Port {
     /// # Errors
     /// The refusal; `invalid` if the answer is of the wrong type, which is a defect of the port.
     pub async fn ask<R: TypedRequest>(&self, request: R) -> Result<R::Answer, Refusal> {
-        let answer = self.request(request.into()).await?;
+        Self::answer_of::<R>(self.request(request.into()).await?)
+    }
+
+    /// The same on behalf of a client.
+    ///
+    /// # Errors
+    /// As [`ask`](trait.Port.html#method.ask).
+    pub async fn ask_as<R: TypedRequest>(&self, client: &str, request: R) -> Result<R::Answer, Refusal> {
+        Self::answer_of::<R>(self.request_as(client, request.into()).await?)
+    }
+
+    fn answer_of<R: TypedRequest>(answer: Answer) -> Result<R::Answer, Refusal> {
         R::Answer::try_from(answer).map_err(|other| {
             let text = format!("the machine gave an answer of another kind: {other:?}");
             Refusal::new(RefusalCode::Invalid, text)

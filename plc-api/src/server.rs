@@ -47,8 +47,37 @@ pub enum ServerTransport {
     WebSocket,
     /// Over MQTT.
     Mqtt,
+    /// By a sequence program in the process of the runtime.
+    InProcess,
     /// By a command at the command line, while the runtime does not run.
     CommandLine,
+}
+
+/// Somebody was let in, or was not.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AccessNote {
+    /// What it was.
+    pub what: AccessKind,
+    /// Who: of a refused login the name that was typed.
+    pub user: Option<String>,
+    /// Address of its host, where it is known.
+    pub from: Option<IpAddr>,
+    /// How it came in.
+    pub over: ServerTransport,
+    /// Method and route, or the topic.
+    pub request: String,
+}
+
+/// How somebody was let in, or was not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AccessKind {
+    /// A person has logged in.
+    Login,
+    /// A login or a token was wrong.
+    LoginRefused,
+    /// A user may not do what it asked for.
+    Forbidden,
 }
 
 /// An event of a server.
@@ -63,6 +92,8 @@ pub enum ServerNotice {
     Reconnected,
     /// It refused something, which is raised as a warning for the operator. At most 500 characters.
     Warning(String),
+    /// Somebody was let in, or was not; the journal tells a bounded number of them.
+    Access(AccessNote),
     /// It does not keep retained messages of clients, for this reason; `None`: it has room again.
     NotKept(Option<String>),
 }

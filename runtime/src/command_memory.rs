@@ -166,6 +166,7 @@ mod tests {
             state_rev: 1,
             variables: None,
             lease: None,
+            hash: None,
         };
         memory.on_reply(&reply, SystemTime::UNIX_EPOCH);
         assert_eq!(memory.reply("a"), None);

@@ -25,8 +25,8 @@ use crate::coordinate_system::{CoordinateSystem, Mailbox};
 use crate::disk::Health;
 use crate::journal::{Event, Journal};
 use crate::persistence::{LastRuns, Restored, cut_short};
-use crate::port::RuntimePort;
-use crate::program_store::ProgramStore;
+use crate::port::{AccessLines, RuntimePort};
+use crate::program_store::{ProgramStore, Signers};
 use crate::servo_thread::{ServoStatistics, ServoThread};
 use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
@@ -147,6 +147,8 @@ impl Runtime {
         let slot = simulation::slot().ok_or(StartError::NotInSimulation)?;
         let machine = Machine {
             data_dir: None,
+            signers: Signers::default(),
+            takes_mdi: true,
             ..machine
         };
         let Programs {
@@ -172,6 +174,7 @@ impl Runtime {
                 mailboxes: parts.mailboxes,
                 writer: None,
                 last_runs: LastRuns::new(),
+                access: AccessLines::default(),
             }),
             tasks: parts.tasks,
             servo: None,
@@ -303,6 +306,7 @@ impl Opened {
                 mailboxes: parts.mailboxes,
                 writer: kept.as_ref().map(|kept| kept.state.writer()),
                 last_runs,
+                access: AccessLines::default(),
             }),
             tasks: parts.tasks,
             servo: None,

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use plc_api::server::ServerTransport;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::program::SignatureState;
 use tandem_model::lost::is_lost;
 
 use crate::config::Machine;
@@ -13,7 +14,8 @@ use crate::coordinator::everything;
 use crate::disk::Lock;
 use crate::journal::{Event, Line};
 use crate::persistence::journal_file::append_line;
-use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
+use crate::persistence::journal_folder::JOURNAL_FOLDER;
+use crate::persistence::journal_reader::damage;
 use crate::persistence::{
     Condition, Generation, Image, Judged, PAGE_VARIABLES, STORE_FILE, Store, judge, restore,
 };
@@ -80,26 +82,19 @@ impl DataFolder {
     /// # Errors
     /// The disk refuses.
     pub fn record(&self, user: Option<String>, command: &str) -> io::Result<()> {
-        let folder = self.path.join(JOURNAL_FOLDER);
-        if !folder.is_dir() {
-            return Ok(());
-        }
-        let event = Event::Request {
-            user,
-            from: None,
-            over: ServerTransport::CommandLine,
-            request: command.to_owned(),
-            said: None,
-            command_id: None,
+        append(&self.path, user, command).map(drop)
+    }
+
+    /// The same in the data folder of a machine. False where there is no journal.
+    ///
+    /// # Errors
+    /// A runtime works with it, or the disk refuses.
+    pub fn record_in(machine: &Machine, user: Option<String>, command: &str) -> io::Result<bool> {
+        let Some(path) = machine.data_dir.as_ref().filter(|path| path.is_dir()) else {
+            return Ok(false);
         };
-        append_line(
-            &folder,
-            &Line {
-                t_s: 0.0,
-                cs: 0,
-                event,
-            },
-        )
+        let _lock = Lock::take(path)?;
+        append(path, user, command)
     }
 
     /// Looks at all that is kept. It changes nothing.
@@ -135,13 +130,13 @@ impl DataFolder {
                 .push(format!("the last good generation: {error}"));
         }
         self.verify_programs(&mut findings);
-        let journal = newest(&self.path.join(JOURNAL_FOLDER), 0, usize::MAX);
+        let journal = damage(&self.path.join(JOURNAL_FOLDER));
         findings.damaged.extend(journal.warnings());
         findings
     }
 
     fn verify_programs(&self, findings: &mut Findings) {
-        let looked = match look(&self.programs()) {
+        let looked = match look(&self.programs(), self.machine.is_mixed()) {
             Ok(looked) => looked,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return,
             Err(error) => {
@@ -151,16 +146,25 @@ impl DataFolder {
             }
         };
         for (number, found) in looked.programs {
+            let signature = looked.signatures.get(&number);
+            if let Found::Stored(bytes) | Found::FromOutside(bytes, ..) = &found
+                && let Some(state) = self.machine.signers.judge(bytes, signature)
+                && let Some(why) = signature_fault(state)
+            {
+                findings
+                    .notes
+                    .push(format!("program {number}: {why}, so it is not loaded"));
+            }
             match found {
                 Found::Stored(_) => {}
-                Found::FromOutside(_, how) => findings.notes.push(format!("program {number}: {how}")),
+                Found::FromOutside(_, how, _) => findings.notes.push(format!("program {number}: {how}")),
                 Found::Damaged(how) => findings.damaged.push(format!("program {number}: {how}")),
             }
         }
         let gone = looked.gone.into_iter();
         findings
             .damaged
-            .extend(gone.map(|number| format!("program {number}: its file is gone")));
+            .extend(gone.map(|(number, _)| format!("program {number}: its file is gone")));
         findings.notes.extend(looked.not_read);
     }
 
@@ -254,7 +258,11 @@ impl DataFolder {
     /// # Errors
     /// There is none, or the disk refuses.
     pub fn accept_program(&self, number: u16) -> io::Result<()> {
-        let (mut folder, _) = ProgramFolder::open(&self.programs())?;
+        let (mut folder, _) = ProgramFolder::open(
+            &self.programs(),
+            self.machine.dialect().name,
+            self.machine.is_mixed(),
+        )?;
         folder.accept(number).map(drop)
     }
 
@@ -271,6 +279,38 @@ impl DataFolder {
     /// The folder.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+}
+
+fn append(folder: &Path, user: Option<String>, command: &str) -> io::Result<bool> {
+    let journal = folder.join(JOURNAL_FOLDER);
+    if !journal.is_dir() {
+        return Ok(false);
+    }
+    let event = Event::Request {
+        user,
+        from: None,
+        over: ServerTransport::CommandLine,
+        request: command.to_owned(),
+        said: None,
+        command_id: None,
+    };
+    append_line(
+        &journal,
+        &Line {
+            t_s: 0.0,
+            cs: 0,
+            event,
+        },
+    )?;
+    Ok(true)
+}
+
+fn signature_fault(state: SignatureState) -> Option<&'static str> {
+    match state {
+        SignatureState::Valid => None,
+        SignatureState::Missing => Some("it is not signed"),
+        SignatureState::Wrong => Some("its signature is of none of the keys, or of another text"),
     }
 }
 

@@ -11,15 +11,18 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Instant, SystemTime};
 
 use plc_api::handshake::Now;
-use plc_api::server::ServerTransport;
+use plc_api::server::{AccessKind, ServerTransport};
 use plc_api::types::command::Verb;
 use plc_api::types::data::LastRun;
 use plc_api::types::machine::AlarmRecord;
 use plc_api::types::output::OutputNotice;
+use plc_api::types::request::RefusalCode;
 use plc_api::types::state::{Captured, Execution, Reason};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+
+use crate::program_store::Edit;
 
 pub use filter::LineFilter;
 
@@ -77,7 +80,46 @@ pub enum Event {
         command_id: String,
         /// Who commands.
         client_id: String,
+        /// The program that is loaded or started.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        program: Option<u16>,
+        /// Its hash.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        program_hash: Option<String>,
     },
+    /// What was asked is refused since the program is another one, or has no valid signature.
+    Refused {
+        /// What was asked: a command, or the route that changes a program.
+        request: String,
+        /// Which program.
+        program: Option<u16>,
+        /// Machine-readable reason.
+        code: RefusalCode,
+        /// Why.
+        text: String,
+        /// Who asked, where the request says so.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        client_id: Option<String>,
+    },
+    /// Somebody has logged in, could not, or may not do what it asked for.
+    Access {
+        /// What it was.
+        what: AccessKind,
+        /// Who: of a refused login the name that was typed.
+        user: Option<String>,
+        /// Address of its host, where it is known.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        from: Option<IpAddr>,
+        /// How it came in.
+        over: ServerTransport,
+        /// Method and route, or the topic.
+        request: String,
+        /// How many more there were since the last such line, of which no line tells.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        left_out: Option<u64>,
+    },
+    /// A program has changed, or was removed.
+    Program(Edit),
     /// A user has made a request that changes something; other lines tell what came of it.
     Request {
         /// Name of the user's token; `None`: without a token file, or let in by an external broker.
@@ -102,6 +144,9 @@ pub enum Event {
         program: u16,
         /// Names the run.
         run_id: String,
+        /// Hash of the program.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        program_hash: Option<String>,
     },
     /// The motion of a block begins. Not written to disk: too many, and other events show what follows from them.
     Block {

@@ -1,6 +1,7 @@
 //! The runtime's own [`Port`]: requests go to the task or to the store that they concern; reads are answered from the
 //! hub and from the last servo cycle.
 
+mod access;
 mod audit;
 mod commands;
 mod data;
@@ -27,8 +28,11 @@ use plc_api::types::request::{
 };
 use plc_api::types::state::{Execution, Spindle, State};
 use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::upload::{ProgramCondition, ProgramUpload};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::alarm::{MESSAGES_NOT_KEPT, REQUEST_REFUSED};
+
+pub(crate) use access::AccessLines;
 
 use crate::coordinate_system::Mailbox;
 use crate::explain::{explain, nearest, picture};
@@ -51,6 +55,8 @@ pub(crate) struct RuntimePort {
     pub writer: Option<StateWriter>,
     /// Of an earlier start of the runtime.
     pub last_runs: LastRuns,
+    /// Lines about who was let in.
+    pub access: AccessLines,
 }
 
 impl RuntimePort {
@@ -72,7 +78,7 @@ impl RuntimePort {
                 wait: true,
             };
             // Whatever the answer is, the task ends next.
-            let _ = tokio::time::timeout(Duration::from_secs(2), self.request(stop)).await;
+            let _ = tokio::time::timeout(Duration::from_secs(2), self.carry_out(stop)).await;
         }
     }
 
@@ -289,8 +295,19 @@ impl RuntimePort {
     async fn of_program(&self, request: ProgramRequest) -> Result<Answer, Refusal> {
         match request {
             ProgramRequest::ReadProgram(number) => self.read_program(number),
-            ProgramRequest::WriteProgram(number, text) => self.write_program(number, text).await,
-            ProgramRequest::DeleteProgram(number) => self.delete_program(number).await,
+            ProgramRequest::WriteProgram(number, text) => {
+                let upload = ProgramUpload {
+                    text,
+                    ..ProgramUpload::default()
+                };
+                self.store_program(number, upload).await
+            }
+            ProgramRequest::DeleteProgram(number) => {
+                self.remove_program(number, ProgramCondition::default()).await
+            }
+            ProgramRequest::FetchProgram(number) => self.fetch_program(number),
+            ProgramRequest::StoreProgram(number, upload) => self.store_program(number, upload).await,
+            ProgramRequest::RemoveProgram(number, condition) => self.remove_program(number, condition).await,
             ProgramRequest::CheckProgram(number) => self.check_program(number),
             ProgramRequest::IntermediateCode(number) => self.intermediate_code(number).await,
         }
@@ -336,6 +353,12 @@ impl Port for RuntimePort {
     }
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        audit::record_edit(&self.shared, None, &request);
+        Box::pin(self.carry_out(request))
+    }
+
+    fn request_as<'a>(&'a self, client: &'a str, request: Request) -> BoxFuture<'a, Result<Answer, Refusal>> {
+        audit::record_edit(&self.shared, Some(client), &request);
         Box::pin(self.carry_out(request))
     }
 
@@ -353,7 +376,7 @@ impl ServedPort for RuntimePort {
         if origin.right.is_recorded() {
             audit::record(&self.shared, origin, &request);
         }
-        self.request(request)
+        Box::pin(self.carry_out(request))
     }
 
     fn notice(&self, notice: ServerNotice) {
@@ -366,6 +389,10 @@ impl ServedPort for RuntimePort {
             }
             ServerNotice::NotKept(text) => {
                 self.shared.stand(&MESSAGES_NOT_KEPT, text.as_deref());
+            }
+            ServerNotice::Access(note) => {
+                self.access.record(&self.shared, note);
+                return;
             }
             ServerNotice::Warning(text) => {
                 self.shared.raise(AlarmRecord {

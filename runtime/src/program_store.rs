@@ -7,22 +7,29 @@
 mod file;
 pub(crate) mod folder;
 mod program;
+pub(crate) mod signing;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::disk::fs;
 use parking_lot::{Mutex, RwLock};
 use plc_api::types::program::{ProgramCheck, ProgramInfo};
 use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::upload::ProgramCondition;
+use tandem_interp::dialects;
 use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 
 pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
-use folder::{Found, Look, ProgramFolder};
+use folder::{Accepted, Found, Look, Outside, ProgramFolder};
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
+use serde::{Deserialize, Serialize};
+use signing::Signature;
+pub use signing::Signers;
 
 /// Programs in the store at the most. A further one is refused.
 pub const PROGRAMS_MAX: usize = 2000;
@@ -30,10 +37,18 @@ pub const PROGRAMS_MAX: usize = 2000;
 /// All programs of a machine.
 #[derive(Debug)]
 pub struct ProgramStore {
+    /// Of the dialect of the lowest coordinate system.
     rules: TextRules,
+    /// Of each dialect.
+    rules_of: Vec<TextRules>,
+    /// Coordinate systems have different dialects.
+    is_mixed: bool,
+    signers: Signers,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
     /// Damaged programs, and what is known of each. They are no programs.
     damaged: RwLock<BTreeMap<u16, String>>,
+    /// How often a program has changed.
+    changes: AtomicU64,
     path: Option<PathBuf>,
     /// Held while a program is written, so that one follows the other.
     writing: Mutex<()>,
@@ -46,25 +61,79 @@ pub struct ProgramStore {
 /// What a person should know of the folder of a store.
 #[derive(Debug, Default)]
 pub(crate) struct ProgramFindings {
-    /// What was changed outside.
+    /// What was changed outside, in words.
     pub changed: Vec<String>,
+    /// The same, and what was taken from the configuration.
+    pub edits: Vec<Edit>,
     /// What is not read.
     pub not_read: Vec<String>,
     /// Programs that had no sum yet.
     pub without_sum: usize,
 }
 
+/// What has become of a program.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Edit {
+    /// Its number.
+    pub program: u16,
+    /// What was done.
+    pub what: EditKind,
+    /// Hash of what was there before; `None`: nothing, or nobody knows.
+    #[serde(rename = "old_hash", deserialize_with = "Option::deserialize")]
+    pub old: Option<String>,
+    /// Hash of what is there now; `None`: nothing.
+    #[serde(rename = "new_hash", deserialize_with = "Option::deserialize")]
+    pub new: Option<String>,
+}
+
+/// How a program has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EditKind {
+    /// A new one was stored.
+    Upload,
+    /// Another one was stored in its place.
+    Replace,
+    /// The same was stored once more.
+    Unchanged,
+    /// It was removed.
+    Delete,
+    /// Its file was put there, changed or removed outside of the runtime.
+    Outside,
+    /// It was taken from the file that the configuration names.
+    Configuration,
+}
+
+/// What a request to change a program has led to.
+pub(crate) type Changed<T> = io::Result<Result<T, Refusal>>;
+
 impl ProgramStore {
     /// A store of programs that keeps nothing on disk.
     pub fn in_memory(rules: TextRules) -> Self {
         Self {
             rules,
+            rules_of: vec![rules],
+            is_mixed: false,
+            signers: Signers::default(),
             programs: RwLock::default(),
             damaged: RwLock::default(),
+            changes: AtomicU64::new(0),
             path: None,
             writing: Mutex::default(),
             folder: Mutex::default(),
             changing: Mutex::default(),
+        }
+    }
+
+    /// With the rules of further dialects, and those whose programs are run. `is_mixed`: coordinate systems have different
+    /// dialects.
+    #[must_use]
+    pub(crate) fn for_dialects(self, rules_of: Vec<TextRules>, is_mixed: bool, signers: Signers) -> Self {
+        Self {
+            rules_of,
+            is_mixed,
+            signers,
+            ..self
         }
     }
 
@@ -83,7 +152,7 @@ impl ProgramStore {
     /// something is written.
     pub(crate) fn open_folder(&mut self, path: &Path) -> io::Result<ProgramFindings> {
         self.path = Some(path.to_owned());
-        let (folder, look) = ProgramFolder::open(path)?;
+        let (folder, look) = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed)?;
         *self.folder.get_mut() = Some(folder);
         Ok(self.take_over(look))
     }
@@ -95,14 +164,18 @@ impl ProgramStore {
             ..ProgramFindings::default()
         };
         for (number, found) in look.programs {
+            let signature = look.signatures.get(&number).copied();
+            let dialect = look.dialects.get(&number).map(String::as_str);
             match found {
-                Found::Stored(bytes) => self.keep(StoredProgram::of_file(number, bytes, self.rules)),
-                Found::FromOutside(bytes, how) => {
-                    let program = StoredProgram::of_file(number, bytes, self.rules);
+                Found::Stored(bytes) => self.keep(self.of_file(number, bytes, dialect, signature)),
+                Found::FromOutside(bytes, how, old) => {
+                    let program = self.of_file(number, bytes, dialect, signature);
                     let sum = program.short_sum();
+                    let text = format!("program {number}: {how}; its sum is {sum}");
+                    findings.changed.push(text);
                     findings
-                        .changed
-                        .push(format!("program {number}: {how}; its sum is {sum}"));
+                        .edits
+                        .push(Edit::outside(number, old, Some(program.sum())));
                     self.keep(program);
                 }
                 Found::Damaged(how) => {
@@ -110,9 +183,23 @@ impl ProgramStore {
                 }
             }
         }
-        let gone = look.gone.iter();
-        (findings.changed).extend(gone.map(|number| format!("program {number}: its file was removed")));
+        for (number, old) in look.gone {
+            let text = format!("program {number}: its file was removed");
+            findings.changed.push(text);
+            findings.edits.push(Edit::outside(number, old, None));
+        }
         findings
+    }
+
+    fn of_file(
+        &self,
+        number: u16,
+        bytes: Vec<u8>,
+        dialect: Option<&str>,
+        signature: Option<Signature>,
+    ) -> StoredProgram {
+        let rules = self.rules_of(dialect).unwrap_or(self.rules);
+        StoredProgram::of_file(number, bytes, signature, rules, &self.signers)
     }
 
     /// Looks for files that were changed outside while the runtime ran, and reads those that no longer change; gives what
@@ -120,7 +207,7 @@ impl ProgramStore {
     ///
     /// # Errors
     /// The folder was removed or replaced.
-    pub(crate) fn look_again(&self) -> io::Result<Vec<String>> {
+    pub(crate) fn look_again(&self) -> io::Result<Vec<(String, Edit)>> {
         let Some(mut folder) = self.folder.try_lock() else {
             return Ok(Vec::new());
         };
@@ -142,9 +229,15 @@ impl ProgramStore {
             };
             // what cannot be read now is looked at again
             let Ok(read) = read else { continue };
+            let old = self.get(number).map(|program| program.sum().to_owned());
             self.damaged.write().remove(&number);
-            let how = if let Some(bytes) = read {
-                let mut program = StoredProgram::of_file(number, bytes, self.rules);
+            let how = if let Some(Accepted {
+                bytes,
+                signature,
+                dialect,
+            }) = read
+            {
+                let mut program = self.of_file(number, bytes, Some(&dialect), signature);
                 program.is_from_outside = true;
                 let sum = program.short_sum().to_owned();
                 self.keep(program);
@@ -153,7 +246,12 @@ impl ProgramStore {
                 self.forget(number);
                 "its file was removed".to_owned()
             };
-            said.push(format!("program {number}: {how}"));
+            let new = self.get(number);
+            let new = new.as_deref().map(StoredProgram::sum);
+            said.push((
+                format!("program {number}: {how}"),
+                Edit::outside(number, old, new),
+            ));
         }
         Ok(said)
     }
@@ -177,21 +275,30 @@ impl ProgramStore {
     /// # Errors
     /// The disk refuses.
     pub(crate) fn probe(&self) -> io::Result<()> {
-        self.with_folder(|folder| folder.probe())
+        self.with_folder(|folder| folder.map_or(Ok(()), |folder| folder.probe()))
     }
 
-    /// Does something with the folder, which is opened again where it was not; one that was lost is filled again.
-    fn with_folder(&self, work: impl FnOnce(&mut ProgramFolder) -> io::Result<()>) -> io::Result<()> {
-        let Some(path) = &self.path else { return Ok(()) };
+    /// Does something with the folder, which is opened again where it was not; one that was lost is filled again. A store
+    /// in memory has none.
+    fn with_folder<T>(
+        &self,
+        work: impl FnOnce(Option<&mut ProgramFolder>) -> io::Result<T>,
+    ) -> io::Result<T> {
+        let Some(path) = &self.path else { return work(None) };
         let mut folder = self.folder.lock();
         if folder.as_ref().is_some_and(|folder| folder.check().is_err()) {
             *folder = None;
         }
         if folder.is_none() {
-            let (mut opened, look) = ProgramFolder::open(path)?;
+            let (mut opened, look) = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed)?;
             for (number, program) in &*self.all() {
                 if !look.programs.contains_key(number) {
-                    opened.write(*number, program.text().as_bytes())?;
+                    opened.write(
+                        *number,
+                        program.text().as_bytes(),
+                        program.dialect.name,
+                        program.signature(),
+                    )?;
                 }
             }
             *folder = Some(opened);
@@ -199,9 +306,7 @@ impl ProgramStore {
                 tracing::warn!("{warning}");
             }
         }
-        folder
-            .as_mut()
-            .map_or(Ok(()), work)
+        work(folder.as_mut())
             .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
     }
 
@@ -213,6 +318,11 @@ impl ProgramStore {
     /// One program.
     pub fn get(&self, number: u16) -> Option<Arc<StoredProgram>> {
         self.all().get(&number).cloned()
+    }
+
+    /// How often a program has changed: another number says that another program may be there.
+    pub(crate) fn changes(&self) -> u64 {
+        self.changes.load(Ordering::Acquire)
     }
 
     /// Programs for lists, ascending.
@@ -238,23 +348,69 @@ impl ProgramStore {
     /// # Errors
     /// As [`ProgramStore::write`].
     pub fn put(&self, program: StoredProgram) -> io::Result<ProgramCheck> {
+        let stored = self.store(program, &ProgramCondition::default())?;
+        stored.map(|(check, _)| check).map_err(io::Error::other)
+    }
+
+    /// The same under a condition, which is compared with what is there in the same step. Nothing is written where the
+    /// same program is there; a signature that comes with it counts, and none leaves that which is there.
+    ///
+    /// # Errors
+    /// As [`ProgramStore::write`].
+    pub(crate) fn store(
+        &self,
+        program: StoredProgram,
+        condition: &ProgramCondition,
+    ) -> Changed<(ProgramCheck, Edit)> {
         let number = program.number;
         let _one_at_a_time = self.writing.lock();
         let created = self.check_room(number)?;
-        let check = ProgramCheck {
-            created,
-            ..program.check.clone()
-        };
-        if self.path.is_none() {
-            self.keep(program);
-            return Ok(check);
-        }
         self.with_folder(|folder| {
-            folder.write(number, program.text().as_bytes())?;
-            self.keep(program);
-            Ok(())
-        })?;
-        Ok(check)
+            let outside = outside(folder.as_deref(), number)?;
+            let old = self.hash_now(number, &outside);
+            if let Err(refusal) = condition.judge(number, old.as_deref()) {
+                return Ok(Err(refusal));
+            }
+            let before = self
+                .get(number)
+                .filter(|before| outside == Outside::Nothing && before.is_same(&program));
+            let what = match (&before, created) {
+                (Some(_), _) => EditKind::Unchanged,
+                (None, true) => EditKind::Upload,
+                (None, false) => EditKind::Replace,
+            };
+            let new = Some(program.sum().to_owned());
+            let check = ProgramCheck {
+                created,
+                unchanged: before.is_some(),
+                ..before.as_ref().map_or(&program, |before| before).check.clone()
+            };
+            if before.is_none() {
+                if let Some(folder) = folder {
+                    let dialect = program.dialect.name;
+                    folder.write(number, program.text().as_bytes(), dialect, program.signature())?;
+                }
+                self.keep(program);
+            }
+            let old = old.filter(|old| !old.is_empty());
+            let edit = Edit {
+                program: number,
+                what,
+                old,
+                new,
+            };
+            Ok(Ok((check, edit)))
+        })
+    }
+
+    /// The hash of what is there now: empty where that is damaged. `outside` is what was made of its file meanwhile.
+    fn hash_now(&self, number: u16, outside: &Outside) -> Option<String> {
+        match outside {
+            Outside::Written(sum) => Some(sum.clone()),
+            Outside::Removed => None,
+            Outside::Nothing if self.damaged.read().contains_key(&number) => Some(String::new()),
+            Outside::Nothing => self.get(number).map(|program| program.sum().to_owned()),
+        }
     }
 
     /// Tells whether a program would be new.
@@ -275,9 +431,26 @@ impl ProgramStore {
         Ok(created)
     }
 
-    /// The rules by which programs are parsed and checked.
-    pub(crate) fn rules(&self) -> TextRules {
-        self.rules
+    /// The rules by which programs of a dialect are parsed and checked; `None`: of that of the lowest coordinate system.
+    ///
+    /// # Errors
+    /// There is no such dialect.
+    pub(crate) fn rules_of(&self, dialect: Option<&str>) -> Result<TextRules, String> {
+        let Some(dialect) = dialect else {
+            return Ok(self.rules);
+        };
+        let dialect = dialects::find(dialect)?;
+        let mut all = self.rules_of.iter().copied();
+        let known = all.find(|rules| rules.dialect.name == dialect.name);
+        Ok(known.unwrap_or(TextRules {
+            dialect,
+            ..self.rules
+        }))
+    }
+
+    /// Those whose programs are run.
+    pub(crate) fn signers(&self) -> &Signers {
+        &self.signers
     }
 
     /// Removes a program, a damaged one, too; false when there is none.
@@ -285,18 +458,43 @@ impl ProgramStore {
     /// # Errors
     /// The disk refuses.
     pub fn delete(&self, number: u16) -> io::Result<bool> {
-        let _one_at_a_time = self.writing.lock();
-        if self.get(number).is_none() && !self.damaged.read().contains_key(&number) {
-            return Ok(false);
-        }
-        self.with_folder(|folder| folder.remove(number))?;
-        let was_damaged = self.damaged.write().remove(&number).is_some();
-        Ok(self.forget(number) || was_damaged)
+        let removed = self.remove(number, &ProgramCondition::default())?;
+        Ok(removed.map_err(io::Error::other)?.is_some())
     }
 
-    fn forget(&self, number: u16) -> bool {
+    /// The same under a condition, which is compared with what is there in the same step; `None`: there is none.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub(crate) fn remove(&self, number: u16, condition: &ProgramCondition) -> Changed<Option<Edit>> {
+        let _one_at_a_time = self.writing.lock();
+        self.with_folder(|folder| {
+            let outside = outside(folder.as_deref(), number)?;
+            let old = self.hash_now(number, &outside);
+            if let Err(refusal) = condition.judge(number, old.as_deref()) {
+                return Ok(Err(refusal));
+            }
+            if old.is_none() && self.get(number).is_none() {
+                return Ok(Ok(None));
+            }
+            if let Some(folder) = folder {
+                folder.remove(number)?;
+            }
+            self.damaged.write().remove(&number);
+            self.forget(number);
+            Ok(Ok(Some(Edit {
+                program: number,
+                what: EditKind::Delete,
+                old: old.filter(|old| !old.is_empty()),
+                new: None,
+            })))
+        })
+    }
+
+    fn forget(&self, number: u16) {
         let mut programs = self.programs.write();
-        Arc::make_mut(&mut programs).remove(&number).is_some()
+        Arc::make_mut(&mut programs).remove(&number);
+        self.changes.fetch_add(1, Ordering::Release);
     }
 
     /// Takes a program for the one of its number, without writing it.
@@ -304,10 +502,26 @@ impl ProgramStore {
         self.damaged.write().remove(&program.number);
         let mut programs = self.programs.write();
         Arc::make_mut(&mut programs).insert(program.number, Arc::new(program));
+        self.changes.fetch_add(1, Ordering::Release);
     }
 
     fn path(&self, number: u16) -> Option<PathBuf> {
         Some(self.path.as_ref()?.join(folder::file_name(number)))
+    }
+}
+
+fn outside(folder: Option<&ProgramFolder>, number: u16) -> io::Result<Outside> {
+    folder.map_or(Ok(Outside::Nothing), |folder| folder.outside(number))
+}
+
+impl Edit {
+    fn outside(program: u16, old: Option<String>, new: Option<&str>) -> Self {
+        Self {
+            program,
+            what: EditKind::Outside,
+            old,
+            new: new.map(str::to_owned),
+        }
     }
 }
 
@@ -343,73 +557,4 @@ fn followed(main: u16, calls: impl Fn(u16) -> Vec<u16>) -> BTreeSet<u16> {
 }
 
 #[cfg(test)]
-mod tests {
-    use plc_api::types::program::DiagnosticSeverity;
-    use tandem_interp::dialects::nj;
-    use tandem_model::limits::PROGRAM_BYTES_MAX;
-    use tandem_model::settings::NcOptions;
-
-    use super::*;
-
-    fn rules() -> TextRules {
-        TextRules {
-            dialect: nj(),
-            options: NcOptions::default(),
-            arc_radius_tolerance_mm: 0.01,
-        }
-    }
-
-    #[test]
-    fn a_written_program_is_there_after_the_store_is_opened_again() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = ProgramStore::open(folder.path(), rules()).unwrap();
-        assert!(store.write(7, "// Seven\nG90\nM30\n").unwrap().created);
-        assert!(!store.write(7, "// Seven again\nG90\nM30\n").unwrap().created);
-        let again = ProgramStore::open(folder.path(), rules()).unwrap();
-        assert_eq!(again.list()[0].title, "Seven again");
-        assert!(again.delete(7).unwrap());
-        assert!(
-            ProgramStore::open(folder.path(), rules())
-                .unwrap()
-                .list()
-                .is_empty()
-        );
-    }
-
-    #[test]
-    fn a_program_with_errors_is_stored_and_says_them() {
-        let store = ProgramStore::in_memory(rules());
-        let check = store.write(1, "G01 X\nM30\n").unwrap();
-        assert!(
-            check
-                .diagnostics
-                .iter()
-                .any(|found| found.severity == DiagnosticSeverity::Error)
-        );
-        assert!(store.get(1).unwrap().has_errors());
-    }
-
-    #[test]
-    fn program_numbers_outside_1_to_9999_are_refused() {
-        let store = ProgramStore::in_memory(rules());
-        assert!(store.write(0, "M30").is_err());
-        assert!(store.write(10_000, "M30").is_err());
-    }
-
-    #[test]
-    fn a_file_that_is_larger_than_a_program_may_be_is_not_read_whole() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("7.nc");
-        std::fs::File::create(&path)
-            .unwrap()
-            .set_len(PROGRAM_BYTES_MAX as u64 + 1)
-            .unwrap();
-        assert_eq!(read_text(&path).unwrap_err().kind(), io::ErrorKind::FileTooLarge);
-        assert!(
-            ProgramStore::open(folder.path(), rules())
-                .unwrap()
-                .list()
-                .is_empty()
-        );
-    }
-}
+mod tests;

@@ -298,6 +298,7 @@ impl Shared {
             state_rev: self.state_rev(cs),
             variables: None,
             lease: None,
+            hash: None,
         }
     }
 

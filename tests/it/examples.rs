@@ -145,6 +145,22 @@ fn the_plate_of_dialect_dgshape_is_clean_and_simulates_to_completion() {
 }
 
 #[test]
+fn two_coordinate_systems_of_one_machine_run_programs_of_two_dialects_at_once() {
+    let arguments = [
+        "simulate",
+        "examples/nc/dgshape/plate.nc",
+        "--with",
+        "2=examples/nc/loader.nc",
+        "--config",
+        "examples/config/two-dialects.toml",
+        "--json",
+    ];
+    let ran = run(root(), &arguments);
+    assert_eq!(ran.code, 0, "{}{}", ran.stdout, ran.stderr);
+    assert_eq!(ran.json()["outcome"], "completed");
+}
+
+#[test]
 fn the_part_transfer_simulates_in_both_coordinate_systems_at_once() {
     let ran = run(
         root(),

@@ -1,10 +1,13 @@
 //! `tandem serve` as a process: start, life of a program over every server end, refusals, end.
 
 mod access;
+mod audit;
 mod conditions;
 mod coordinate_systems;
 mod data_folder;
+mod dialects;
 mod disk;
+mod identity;
 mod kept;
 mod late;
 mod life;

@@ -3,7 +3,7 @@
 
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { explain } from "../explain.js";
-import { programName } from "../format.js";
+import { programName, shortHash } from "../format.js";
 import { NcText } from "../nc_text.js";
 
 /** Height of a line, as in cards.css. */
@@ -22,7 +22,8 @@ export const program = {
 class ProgramView {
   #calls = h("span", { class: "calls" });
   #place = h("span", {});
-  #stack = h("span", { class: "muted stack" }, this.#calls, this.#place);
+  #hash = h("span", { class: "hash" });
+  #stack = h("span", { class: "muted stack" }, this.#calls, this.#place, this.#hash);
   #follow = button({ class: "button small", "aria-pressed": "true", onclick: () => this.#setFollowing(!this.#following) }, "Follow");
   #spacer = h("div", { class: "spacer" });
   #rows = h("ol", { class: "rows" });
@@ -62,7 +63,7 @@ class ProgramView {
     const place = system?.place?.number ? system.place : null;
     const number = place?.number ?? system?.state?.program ?? null;
     // a program may have changed before a load or a start, so it is read again then
-    const key = `${model.bootId} ${model.selected} ${number} ${system?.state?.run_id} ${system?.state?.program}`;
+    const key = `${model.bootId} ${model.selected} ${number} ${system?.state?.run_id} ${system?.state?.program} ${system?.state?.hash}`;
     if (number === null) this.#loaded = { key, text: null, error: system?.state ? "No program is loaded." : "" };
     else if (key !== this.#loaded.key || (model.online && Date.now() > this.#againAt)) void this.#read(number, key);
     const { text, error } = this.#loaded;
@@ -71,8 +72,11 @@ class ProgramView {
     setAttr(this.#view, "hidden", text === null);
     setAttr(this.#follow, "aria-pressed", String(this.#following));
     setText(this.#calls, callers(place));
-    setText(this.#place, number === null ? "" : `${programName(number)}${place?.line ? ` line ${place.line}` : ""}`);
-    setAttr(this.#stack, "title", this.#stack.textContent);
+    const o = number === system?.state?.program ? system?.state?.o_number : null;
+    setText(this.#place, number === null ? "" : `${programName(number)}${own(o)}${place?.line ? ` line ${place.line}` : ""}`);
+    const hash = number !== null && number === system?.state?.program ? system.state.hash : null;
+    setText(this.#hash, hash ? shortHash(hash) : "");
+    setAttr(this.#stack, "title", `${this.#calls.textContent}${this.#place.textContent}${hash ? `\nSHA-256 ${hash}` : ""}`);
     if (text) this.#draw(text, place?.line ?? 0, place?.interpreted_line ?? 0);
   }
 
@@ -89,12 +93,13 @@ class ProgramView {
 
   /** @param {number} number @param {string} key */
   async #read(number, key) {
-    const dialect = this.app.model.current?.info.dialect ?? "";
+    const { programs, current } = this.app.model;
+    const dialect = programs?.find((program) => program.number === number)?.dialect ?? current?.info.dialect ?? "";
     const asked = { key, text: /** @type {NcText | null} */ (null), error: "" };
     this.#loaded = asked;
     this.#againAt = Number.POSITIVE_INFINITY;
     try {
-      asked.text = new NcText(await this.app.api.programText(number), dialect);
+      asked.text = new NcText((await this.app.api.program(number)).text, dialect);
     } catch (error) {
       asked.error = error instanceof Error ? error.message : String(error);
       this.#againAt = Date.now() + AGAIN_MS;
@@ -144,6 +149,11 @@ function row(number, text, running, interpreted) {
     h("span", { class: "line-number" }, String(number)),
     h("code", {}, ...parts),
   );
+}
+
+/** The number that the text gives itself. @param {number | null | undefined} o */
+function own(o) {
+  return o === null || o === undefined ? "" : ` (in its text O${o})`;
 }
 
 /** @param {import("../types.d.ts").ProgramPlaceMessage | null} place */

@@ -4,10 +4,13 @@ import { diagnosticsOf } from "../api.js";
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { numberFor, openEditor } from "../editor.js";
 import { counts, showFindings } from "../findings.js";
-import { bytes, programName } from "../format.js";
+import { bytes, programName, shortHash } from "../format.js";
 import { icon } from "../icons.js";
 
 const LOADABLE = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
+
+/** @type {Record<string, string>} */
+const SIGNATURES = { valid: "signed", missing: "not signed", wrong: "wrong signature" };
 
 /** @type {import("../main.js").View} */
 export const programs = {
@@ -25,7 +28,7 @@ export const programs = {
       const { programs: known, current } = model;
       setText(empty, known === null ? "" : "The store is empty.");
       setAttr(empty, "hidden", known === null || known.length > 0);
-      const key = JSON.stringify(known);
+      const key = JSON.stringify([known, current?.info.dialect]);
       if (key !== shown) {
         shown = key;
         fill(list, ...(known ?? []).map((program) => entry(app, program)));
@@ -45,13 +48,16 @@ export const programs = {
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").ProgramInfo} program */
 function entry(app, program) {
-  const { number } = program;
+  const { number, o_number: o } = program;
   const name = programName(number);
   const onLoad = () => {
     const cs = app.model.selected;
     void app.attempt(() => app.api.command(cs, "load", { program: number }).catch((error) => showFindings(number, diagnosticsOf(error))));
   };
-  const onEdit = () => void app.attempt(async () => openEditor(app, number, await app.api.programText(number)));
+  const onEdit = () => void app.attempt(async () => {
+    const { text, hash } = await app.api.program(number);
+    openEditor(app, number, text, hash, program.dialect);
+  });
   const onFindings = () => void app.attempt(async () => showFindings(number, await app.api.check(number)));
   const load = button({ class: "button load", "aria-label": `Load ${name}`, onclick: onLoad }, icon("load"), "Load");
   const edit = button({ class: "icon-button", "aria-label": `Edit ${name}`, title: "Edit", onclick: onEdit }, icon("edit"));
@@ -68,6 +74,7 @@ function entry(app, program) {
       { class: "grow" },
       h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
       h("p", { class: "muted title", title: program.title }, program.title || bytes(program.bytes)),
+      h("p", { class: "muted title", title: `SHA-256 ${program.hash}` }, [o === null || o === undefined ? "" : `O${o} in its text`, program.dialect === app.model.current?.info.dialect ? "" : program.dialect, shortHash(program.hash), SIGNATURES[program.signature ?? ""]].filter(Boolean).join(" · ")),
     ),
     edit,
     load,

@@ -20,9 +20,17 @@ export const switches = {
       h("div", { class: "row", role: "group", "aria-label": "Stops" }, singleBlock.element, optionalStop.element),
       h("div", { class: "skips", role: "group", "aria-label": "Block skip" }, ...skips.map((s) => s.element)),
     );
-    return { element, render: () => all.forEach((one) => one.render()) };
+    const render = () => {
+      const most = SKIPS[app.model.current?.info.dialect ?? ""] ?? skips.length;
+      skips.forEach((skip, i) => setAttr(skip.element, "hidden", i >= most));
+      for (const one of all) one.render();
+    };
+    return { element, render };
   },
 };
+
+/** Block skips of a dialect that has fewer. @type {Record<string, number>} */
+const SKIPS = { dgshape: 1 };
 
 /**
  * A lock that this screen can switch; it also shows what others have set.

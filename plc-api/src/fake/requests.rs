@@ -184,6 +184,7 @@ impl Inner {
             state_rev: self.rev,
             variables: None,
             lease: None,
+            hash: None,
         }
     }
 

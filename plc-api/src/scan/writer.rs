@@ -59,7 +59,7 @@ impl Writer {
 
     /// True if the machine has accepted it. A refusal is passed to the next scan, and logged if it is new.
     async fn request(&mut self, plc: &Plc, request: Request, image: &Image) -> bool {
-        let Err(refusal) = plc.port().request(request).await else {
+        let Err(refusal) = plc.port().request_as(plc.name(), request).await else {
             return true;
         };
         if !image.refusals().contains(&refusal) {

@@ -137,7 +137,7 @@ impl TransportClient for Shared {
             if let Topic::CoordinateSystem(_, CsTopic::Position) = topic {
                 // the WebSocket carries positions ten times a second; GET returns those of the last servo cycle
                 if let Some(exchange) = read(topic)
-                    && let Ok(Ok((200, body))) =
+                    && let Ok(Ok((200, _, body))) =
                         tokio::time::timeout(ANSWER_TIMEOUT, self.send(&exchange)).await
                     && let Ok(message) = Message::from_json(topic.clone(), body.as_bytes())
                 {
@@ -169,7 +169,7 @@ impl Shared {
     async fn repeat_until_answered(&self, exchange: &Exchange) -> Result<Answer, Refusal> {
         loop {
             match self.send(exchange).await {
-                Ok((status, body)) => return exchange.answer.decode(status, &body),
+                Ok((status, etag, body)) => return exchange.answer.decode(status, &etag, &body),
                 Err(error) => {
                     tracing::debug!(%error, path = %exchange.path, "no answer; asking again");
                     tokio::time::sleep(AGAIN_AFTER).await;
@@ -178,7 +178,8 @@ impl Shared {
         }
     }
 
-    async fn send(&self, exchange: &Exchange) -> Result<(u16, String), BoxError> {
+    /// Status, `ETag` and body of the answer.
+    async fn send(&self, exchange: &Exchange) -> Result<(u16, String, String), BoxError> {
         let url = format!("{}{}", self.address.http, exchange.path);
         let mut request = http::Request::builder().method(exchange.method).uri(url);
         if let Some(token) = &self.address.token {
@@ -192,8 +193,13 @@ impl Shared {
             .request(request.body(exchange.body.clone().unwrap_or_default())?)
             .await?;
         let status = response.status().as_u16();
+        let etag = response.headers().get(http::header::ETAG);
+        let etag = etag
+            .and_then(|etag| etag.to_str().ok())
+            .unwrap_or_default()
+            .to_owned();
         let body = Limited::new(response.into_body(), BODY_MAX).collect().await?;
-        Ok((status, String::from_utf8(body.to_bytes().to_vec())?))
+        Ok((status, etag, String::from_utf8(body.to_bytes().to_vec())?))
     }
 
     /// Passes the result of a validation to the connection. The machine does not answer it.

@@ -302,6 +302,9 @@ pub struct Expect {
     /// The revision of `state` that the sender has seen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state_rev: Option<u64>,
+    /// The program, by its hash: of a load the one to be loaded, else the one that is loaded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hash: Option<String>,
 }
 
 explained! {
@@ -345,6 +348,9 @@ pub struct CommandReply {
     /// The lease that was taken; of `lease/take` only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lease: Option<Lease>,
+    /// The program that is loaded or started, by its hash; of `load` and `start` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hash: Option<String>,
 }
 
 #[cfg(test)]

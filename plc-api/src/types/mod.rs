@@ -18,6 +18,7 @@ pub mod refusal;
 pub mod request;
 pub mod state;
 pub mod topic;
+pub mod upload;
 pub mod verb;
 pub mod words;
 

@@ -19,6 +19,42 @@ pub struct ProgramInfo {
     pub errors: u32,
     /// Warnings that checking finds.
     pub warnings: u32,
+    /// Which program this is: SHA-256 of the bytes of its file, which are those of the text as it was sent, 64 hexadecimal
+    /// digits.
+    #[serde(default)]
+    pub hash: String,
+    /// Its signature; null on a machine without `[programs] signed_by`, which looks at none.
+    #[serde(default)]
+    pub signature: Option<SignatureState>,
+    /// NC dialect that it is written in: only coordinate systems of this dialect load it.
+    #[serde(default)]
+    pub dialect: String,
+    /// Number that the text itself gives it, in dialects that have one there (`O12345678`); it is not `number`, by which it is
+    /// stored, loaded and called.
+    #[serde(default)]
+    pub o_number: Option<u32>,
+}
+
+/// What is known of the signature of a program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum SignatureState {
+    /// One of the keys of the configuration has signed these bytes.
+    Valid,
+    /// There is none.
+    Missing,
+    /// There is one, and none of the keys has made it for these bytes.
+    Wrong,
+}
+
+/// A program with what tells it from others.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProgramText {
+    /// The text.
+    pub text: String,
+    /// As in [`ProgramInfo::hash`].
+    pub hash: String,
 }
 
 /// What checking says of a program.
@@ -34,6 +70,21 @@ pub struct ProgramCheck {
     pub m_codes: Vec<u16>,
     /// Programs that it calls, ascending.
     pub programs: Vec<u16>,
+    /// As in [`ProgramInfo::hash`].
+    #[serde(default)]
+    pub hash: String,
+    /// True when the same program was there already, and nothing has changed (of a write).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unchanged: bool,
+    /// As in [`ProgramInfo::signature`].
+    #[serde(default)]
+    pub signature: Option<SignatureState>,
+    /// As in [`ProgramInfo::dialect`].
+    #[serde(default)]
+    pub dialect: String,
+    /// As in [`ProgramInfo::o_number`].
+    #[serde(default)]
+    pub o_number: Option<u32>,
 }
 
 /// One finding.

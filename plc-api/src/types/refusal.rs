@@ -72,6 +72,12 @@ explained! {
         /// The program has errors (422).
         ProgramHasErrors = "program_has_errors",
             "Correct what the diagnostics of the answer say, and store the program again.";
+        /// The program is of another dialect than the coordinate system (422).
+        WrongDialect = "wrong_dialect",
+            "Load it into a coordinate system of its dialect, or store it with the dialect that it is written in.";
+        /// The machine runs signed programs only, and this has no valid signature (422).
+        NotSigned = "not_signed",
+            "Sign the program with a key of [programs] signed_by, and store it with its signature.";
         /// The request is not well-formed, or a value is out of its range (400).
         Invalid = "invalid",
             "Correct what the text names; the page of routes or topics has the form.";

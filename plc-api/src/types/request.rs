@@ -13,9 +13,10 @@ use super::heartbeat::ClientHeartbeat;
 use super::lease::LeaseRequest;
 use super::machine::{AlarmRaise, AlarmRecord};
 use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
-use super::program::{ProgramCheck, ProgramInfo};
+use super::program::{ProgramCheck, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
 use super::state::{Lock, SpindleDirection};
+use super::upload::{ProgramCondition, ProgramUpload};
 
 pub use super::refusal::{Refusal, RefusalCode};
 
@@ -338,6 +339,12 @@ requests! {
         WriteProgram(number: u16, text: String) -> ProgramCheck;
         /// Removes a program.
         DeleteProgram(number: u16) -> ();
+        /// Text of a program with its hash.
+        FetchProgram(number: u16) -> ProgramText;
+        /// Writes a program under a condition, stored even with errors.
+        StoreProgram(number: u16, upload: ProgramUpload) -> ProgramCheck;
+        /// Removes a program under a condition.
+        RemoveProgram(number: u16, condition: ProgramCondition) -> ();
         /// Checks a program of the store.
         CheckProgram(number: u16) -> ProgramCheck;
         /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
@@ -455,6 +462,8 @@ answers! {
     Programs(Vec<ProgramInfo>),
     /// Text of a program, or its intermediate code.
     ProgramText(String),
+    /// A program.
+    Program(ProgramText),
     /// What checking says.
     Check(ProgramCheck),
     /// Handlers by id.

@@ -51,6 +51,13 @@ pub struct State {
     pub waiting_on: Option<WaitingOn>,
     /// The loaded main program.
     pub program: Option<u16>,
+    /// Which program that is, by its hash: of a run the text that runs, else the one that a start would run. SHA-256 of the
+    /// bytes of its file, 64 hexadecimal digits; null without a program.
+    #[serde(default)]
+    pub hash: Option<String>,
+    /// Number that its text gives it, in dialects that have one there (`O12345678`); it is not `program`.
+    #[serde(default)]
+    pub o_number: Option<u32>,
     /// Names the run; null before the first start.
     pub run_id: Option<String>,
     /// Single block input.

@@ -11,7 +11,7 @@ use crate::types::command::{CommandReply, CommandStatus};
 use crate::types::data::{LastRun, VariableKind, VariableValues};
 use crate::types::machine::AlarmRecord;
 use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus};
-use crate::types::program::{ProgramCheck, ProgramInfo};
+use crate::types::program::{ProgramCheck, ProgramInfo, ProgramText};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Answer, Request};
 
@@ -43,8 +43,10 @@ pub enum AnswerForm {
         /// Number of the first.
         from: u32,
     },
-    /// Text of a program.
+    /// Intermediate code, or the text of a program for whoever does not ask which one it is.
     Text,
+    /// Text of a program, with its hash as `ETag`.
+    Program,
     /// What checking a program says; the status tells whether it is new.
     Check,
     /// JSON of the answer's type.
@@ -76,8 +78,12 @@ pub enum Reply {
     Json(u16, String),
     /// Plain text.
     Text(String),
-    /// 202: a command is accepted; where to ask for the rest is named by its id.
-    Accepted(String),
+    /// Text of a program, and its hash.
+    Program(ProgramText),
+    /// Status and JSON of what was stored, and its hash.
+    Stored(u16, String, String),
+    /// 202: a command is accepted; where to ask for the rest is named by its id. A load and a start say which program.
+    Accepted(String, Option<String>),
 }
 
 /// Answers whose value is in a field of an object.
@@ -137,6 +143,9 @@ struct JournalLine {
 #[cfg_attr(feature = "schema", schemars(rename = "CommandAccepted"))]
 pub(super) struct Accepted {
     command_id: String,
+    /// The program that is loaded or started, by its hash; of `load` and `start` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    hash: Option<String>,
 }
 
 impl AnswerForm {
@@ -151,7 +160,9 @@ impl AnswerForm {
             (AnswerForm::Command { wait }, Answer::Command(reply)) => match reply.status {
                 CommandStatus::Rejected | CommandStatus::Failed => Err(Problem::of_reply(&reply).into()),
                 CommandStatus::Done if *wait => json(json!(reply)),
-                CommandStatus::Done | CommandStatus::Accepted => Ok(Reply::Accepted(reply.command_id)),
+                CommandStatus::Done | CommandStatus::Accepted => {
+                    Ok(Reply::Accepted(reply.command_id, reply.hash))
+                }
             },
             (AnswerForm::Lease, Answer::Command(reply)) if reply.status == CommandStatus::Rejected => {
                 Err(Problem::of_reply(&reply).into())
@@ -167,9 +178,12 @@ impl AnswerForm {
                 json(json!(VariableValues::new(*kind, *from, values)))
             }
             (AnswerForm::Text, Answer::ProgramText(text)) => Ok(Reply::Text(text)),
+            (AnswerForm::Text, Answer::Program(program)) => Ok(Reply::Text(program.text)),
+            (AnswerForm::Program, Answer::Program(program)) => Ok(Reply::Program(program)),
             (AnswerForm::Check, Answer::Check(check)) => {
                 let status = if check.created { 201 } else { 200 };
-                Ok(Reply::Json(status, json!(check).to_string()))
+                let body = json!(check).to_string();
+                Ok(Reply::Stored(status, body, check.hash))
             }
             (AnswerForm::Json { encode, .. }, answer) => {
                 encode(answer).map_or_else(|| Err(Problem::unexpected().into()), json)
@@ -178,30 +192,38 @@ impl AnswerForm {
         }
     }
 
-    /// What an HTTP answer says.
+    /// What an HTTP answer says, with the value of its `ETag`, empty without one.
     ///
     /// # Errors
     /// The refusal that it carries.
-    pub fn decode(&self, status: u16, body: &str) -> Result<Answer, Refusal> {
+    pub fn decode(&self, status: u16, etag: &str, body: &str) -> Result<Answer, Refusal> {
         if !(200..300).contains(&status) {
             return self.refused(status, body);
         }
         Ok(match self {
             AnswerForm::Nothing => Answer::Done,
             // 200 carries the reply; 202 only the id of a command that has been accepted
-            AnswerForm::Command { .. } if status == 202 => Answer::Command(CommandReply {
-                command_id: read::<Accepted>(body)?.command_id,
-                status: CommandStatus::Accepted,
-                code: "ok".to_owned(),
-                text: String::new(),
-                state_rev: 0,
-                variables: None,
-                lease: None,
-            }),
+            AnswerForm::Command { .. } if status == 202 => {
+                let Accepted { command_id, hash } = read(body)?;
+                Answer::Command(CommandReply {
+                    command_id,
+                    status: CommandStatus::Accepted,
+                    code: "ok".to_owned(),
+                    text: String::new(),
+                    state_rev: 0,
+                    variables: None,
+                    lease: None,
+                    hash,
+                })
+            }
             AnswerForm::Command { .. } | AnswerForm::Lease => Answer::Command(read(body)?),
             AnswerForm::Handshake { .. } => Answer::Handshake(read(body)?),
             AnswerForm::Variables { .. } => Answer::Variables(read::<VariableValues>(body)?.numbers()),
             AnswerForm::Text => Answer::ProgramText(body.to_owned()),
+            AnswerForm::Program => Answer::Program(ProgramText {
+                text: body.to_owned(),
+                hash: etag.trim_matches('"').to_owned(),
+            }),
             AnswerForm::Check => Answer::Check(ProgramCheck {
                 created: status == 201,
                 ..read(body)?
@@ -229,9 +251,10 @@ impl AnswerForm {
 
 impl Reply {
     /// The body that a command's id is answered with.
-    pub fn accepted_body(command_id: &str) -> String {
+    pub fn accepted_body(command_id: &str, hash: Option<&str>) -> String {
         json!(Accepted {
-            command_id: command_id.to_owned()
+            command_id: command_id.to_owned(),
+            hash: hash.map(str::to_owned),
         })
         .to_string()
     }
@@ -276,7 +299,7 @@ mod tests {
 
     #[test]
     fn an_accepted_command_is_answered_with_its_id_and_a_done_one_with_its_reply() {
-        let Ok(Answer::Command(reply)) = COMMAND.decode(202, &Reply::accepted_body("c")) else {
+        let Ok(Answer::Command(reply)) = COMMAND.decode(202, "", &Reply::accepted_body("c", None)) else {
             panic!("no reply")
         };
         assert_eq!(
@@ -284,7 +307,7 @@ mod tests {
             ("c", CommandStatus::Accepted)
         );
         let done = r#"{"command_id":"c","status":"done","code":"ok","text":"","state_rev":4}"#;
-        let Ok(Answer::Command(reply)) = COMMAND.decode(200, done) else {
+        let Ok(Answer::Command(reply)) = COMMAND.decode(200, "", done) else {
             panic!("no reply")
         };
         assert_eq!((reply.status, reply.state_rev), (CommandStatus::Done, 4));
@@ -294,13 +317,13 @@ mod tests {
     fn a_problem_is_the_refusal_that_it_was() {
         let body = r#"{"type":"about:blank","title":"Conflict","status":409,"code":"not_allowed","detail":"no",
             "state":"ACTIVE","allowed":["hold"]}"#;
-        let refusal = COMMAND.decode(409, body).unwrap_err();
+        let refusal = COMMAND.decode(409, "", body).unwrap_err();
         assert_eq!(
             (refusal.code, refusal.text.as_str(), refusal.state),
             (RefusalCode::NotAllowed, "no", Some(Execution::Active))
         );
         assert_eq!(refusal.allowed, [Verb::Hold]);
-        let refusal = COMMAND.decode(502, "<html>").unwrap_err();
+        let refusal = COMMAND.decode(502, "", "<html>").unwrap_err();
         assert_eq!(
             (refusal.code, refusal.text.as_str()),
             (RefusalCode::Unavailable, "HTTP status 502")
@@ -327,7 +350,7 @@ mod tests {
             });
             let problem = form.encode(answer.clone()).unwrap_err();
             let body = serde_json::to_string(&problem).unwrap();
-            assert_eq!(form.decode(problem.status, &body), Ok(answer));
+            assert_eq!(form.decode(problem.status, "", &body), Ok(answer));
         }
     }
 }

@@ -18,6 +18,7 @@ pub mod right;
 pub mod route;
 pub mod row;
 pub mod states;
+pub mod tag;
 pub mod websocket;
 
 pub use json::json_object;

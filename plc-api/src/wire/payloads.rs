@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::answer::AnswerForm;
-use super::row::{Fault, IncomingRequest, QueryValues, RequestParts};
+use super::row::{Fault, IncomingRequest, PROGRAM_SIGNATURE, QueryValues, RequestParts};
 use crate::types::command::Command;
 #[cfg(feature = "schema")]
 use crate::types::data::VARIABLES_AT_ONCE_MAX;
@@ -14,6 +14,7 @@ use crate::types::data::{JournalFilter, Number, VariableArea, VariableKind};
 use crate::types::lease::{LeaseRelease, LeaseRequest};
 use crate::types::request::{Input, Request};
 use crate::types::state::{Lock, Switch};
+use crate::types::upload::ProgramUpload;
 
 /// Optional block skips: numbers from 1 to this.
 const SKIP_MAX: u8 = 31;
@@ -318,7 +319,52 @@ pub(super) fn write_variables(incoming: &IncomingRequest<'_>) -> Result<Request,
     })
 }
 
-pub(super) fn text(incoming: IncomingRequest<'_>) -> Result<String, Fault> {
+/// Nothing but a text is the plain request.
+pub(super) fn store_program(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
+    let (number, condition, signature) = (
+        incoming.number("number")?,
+        incoming.condition()?,
+        incoming.signature(),
+    );
+    let dialect = incoming.query.dialect.clone();
+    let is_plain = condition.is_none() && signature.is_none() && dialect.is_none();
+    let upload = ProgramUpload {
+        text: text(incoming)?,
+        condition,
+        signature,
+        dialect,
+    };
+    if is_plain {
+        return Ok(Request::WriteProgram(number, upload.text));
+    }
+    Ok(Request::StoreProgram(number, upload))
+}
+
+/// The parts of an upload.
+pub(super) fn upload(number: u16, upload: ProgramUpload) -> RequestParts {
+    let parts = RequestParts::default().with("number", number);
+    let parts = parts.text(upload.text).condition(&upload.condition);
+    let parts = match upload.signature {
+        Some(signature) => parts.header(PROGRAM_SIGNATURE, signature),
+        None => parts,
+    };
+    match upload.dialect {
+        Some(dialect) => parts.query("dialect", dialect),
+        None => parts,
+    }
+}
+
+/// Without a condition it is the plain request.
+pub(super) fn remove_program(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
+    let (number, condition) = (incoming.number("number")?, incoming.condition()?);
+    Ok(if condition.is_none() {
+        Request::DeleteProgram(number)
+    } else {
+        Request::RemoveProgram(number, condition)
+    })
+}
+
+fn text(incoming: IncomingRequest<'_>) -> Result<String, Fault> {
     String::from_utf8(incoming.body.into_owned()).map_err(|error| {
         let place = error.utf8_error().valid_up_to();
         Fault::Invalid(format!(

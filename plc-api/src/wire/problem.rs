@@ -120,7 +120,10 @@ fn status_of(code: RefusalCode) -> u16 {
         | RefusalCode::Busy
         | RefusalCode::LeaseLost => 409,
         RefusalCode::PreconditionFailed | RefusalCode::Expired => 412,
-        RefusalCode::ProgramHasErrors | RefusalCode::CommandIdReused => 422,
+        RefusalCode::ProgramHasErrors
+        | RefusalCode::NotSigned
+        | RefusalCode::WrongDialect
+        | RefusalCode::CommandIdReused => 422,
         RefusalCode::Invalid | RefusalCode::Retained => 400,
         RefusalCode::TooLarge => 413,
         RefusalCode::NotSupported => 501,
@@ -162,6 +165,8 @@ mod tests {
             (RefusalCode::LeaseLost, 409),
             (RefusalCode::PreconditionFailed, 412),
             (RefusalCode::ProgramHasErrors, 422),
+            (RefusalCode::NotSigned, 422),
+            (RefusalCode::WrongDialect, 422),
             (RefusalCode::CommandIdReused, 422),
             (RefusalCode::Invalid, 400),
             (RefusalCode::TooLarge, 413),

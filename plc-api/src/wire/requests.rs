@@ -7,8 +7,8 @@ use super::answer::{
 };
 use super::payloads::{
     CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, VariableGet, VariableSet, VariableWrite, break_lease,
-    command_answer, handshake, lease, of_area, read_command, read_input, read_variables, release, switch,
-    text, variables, with_filter, write_input, write_variables,
+    command_answer, handshake, lease, of_area, read_command, read_input, read_variables, release,
+    remove_program, store_program, switch, upload, variables, with_filter, write_input, write_variables,
 };
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set};
 use super::route::{Content, Headers, Query, Route};
@@ -26,6 +26,7 @@ use crate::types::program::ProgramCheck;
 use crate::types::question::{self, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use crate::types::state::{Lock, Switch, Tool};
+use crate::types::upload::ProgramUpload;
 
 /// Lines of the journal where no number is named.
 const JOURNAL_LINES: u32 = 100;
@@ -56,7 +57,7 @@ macro_rules! written {
     };
 }
 
-/// The row of a request whose values are a number or a name in its path, or its body, JSON or text.
+/// The row of a request whose values are a number or a name in its path, or its JSON body.
 macro_rules! carried {
     ($right:ident, $request:ident) => {
         Row::new(
@@ -79,9 +80,7 @@ macro_rules! carried {
     (@read $incoming:ident, $value:ident, number) => { $incoming.number(stringify!($value))? };
     (@read $incoming:ident, $value:ident, name) => { $incoming.text(stringify!($value)).to_owned() };
     (@read $incoming:ident, $value:ident, json) => { $incoming.json()? };
-    (@read $incoming:ident, $value:ident, text) => { text($incoming)? };
     (@write $parts:ident, $value:ident, json) => { $parts.json(&$value) };
-    (@write $parts:ident, $value:ident, text) => { $parts.text($value) };
     (@write $parts:ident, $value:ident, $level:ident) => { $parts.with(stringify!($value), $value) };
 }
 
@@ -476,24 +475,45 @@ pub static ROWS: [Row; 38] = [
         ..carried!(Read, Programs)
     },
     Row {
-        routes: &[Route::get("/programs/{number}", "Text of a program.").answered(200, Content::Text)],
-        answer: |_| AnswerForm::Text,
-        ..carried!(Read, ReadProgram(number: number))
+        routes: &[Route::get("/programs/{number}", "Text of a program.")
+            .answered(200, Content::Text)
+            .headers(Headers::Cached)],
+        answer: |request| match request {
+            Request::ReadProgram(_) => AnswerForm::Text,
+            _ => AnswerForm::Program,
+        },
+        ..Row::new(Read, |incoming| Ok(Request::FetchProgram(incoming.number("number")?)),
+            written!(Request::ReadProgram(number) | Request::FetchProgram(number) => {
+                    RequestParts::default().with("number", number)
+                }),
+        )
     },
     Row {
         routes: &[
             Route::new("PUT", "/programs/{number}", "Stores a program, even with errors.")
                 .takes(Content::Text)
                 .gives::<ProgramCheck>()
-                .or::<ProgramCheck>(201),
+                .or::<ProgramCheck>(201)
+                .query(Query::Dialect)
+                .headers(Headers::Upload),
         ],
         is_large: true,
         answer: |_| AnswerForm::Check,
-        ..carried!(Administrate, WriteProgram(number: number, text: text))
+        ..Row::new(Administrate, store_program, |request| match request {
+            Request::WriteProgram(number, text) => Ok(upload(number, ProgramUpload { text, ..ProgramUpload::default() })),
+            Request::StoreProgram(number, said) => Ok(upload(number, said)),
+            other => Err(other),
+        })
     },
     Row {
-        routes: &[Route::new("DELETE", "/programs/{number}", "Deletes a program.")],
-        ..carried!(Administrate, DeleteProgram(number: number))
+        routes: &[Route::new("DELETE", "/programs/{number}", "Deletes a program.").headers(Headers::Condition)],
+        ..Row::new(Administrate, |incoming| remove_program(&incoming), |request| match request {
+            Request::DeleteProgram(number) => Ok(RequestParts::default().with("number", number)),
+            Request::RemoveProgram(number, condition) => {
+                Ok(RequestParts::default().with("number", number).condition(&condition))
+            }
+            other => Err(other),
+        })
     },
     Row {
         routes: &[

@@ -5,6 +5,7 @@ use serde_json::Value;
 use super::answer::AnswerForm;
 use super::pattern::{fill, names, percent_encoded};
 use super::requests::ROWS;
+use super::right::Right;
 use super::row::{Body, RequestParts, Row};
 use super::states::STATES;
 use crate::types::refusal::{Refusal, RefusalCode};
@@ -16,6 +17,8 @@ use crate::types::topic::Topic;
 pub struct Exchange {
     /// HTTP method.
     pub method: &'static str,
+    /// The right that its sender needs.
+    pub right: Right,
     /// Path and query, below the interface's path.
     pub path: String,
     /// Headers besides the token.
@@ -61,6 +64,7 @@ pub fn read(topic: &Topic) -> Option<Exchange> {
     };
     let row = STATES.iter().find(|row| row.topic(cs) == *topic)?;
     Some(Exchange {
+        right: Right::Read,
         method: row.route.method,
         path: fill(row.route.pattern, &RequestParts::of(cs).params, percent_encoded)?,
         headers: Vec::new(),
@@ -88,6 +92,7 @@ impl Row {
         };
         headers.extend(parts.headers);
         Some(Exchange {
+            right: self.right,
             method: route.method,
             path: path + &query(&parts.query),
             headers,
@@ -141,8 +146,8 @@ mod tests {
             command_id: "c 1".into(),
             client_id: "plc".into(),
             expect: Some(Expect {
-                boot_id: None,
                 state_rev: Some(12),
+                ..Expect::default()
             }),
             ..CommandMeta::default()
         };

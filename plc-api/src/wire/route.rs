@@ -27,6 +27,8 @@ pub enum Query {
     Journal,
     /// `wait`: answer when it is done.
     Wait,
+    /// `dialect`: of the program that is stored.
+    Dialect,
 }
 
 /// Headers that a route reads.
@@ -40,6 +42,19 @@ pub enum Headers {
     KeyAndFence,
     /// `Idempotency-Key`, and the conditions of a command: `Lease-Fence`, `If-Match`.
     Command,
+    /// What the client has already: `If-None-Match`.
+    Cached,
+    /// Which program is to be changed: `If-Match`, `If-None-Match`.
+    Condition,
+    /// The same, and `Program-Signature`.
+    Upload,
+}
+
+impl Headers {
+    /// True for what a command reads.
+    pub fn has_key(self) -> bool {
+        matches!(self, Headers::Key | Headers::KeyAndFence | Headers::Command)
+    }
 }
 
 /// One route.

@@ -12,18 +12,27 @@ use super::json::edited_json_object;
 use super::pattern::{self, Param};
 use super::right::Right;
 use super::route::Route;
+use super::tag;
 use crate::types::CoordinateSystemNumber;
-use crate::types::command::{CommandMeta, Expect};
+use crate::types::command::CommandMeta;
 use crate::types::data::JournalFilter;
 use crate::types::form::{Form, HasForm};
 use crate::types::ids::COMMAND_ID_MAX;
 use crate::types::request::Request;
+use crate::types::upload::ProgramCondition;
 
 /// Header with the id of a command.
 pub(super) const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
-/// Header with the revision of the state that a command expects.
+/// Header with the revision of the state or the hash of the program that a command expects, and with the hash of the program
+/// that is to be changed.
 pub(super) const IF_MATCH: &str = "if-match";
+
+/// Header with the hashes of programs that must not be there, or that the client has already.
+pub const IF_NONE_MATCH: &str = "if-none-match";
+
+/// Header with the signature of a program.
+pub(super) const PROGRAM_SIGNATURE: &str = "program-signature";
 
 /// Header with the number of the control lease under which a command is sent.
 pub(super) const LEASE_FENCE: &str = "lease-fence";
@@ -198,6 +207,8 @@ pub struct QueryValues {
     pub wait: Option<String>,
     /// Which lines of the journal.
     pub filter: JournalFilter,
+    /// NC dialect of what is stored.
+    pub dialect: Option<String>,
 }
 
 /// How a request came in.
@@ -309,14 +320,11 @@ impl IncomingRequest<'_> {
                 )));
             }
         };
-        let state_rev = self.header(IF_MATCH).map(state_rev).transpose()?;
+        let expect = self.header(IF_MATCH).map(tag::expected).transpose();
         Ok(CommandMeta {
             command_id,
             client_id: sender.client_id(),
-            expect: state_rev.map(|rev| Expect {
-                boot_id: None,
-                state_rev: Some(rev),
-            }),
+            expect: expect.map_err(Fault::Invalid)?,
             fence: self.fence()?,
             ..CommandMeta::default()
         })
@@ -333,6 +341,23 @@ impl IncomingRequest<'_> {
         })
     }
 
+    /// What must hold of a program that is to be changed.
+    pub(super) fn condition(&self) -> Result<ProgramCondition, Fault> {
+        let hashes = |name| {
+            let read = |text| tag::hashes(name, text, name == IF_MATCH).map_err(Fault::Invalid);
+            self.header(name).map(read).transpose()
+        };
+        Ok(ProgramCondition {
+            if_match: hashes(IF_MATCH)?,
+            if_none_match: hashes(IF_NONE_MATCH)?,
+        })
+    }
+
+    /// The signature of a program.
+    pub(super) fn signature(&self) -> Option<String> {
+        self.header(PROGRAM_SIGNATURE).map(|text| text.trim().to_owned())
+    }
+
     /// Whether to answer when it is done.
     pub(super) fn wait(&self) -> Result<bool, Fault> {
         match self.query.wait.as_deref() {
@@ -343,12 +368,6 @@ impl IncomingRequest<'_> {
             ))),
         }
     }
-}
-
-fn state_rev(tag: &str) -> Result<u64, Fault> {
-    tag.trim().trim_matches('"').parse().map_err(|_| {
-        Fault::Invalid("If-Match is the ETag of the coordinate system's state, such as \"12\"".to_owned())
-    })
 }
 
 /// A request in parts, of which each route and topic takes what it names.
@@ -442,32 +461,28 @@ impl RequestParts {
         if wait { self.query("wait", 1) } else { self }
     }
 
+    /// With what must hold of a program.
+    pub(super) fn condition(mut self, condition: &ProgramCondition) -> Self {
+        for (name, hashes) in [
+            (IF_MATCH, &condition.if_match),
+            (IF_NONE_MATCH, &condition.if_none_match),
+        ] {
+            if let Some(hashes) = hashes {
+                self = self.header(name, tag::of_hashes(hashes));
+            }
+        }
+        self
+    }
+
     /// With the id of a command and its condition.
     pub(super) fn meta(self, meta: CommandMeta) -> Self {
         let mut parts = self.header(IDEMPOTENCY_KEY, meta.command_id);
-        if let Some(rev) = meta.expect.and_then(|expect| expect.state_rev) {
-            parts = parts.header(IF_MATCH, format!("\"{rev}\""));
+        if let Some(tags) = meta.expect.and_then(|expect| tag::of_expected(&expect)) {
+            parts = parts.header(IF_MATCH, tags);
         }
         match meta.fence {
             Some(fence) => parts.header(LEASE_FENCE, fence),
             None => parts,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn if_match_takes_the_revision_with_and_without_quotes() {
-        for (tag, rev) in [
-            ("\"12\"", Some(12)),
-            ("7", Some(7)),
-            ("W/\"3\"", None),
-            ("*", None),
-        ] {
-            assert_eq!(state_rev(tag).ok(), rev, "{tag}");
         }
     }
 }

@@ -19,6 +19,7 @@ use crate::types::output::{
 use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use crate::types::state::{Lock, SpindleDirection};
+use crate::types::upload::{Hashes, ProgramCondition, ProgramUpload};
 use crate::types::{BootId, Timestamp};
 
 const CLIENT: &str = "plc-1";
@@ -63,6 +64,9 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::ReadProgram(_)
         | Request::WriteProgram(..)
         | Request::DeleteProgram(_)
+        | Request::FetchProgram(_)
+        | Request::StoreProgram(..)
+        | Request::RemoveProgram(..)
         | Request::CheckProgram(_)
         | Request::IntermediateCode(_)
         | Request::Explain(_)
@@ -92,8 +96,9 @@ fn meta(transport: Transport) -> impl Strategy<Value = CommandMeta> {
         "[ -~]{1,12}",
         proptest::option::of(any::<u64>()),
         proptest::option::of(any::<u64>()),
+        proptest::option::of("[0-9a-f]{64}"),
     );
-    ids.prop_map(move |(command_id, state_rev, number)| CommandMeta {
+    ids.prop_map(move |(command_id, state_rev, number, hash)| CommandMeta {
         command_id,
         client_id: CLIENT.into(),
         issued_at: number
@@ -103,6 +108,7 @@ fn meta(transport: Transport) -> impl Strategy<Value = CommandMeta> {
         expect: state_rev.map(|rev| Expect {
             boot_id: (transport == Mqtt).then(|| BootId("b".into())),
             state_rev: Some(rev),
+            hash,
         }),
         fence: number,
     })
@@ -280,20 +286,37 @@ fn of_data(transport: Transport) -> impl Strategy<Value = Request> {
 }
 
 #[rustfmt::skip]
+fn of_programs() -> impl Strategy<Value = Request> {
+    let hashes = || prop_oneof![
+        Just(Hashes::Any),
+        proptest::collection::vec("[0-9a-f]{64}", 1..4).prop_map(Hashes::OneOf),
+    ];
+    let condition = (hashes(), proptest::option::of(hashes()), any::<bool>()).prop_map(|(one, other, is_match)| {
+        let (if_match, if_none_match) = if is_match { (Some(one), other) } else { (other, Some(one)) };
+        ProgramCondition { if_match, if_none_match }
+    });
+    let parts = (any::<u16>(), text(), condition, proptest::option::of("[A-Za-z0-9+/]{86}=="), proptest::option::of("[a-z &]{1,8}"), 0..5);
+    parts.prop_map(|(number, text, condition, signature, dialect, which)| match which {
+        0 => Request::FetchProgram(number),
+        1 => Request::WriteProgram(number, text),
+        2 => Request::DeleteProgram(number),
+        3 => Request::StoreProgram(number, ProgramUpload { text, condition, signature, dialect }),
+        _ => Request::RemoveProgram(number, condition),
+    })
+}
+
+#[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..12);
+    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..9);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
-        1 => Request::ReadProgram(number),
-        2 => Request::WriteProgram(number, text),
-        3 => Request::DeleteProgram(number),
-        4 => Request::CheckProgram(number),
-        5 => Request::IntermediateCode(number),
-        6 => Request::RaiseAlarm(AlarmRaise { cs, code: number, text }),
-        7 => Request::Handler(id, HandlerPresence { online, handles: vec![HandledCode { cs: 1, m: number }], validates: !online }),
-        8 => Request::Heartbeat(id, ClientHeartbeat { ttl_ms: u64::from(number), cs }),
-        9 => Request::CommandStatus(text + "/ %?"),
-        10 => Request::Explain(text + "/ %?"),
+        1 => Request::CheckProgram(number),
+        2 => Request::IntermediateCode(number),
+        3 => Request::RaiseAlarm(AlarmRaise { cs, code: number, text }),
+        4 => Request::Handler(id, HandlerPresence { online, handles: vec![HandledCode { cs: 1, m: number }], validates: !online }),
+        5 => Request::Heartbeat(id, ClientHeartbeat { ttl_ms: u64::from(number), cs }),
+        6 => Request::CommandStatus(text + "/ %?"),
+        7 => Request::Explain(text + "/ %?"),
         _ => Request::Handlers,
     })
 }
@@ -323,6 +346,7 @@ fn any_request(transport: Transport) -> impl Strategy<Value = Request> {
         of_inputs(transport),
         of_data(transport),
         of_machine(),
+        of_programs(),
         of_commands(transport)
     ]
 }
@@ -397,6 +421,7 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
                 user: value("user"),
                 run: value("run"),
             },
+            dialect: value("dialect"),
         },
         source: Source::Http(&Head(exchange.headers)),
     };

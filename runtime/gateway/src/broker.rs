@@ -27,7 +27,7 @@ use mqtt5::broker::{BrokerConfig, DynamicStorage, MemoryBackend};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
-use plc_api::server::ServerNotice;
+use plc_api::server::{AccessKind, ServerNotice, ServerTransport};
 use plc_api::wire::right::Right;
 use subtle::ConstantTimeEq;
 use tokio::sync::{broadcast, mpsc};
@@ -373,7 +373,12 @@ impl Guard {
     /// The refusal of a wrong password; another one beyond the rate of its address.
     fn wrong(&self, from: SocketAddr, text: &str) -> (ReasonCode, String) {
         match self.wrong.of(&host_of(from.ip())).take() {
-            Ok(()) => (ReasonCode::BadUsernameOrPassword, text.to_owned()),
+            Ok(()) => {
+                let (from, over) = (Some(from.ip()), ServerTransport::Mqtt);
+                let connect = "CONNECT".to_owned();
+                (self.access.machine).note(AccessKind::LoginRefused, None, from, over, connect);
+                (ReasonCode::BadUsernameOrPassword, text.to_owned())
+            }
             Err(_) => (ReasonCode::ConnectionRateExceeded, String::new()),
         }
     }
@@ -392,6 +397,8 @@ impl Guard {
         let user_id = event.user_id.as_deref();
         if !self.may_publish(user_id, &event.topic) {
             warn!("MQTT message on {} of {user_id:?} refused: its role", event.topic);
+            let (over, topic) = (ServerTransport::Mqtt, event.topic.to_string());
+            (self.access.machine).note(AccessKind::Forbidden, user_id, None, over, topic);
             return true;
         }
         if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {

@@ -10,12 +10,15 @@ use std::time::SystemTime;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::BoxFuture;
-use plc_api::server::{Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming};
+use plc_api::server::{
+    AccessKind, AccessNote, Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming,
+};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber};
+use plc_api::wire::rest;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::ParsedRequest;
 
@@ -71,7 +74,16 @@ impl Machine {
             let handles = presence.iter().flat_map(|presence| &presence.handles);
             handles.into_iter().any(|code| cs.is_none_or(|cs| code.cs == cs))
         };
-        rules::check(user, &parsed, serves).map_err(forbidden)?;
+        if let Err(text) = rules::check(user, &parsed, serves) {
+            self.note(
+                AccessKind::Forbidden,
+                user.name(),
+                from,
+                over,
+                name_of(parsed.request()),
+            );
+            return Err(forbidden(text));
+        }
         Ok(Authorized {
             origin: Origin {
                 user: user.name().map(ToOwned::to_owned),
@@ -81,6 +93,24 @@ impl Machine {
             },
             request: parsed.into_request(),
         })
+    }
+
+    /// Has the journal tell of it.
+    pub(crate) fn note(
+        &self,
+        what: AccessKind,
+        user: Option<&str>,
+        from: Option<IpAddr>,
+        over: ServerTransport,
+        request: String,
+    ) {
+        self.port.notice(ServerNotice::Access(AccessNote {
+            what,
+            user: user.map(str::to_owned),
+            from,
+            over,
+            request,
+        }));
     }
 
     /// The same for a user whose token counts no more: that a handler of its name has gone is still believed, which is what
@@ -145,6 +175,20 @@ impl Machine {
 
     pub(crate) fn servo_timing(&self) -> Option<ServoTiming> {
         self.port.servo_timing()
+    }
+}
+
+/// A request as its REST route.
+fn name_of(request: &Request) -> String {
+    match request {
+        // a program may have 64 MiB
+        Request::WriteProgram(number, _) | Request::StoreProgram(number, _) => {
+            format!("PUT /programs/{number}")
+        }
+        request => match rest::encode(request.clone()) {
+            Ok(exchange) => format!("{} {}", exchange.method, exchange.path),
+            Err(_) => "a request without a route".to_owned(),
+        },
     }
 }
 

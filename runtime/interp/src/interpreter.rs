@@ -80,6 +80,11 @@ pub struct Interpreter {
     state: State,
 }
 
+/// What is said of a call of a program that there is not.
+pub fn not_there(number: u16) -> String {
+    format!("program {number} is not there")
+}
+
 impl Interpreter {
     /// An interpreter without a program, in the start-up modal state.
     pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
@@ -417,10 +422,7 @@ impl Interpreter {
         }
         let Some(program) = inputs.programs.get(&number) else {
             self.queue.clear();
-            return Err(Alarm::new(
-                &PROGRAM_NOT_FOUND,
-                format!("program {number} is not there"),
-            ));
+            return Err(Alarm::new(&PROGRAM_NOT_FOUND, not_there(number)));
         };
         self.stack.push(Frame::new(Arc::clone(program), number, times));
         self.locals.push([0.0; LOCAL_VARIABLES]);

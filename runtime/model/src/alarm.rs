@@ -144,6 +144,9 @@ alarms! {
     PROGRAM_HAS_ERRORS = 23, Reset, "The program has an error",
         "A block that is reached has an error that a check of the program finds, too; nothing of it is carried out.",
         "Check the program, and correct what is found.";
+    PROGRAM_REFUSED = 24, Reset, "The program may not be called here",
+        "A computed call has come to a program that this coordinate system may not run: it is of another dialect, or not signed as the machine demands.",
+        "Do what the text says to the program that is called, and load the program again.";
     PROGRAM_WARNING = 30, Notice, "The program was not carried out as written",
         "A word has no effect as things are, or a value was limited to what the machine can do.",
         "Look at the line that the text names.";

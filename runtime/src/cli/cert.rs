@@ -15,7 +15,7 @@ use rcgen::{
 };
 use tandem_gateway::{Role, certificate_entry};
 
-use super::token::{DAY_S, add_entry, is_known};
+use super::token::{DAY_S, add_entry, is_known, tell};
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain, say};
 
 #[derive(Args)]
@@ -40,6 +40,9 @@ struct New {
     /// Further name or address by which the machine is called; can be repeated
     #[arg(long, value_name = "NAME")]
     host: Vec<String>,
+    /// Configuration of the machine whose journal tells of it; the machine must not run
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Days for which it counts
     #[arg(long, default_value_t = 825, value_parser = clap::value_parser!(u64).range(1..=3650))]
     days: u64,
@@ -58,6 +61,9 @@ struct Client {
     /// Folder to write NAME.cert.pem and NAME.key.pem into
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     out: PathBuf,
+    /// Configuration of the machine whose journal tells of it; the machine must not run
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Days for which it counts
     #[arg(long, default_value_t = 825, value_parser = clap::value_parser!(u64).range(1..=3650))]
     days: u64,
@@ -78,6 +84,10 @@ fn of_machine(new: &New) -> Ran {
     let (cert, key) = (new.out.join("cert.pem"), new.out.join("key.pem"));
     write_new(&key, &made.key, 0o600)?;
     write_new(&cert, &made.cert, 0o644)?;
+    tell(
+        new.config.as_deref(),
+        &format!("tandem cert new: {}", cert.display()),
+    );
     say(format!(
         "{} and {} are for {}.\nWrite into the configuration:\n\n[tls]\ncert_file = \"{}\"\nkey_file = \"{}\"\n\nClients trust it by \
          {}; it counts for {} days.",
@@ -112,6 +122,8 @@ fn of_client(client: &Client) -> Ran {
     write_new(&key, &made.key, 0o600)?;
     write_new(&cert, &made.cert, 0o644)?;
     add_entry(file, &entry)?;
+    let command = format!("tandem cert client {name} --role {}", client.role);
+    tell(client.config.as_deref(), &command);
     say(format!(
         "{} and {} are for {name}. {} has its entry; a runtime that runs with the file reads it within 5 s.",
         cert.display(),

@@ -104,7 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 /// Checks a program, and gives its findings, then those of each program that it calls and in which there are some; with a
-/// machine, against the axes, limits and M codes of its first coordinate system.
+/// machine, against the axes, limits and M codes of its first coordinate system, or of the first that speaks the dialect.
 pub(super) fn check_text(
     path: &Path,
     text: &str,
@@ -112,7 +112,9 @@ pub(super) fn check_text(
     machine: Option<&Machine>,
 ) -> Vec<Findings> {
     let (tree, parsed) = parse(text, (dialect.grammar)());
-    let first = machine.and_then(|machine| machine.coordinate_systems.first());
+    let systems = machine.map_or(&[][..], |machine| &machine.coordinate_systems);
+    let of_dialect = systems.iter().find(|system| system.dialect.name == dialect.name);
+    let first = of_dialect.or(systems.first());
     let of = machine.zip(first.map(|system| &system.settings));
     check_tree(path, (&tree, parsed), dialect, of, true)
 }
@@ -125,7 +127,7 @@ pub(super) fn check_stored(
     settings: &CoordinateSystemSettings,
 ) -> Vec<Findings> {
     let parsed = (&*program.tree, program.parsed.clone());
-    check_tree(path, parsed, machine.dialect(), Some((machine, settings)), false)
+    check_tree(path, parsed, program.dialect, Some((machine, settings)), false)
 }
 
 fn check_tree(

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::Args;
-use tandem_interp::{CheckContext, check_source, dialects};
+use tandem_interp::{CheckContext, Dialect, check_source, dialects};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_runtime::program_store::{header, program_number};
 use tandem_syntax::Header;
@@ -27,6 +27,9 @@ pub struct Arguments {
     /// Writes the header of this subprogram
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(PROGRAM_NUMBER_MAX)))]
     subprogram: Option<u16>,
+    /// NC dialect of the programs
+    #[arg(long, value_parser = dialects::find, default_value = "nj")]
+    dialect: &'static Dialect,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
@@ -42,14 +45,14 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 fn compile(path: &Path, arguments: &Arguments) -> Ran {
-    let (tree, check) = check_source(read_program(path)?, dialects::nj(), &CheckContext::default());
+    let (tree, check) = check_source(read_program(path)?, arguments.dialect, &CheckContext::default());
     let findings = Findings::new(path, tree.source(), check, Vec::new());
     if findings.has_errors() {
         complain(findings.text());
         complain(format!("{}: not compiled; correct the errors first", shown(path)));
         return Ok(EXIT_FOUND);
     }
-    let code = tandem_syntax::compile(&tree, arguments.header(path), dialects::nj());
+    let code = tandem_syntax::compile(&tree, arguments.header(path), arguments.dialect);
     match &arguments.out_dir {
         None => super::say(code.trim_end_matches('\n')),
         Some(folder) => {

@@ -308,6 +308,7 @@ impl Plan {
             .chain(1..wanted)
             .find(|number| !self.programs.contains_key(number))
             .context("there is no program number left")?;
+        let rules = self.machine.text_rules_of(system.dialect);
         self.jobs.push(Job { cs, program: number });
         let mut left = vec![(number, file.to_owned())];
         while let Some((number, path)) = left.pop() {
@@ -320,7 +321,7 @@ impl Plan {
                     shown(&path)
                 ),
             }
-            let program = StoredProgram::new(number, &text, self.machine.text_rules());
+            let program = StoredProgram::new(number, &text, rules);
             // Loading checks the same; beyond that only a call can be wrong.
             let here = program.check_in(&system.settings);
             let called = &program.check.programs;

@@ -10,8 +10,10 @@ use anyhow::{Context, Error};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use tandem_gateway::{Role, Tokens, new_token, pin_entry};
+use tandem_runtime::data_folder::DataFolder;
 
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain, say};
+use super::os_user::os_user;
+use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_config, say};
 
 /// Bytes of the line with a PIN.
 const PIN_LINE_MAX: u64 = 1024;
@@ -32,6 +34,9 @@ pub struct Arguments {
     /// Days for which it counts; without end where it is not given
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=3650))]
     days: Option<u64>,
+    /// Configuration of the machine whose journal tells of it; the machine must not run
+    #[arg(long, value_name = "FILE", requires = "file")]
+    config: Option<PathBuf>,
     /// For a person: a PIN, read from standard input, instead of a token; for `POST /api/v1/login` and the HMI
     #[arg(long)]
     pin: bool,
@@ -64,6 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         return Ok(EXIT_FOUND);
     }
     add_entry(path, &new.entry)?;
+    tell(arguments.config.as_deref(), &command(arguments));
     say(format!(
         "token: {}\nIt is shown once. {shown} has its entry; a runtime that runs with the file reads it within 5 s.",
         new.token
@@ -99,11 +105,34 @@ fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ra
         return Ok(EXIT_FOUND);
     }
     add_entry(path, &entry)?;
+    tell(arguments.config.as_deref(), &command(arguments));
     say(format!(
         "{} has the entry of {name}; a runtime that runs with the file reads it within 5 s.",
         path.display()
     ));
     Ok(EXIT_OK)
+}
+
+/// The command, as the journal shows it.
+fn command(arguments: &Arguments) -> String {
+    let Arguments { name, role, pin, .. } = arguments;
+    let pin = if *pin { " --pin" } else { "" };
+    format!("tandem token {name} --role {role}{pin}")
+}
+
+/// Has the journal of a machine tell of a command that gives somebody access, or says that it does not.
+pub(super) fn tell(config: Option<&Path>, command: &str) {
+    let Some(path) = config else {
+        complain("No journal tells of this: --config names the machine whose journal does.");
+        return;
+    };
+    let told = read_config(Some(path))
+        .and_then(|(_, machine)| Ok(DataFolder::record_in(&machine, os_user(), command)?));
+    match told {
+        Ok(true) => {}
+        Ok(false) => complain("No journal tells of this: the machine has none yet."),
+        Err(error) => complain(format!("The journal does not tell of this: {error:#}.")),
+    }
 }
 
 /// True where the token file has an entry of this name.

@@ -11,7 +11,7 @@ use tandem_interp::dialect::OutputDefault;
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions, Tool, WorkOffsets};
 
-use crate::program_store::TextRules;
+use crate::program_store::{ProgramStore, Signers, TextRules};
 
 /// A machine as configured.
 #[derive(Debug, Clone)]
@@ -36,6 +36,10 @@ pub struct Machine {
     pub unhandled: Unhandled,
     /// A program that waits for an output is held while the connection to the MQTT broker is lost.
     pub hold_on_bus_loss: bool,
+    /// Whose programs are loaded and called; none: all are. A simulation does not look.
+    pub signers: Signers,
+    /// Manual data input is taken.
+    pub takes_mdi: bool,
 }
 
 /// A coordinate system as configured.
@@ -43,7 +47,7 @@ pub struct Machine {
 pub struct CoordinateSystem {
     /// What the stages need.
     pub settings: CoordinateSystemSettings,
-    /// NC dialect; the same in all coordinate systems, which share the programs.
+    /// NC dialect of the programs that it runs.
     pub dialect: &'static Dialect,
     /// G54 to G59.
     pub work_offsets: WorkOffsets,
@@ -164,18 +168,37 @@ impl Machine {
 
     /// The rules for checking programs before their coordinate system is known.
     pub fn text_rules(&self) -> TextRules {
-        let tolerances = self
-            .coordinate_systems
-            .iter()
-            .map(|system| system.settings.motion.arc_radius_tolerance_mm);
+        self.text_rules_of(self.dialect())
+    }
+
+    /// The same of a dialect: the most that a coordinate system of it allows.
+    pub fn text_rules_of(&self, dialect: &'static Dialect) -> TextRules {
+        let systems = || {
+            let systems = self.coordinate_systems.iter();
+            systems.filter(|system| system.dialect.name == dialect.name)
+        };
+        let tolerances = systems().map(|system| system.settings.motion.arc_radius_tolerance_mm);
         TextRules {
-            dialect: self.dialect(),
-            arc_radius_tolerance_mm: tolerances.fold(0.0, f64::max),
-            options: self
-                .coordinate_systems
-                .first()
+            dialect,
+            arc_radius_tolerance_mm: tolerances.reduce(f64::max).unwrap_or(0.01),
+            options: systems()
+                .next()
                 .map_or_else(NcOptions::default, |system| system.settings.nc),
         }
+    }
+
+    /// An empty store for its programs, in memory.
+    pub(crate) fn new_store(&self) -> ProgramStore {
+        let all = dialects::names().filter_map(|name| dialects::find(name).ok());
+        let rules = all.map(|dialect| self.text_rules_of(dialect)).collect();
+        let store = ProgramStore::in_memory(self.text_rules());
+        store.for_dialects(rules, self.is_mixed(), self.signers.clone())
+    }
+
+    /// True when coordinate systems have different dialects.
+    pub fn is_mixed(&self) -> bool {
+        let mut systems = self.coordinate_systems.iter();
+        systems.any(|system| system.dialect.name != self.dialect().name)
     }
 
     /// True for a motor that is an axis or the spindle of a coordinate system.
@@ -185,7 +208,7 @@ impl Machine {
         motors.flatten().any(|of_system| of_system.number == motor)
     }
 
-    /// NC dialect of the programs.
+    /// NC dialect of the lowest coordinate system: that of programs of which nothing else is said.
     pub fn dialect(&self) -> &'static Dialect {
         self.coordinate_systems
             .first()

@@ -72,6 +72,9 @@ pub struct Config {
     pub http: HttpConfig,
     /// `[tls]`
     pub tls: Option<TlsConfig>,
+    /// `[programs]`
+    #[serde(default)]
+    pub programs: ProgramsConfig,
     /// Folder that relative paths start from.
     #[serde(skip)]
     pub base_dir: PathBuf,
@@ -395,6 +398,17 @@ pub struct TlsConfig {
     pub cert_file: PathBuf,
     /// Its private key in PEM, with mode 0600.
     pub key_file: PathBuf,
+}
+
+/// `[programs]`
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProgramsConfig {
+    /// Public keys of Ed25519, each in Base64 or as the name of a PEM file: only programs that the owner of one of them has
+    /// signed are loaded and called. Without keys, all are.
+    pub signed_by: Vec<String>,
+    /// Whether manual data input is taken, which nobody signs; default `true`, and `false` with `signed_by`.
+    pub mdi: Option<bool>,
 }
 
 /// `[http]`

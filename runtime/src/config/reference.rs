@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::error::known;
 use super::{
     Config, CoordinateSystemConfig, HttpConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig,
-    SimulatedSkipConfig, TlsConfig, ToolConfig,
+    ProgramsConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -92,6 +92,7 @@ impl Config {
             ("mqtt", order_of::<MqttConfig>()),
             ("http", order_of::<HttpConfig>()),
             ("tls", order_of::<TlsConfig>()),
+            ("programs", order_of::<ProgramsConfig>()),
         ];
         let mut keys = Vec::new();
         for (name, order) in tables {

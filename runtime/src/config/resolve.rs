@@ -17,6 +17,7 @@ use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Un
 use super::reference::range;
 use super::text::Problems;
 use super::{Config, ConfigError, CoordinateSystemConfig, MachineConfig, OnBusLoss, ToolConfig};
+use crate::program_store::Signers;
 use crate::tables::TOOLS_MAX;
 
 /// Characters of a `wait_state`.
@@ -100,6 +101,7 @@ impl Config {
     pub(super) fn resolve_into(&self, problems: &mut Problems<'_>) -> Machine {
         self.machine.check(&mut problems.of("machine", "[machine] "));
         self.mqtt.check(&mut problems.of("mqtt", "[mqtt] "));
+        let signers = self.signers(problems);
         let tools = self.tools(problems);
         let motors = self.motors(problems);
         let m_codes = self.m_codes(problems);
@@ -114,8 +116,19 @@ impl Config {
             tools,
             m_codes,
             unhandled: Unhandled::Alarm,
+            takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),
+            signers,
             hold_on_bus_loss: self.mqtt.on_bus_loss == OnBusLoss::HoldAtWait,
         }
+    }
+
+    fn signers(&self, problems: &mut Problems<'_>) -> Signers {
+        let read = Signers::read(&self.programs.signed_by, &self.base_dir);
+        read.unwrap_or_else(|(place, why)| {
+            let path = format!("programs.signed_by.{place}");
+            problems.add(&path, format!("[programs] signed_by: {why}"));
+            Signers::default()
+        })
     }
 
     fn tools(&self, problems: &mut Problems<'_>) -> BTreeMap<u16, Tool> {
@@ -188,7 +201,6 @@ impl Config {
         let skips = self.simulated_skips(motors, problems);
         let mut taken = BTreeMap::new();
         let mut systems = BTreeMap::new();
-        let first = self.coordinate_system.first().map(|config| config.dialect.name);
         for (index, config) in self.coordinate_system.iter().enumerate() {
             let path = format!("coordinate_system.{index}");
             let name = format!("[[coordinate_system]] number = {}: ", config.number);
@@ -197,10 +209,6 @@ impl Config {
                 checked.problem("number", "coordinate systems count from 1");
             }
             checked.check_ranges(config, &["number"]);
-            if first.is_some_and(|first| first != config.dialect.name) {
-                let text = "dialect: coordinate systems share the programs; write the same in all";
-                checked.problem("dialect", text);
-            }
             for motor in config.axes.values().copied().chain(config.spindle) {
                 if let Some(other) = taken.insert(motor, config.number) {
                     let text = format!("motor {motor} already belongs to coordinate system {other}");
@@ -246,10 +254,12 @@ impl Config {
             let others = self.coordinate_system.iter();
             let mut elsewhere = others
                 .take_while(|other| other.number != config.number)
-                .filter_map(|other| other.programs.get(key));
-            if let Some(other) = elsewhere.find(|other| *other != path) {
+                .filter_map(|other| Some((other.dialect.name, other.programs.get(key)?)));
+            let is_same =
+                |(dialect, other): &(&str, &String)| *other == path && *dialect == config.dialect.name;
+            if let Some((dialect, other)) = elsewhere.find(|other| !is_same(other)) {
                 problem(format!(
-                    " = \"{path}\": coordinate systems share the programs, and {key} is \"{other}\" in another one"
+                    " = \"{path}\": coordinate systems share the numbers, and {key} is \"{other}\" of dialect {dialect} in another one"
                 ));
             }
             let source = match self.embedded_programs.get(path.as_str()) {
@@ -281,9 +291,8 @@ impl MachineConfig {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::LazyLock;
 
-    use tandem_interp::{Dialect, dialects};
+    use tandem_interp::dialects;
     use tandem_model::settings::{CompensationFeed, MotionOptions, Overcut, Unit};
 
     use super::*;
@@ -358,15 +367,22 @@ mod tests {
     }
 
     #[test]
-    fn coordinate_systems_have_the_same_dialect() {
-        static OTHER: LazyLock<Dialect> = LazyLock::new(|| Dialect {
-            name: "other",
-            ..dialects::nj().clone()
-        });
+    fn each_coordinate_system_has_its_dialect_and_one_number_is_one_program_of_one_dialect() {
         let mut config = Config::demo();
-        config.coordinate_system[1].dialect = &OTHER;
-        let error = config.resolve().unwrap_err();
-        assert!(error.to_string().contains("write the same in all"), "{error}");
+        config.coordinate_system[1].dialect = dialects::dgshape();
+        let machine = config.resolve().unwrap();
+        assert!(machine.is_mixed() && machine.dialect().name == "nj");
+        let rules = machine.text_rules_of(dialects::dgshape());
+        assert_eq!(rules.dialect.name, "dgshape");
+        let shared = ("7".to_owned(), "seven.nc".to_owned());
+        for system in &mut config.coordinate_system {
+            system.programs.extend([shared.clone()]);
+        }
+        let error = config.resolve().unwrap_err().to_string();
+        assert!(
+            error.contains("7 is \"seven.nc\" of dialect nj in another one"),
+            "{error}"
+        );
     }
 
     #[test]

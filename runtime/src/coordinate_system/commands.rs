@@ -5,6 +5,7 @@ use std::sync::Arc;
 use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Reason};
+use plc_api::types::upload::{Hashes, ProgramCondition};
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
@@ -12,7 +13,18 @@ use super::pending_commands::{Awaiting, Deferred};
 use super::run::{Kind, Run};
 use super::run_state::{Cause, End, Phase, RunEvent};
 use crate::journal::Event;
+use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, word};
+
+/// A command that nothing refuses, and what it needs.
+#[derive(Default)]
+struct Prepared {
+    /// What the operator should know.
+    note: String,
+    run: Option<Run>,
+    /// What is loaded or started.
+    program: Option<Arc<StoredProgram>>,
+}
 
 impl CoordinateSystem {
     pub(super) fn command(&mut self, command: Deferred) {
@@ -60,6 +72,7 @@ impl CoordinateSystem {
                     verb: command.command.verb(),
                     meta: command.meta,
                     note: said.text.clone(),
+                    program: None,
                     reply: Some(command.reply),
                 });
                 return;
@@ -82,10 +95,15 @@ impl CoordinateSystem {
         }
         let judged = (self.commands.judge_order(verb, command.order))
             .and_then(|()| self.judge(verb, &command.meta))
-            .and_then(|()| self.prepare_command(&command.command));
-        let (text, run) = match judged {
+            .and_then(|()| self.prepare_command(&command.command, &command.meta));
+        let Prepared {
+            note: text,
+            run,
+            program,
+        } = match judged {
             Ok(prepared) => prepared,
             Err(refusal) => {
+                self.record_refusal(&command, &refusal);
                 let refusal = self.in_situation(refusal, &command.meta);
                 return command.refuse(&self.context, refusal);
             }
@@ -104,9 +122,12 @@ impl CoordinateSystem {
             verb,
             command_id: meta.command_id.clone(),
             client_id: meta.client_id.clone(),
+            program: program.as_ref().map(|program| program.number),
+            program_hash: program.as_ref().map(|program| program.sum().to_owned()),
         };
         self.context.record(event);
-        let accepted = self.context.reply(&meta, CommandStatus::Accepted, "ok", &note);
+        let accepted = self.context.reply_to(&meta, CommandStatus::Accepted, "ok", &note);
+        let accepted = self.context.said(&meta, accepted, program.as_deref());
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
             // The caller may be gone; the command is carried out all the same.
@@ -116,6 +137,7 @@ impl CoordinateSystem {
             meta,
             verb,
             note,
+            program,
             reply,
         });
         if self.take_effect(&command, run) {
@@ -187,21 +209,64 @@ impl CoordinateSystem {
         }
     }
 
+    /// The journal tells of what is refused since the program is another one, or not signed.
+    fn record_refusal(&self, command: &Deferred, refusal: &Refusal) {
+        let code = refusal.code;
+        if !matches!(code, RefusalCode::NotSigned | RefusalCode::PreconditionFailed) {
+            return;
+        }
+        let program = match command.command {
+            Command::Load { program } => Some(program),
+            _ => self.commands.program,
+        };
+        self.context.record(Event::Refused {
+            request: word(&command.command.verb()),
+            program,
+            code,
+            text: refusal.text.clone(),
+            client_id: Some(command.meta.client_id.clone()),
+        });
+    }
+
     /// What can still refuse a command, and what it needs: nothing has changed when it does.
-    fn prepare_command(&self, command: &Command) -> Result<(String, Option<Run>), Refusal> {
+    fn prepare_command(&self, command: &Command, meta: &CommandMeta) -> Result<Prepared, Refusal> {
+        let number = self.commands.program;
+        if !matches!(command, Command::Load { .. } | Command::Start) {
+            let main = self.main_program();
+            judge_program(meta, number, main.as_ref().map(|main| main.sum()))?;
+        }
+        let of_run = |(note, run)| Prepared {
+            note,
+            run,
+            program: None,
+        };
         match command {
             Command::Load { program } => {
-                Ok((self.context.check_called(&self.context.stored(*program)?)?, None))
+                let main = self.context.stored(*program)?;
+                judge_program(meta, Some(*program), Some(main.sum()))?;
+                Ok(Prepared {
+                    note: self.context.check_called(&main)?,
+                    run: None,
+                    program: Some(main),
+                })
             }
             Command::Start => {
-                let main = self.context.stored(self.commands.program.unwrap_or_default())?;
+                let main = self.context.stored(number.unwrap_or_default())?;
+                judge_program(meta, number, Some(main.sum()))?;
                 self.context.check_called(&main)?;
                 self.context.check_loaded(main.number, &self.commands.texts)?;
-                Ok((String::new(), Some(self.new_run(Kind::Program, main))))
+                Ok(Prepared {
+                    note: String::new(),
+                    run: Some(self.new_run(Kind::Program, Arc::clone(&main))),
+                    program: Some(main),
+                })
             }
-            Command::BackTrace { on } => self.judge_back_trace(*on).map(|()| (String::new(), None)),
-            Command::Mdi { text } => self.prepare_manual(text),
-            Command::Home { axes } => self.prepare_home(axes),
+            Command::BackTrace { on } => {
+                self.judge_back_trace(*on)?;
+                Ok(Prepared::default())
+            }
+            Command::Mdi { text } => self.prepare_manual(text).map(of_run),
+            Command::Home { axes } => self.prepare_home(axes).map(of_run),
             Command::Jog {
                 axis,
                 velocity,
@@ -209,9 +274,9 @@ impl CoordinateSystem {
                 refresh_id,
             } => {
                 let run = self.prepare_jog(*axis, *velocity, *distance, refresh_id)?;
-                Ok((String::new(), Some(run)))
+                Ok(of_run((String::new(), Some(run))))
             }
-            _ => Ok((String::new(), None)),
+            _ => Ok(Prepared::default()),
         }
     }
 
@@ -280,6 +345,7 @@ impl CoordinateSystem {
         let event = Event::Start {
             program: number,
             run_id: run.id.clone(),
+            program_hash: (number != 0).then(|| run.main.sum().to_owned()),
         };
         self.context.record(event);
         self.inputs.take_over_skip(1);
@@ -309,5 +375,23 @@ impl CoordinateSystem {
             &reason.to_lowercase(),
             &text,
         );
+    }
+}
+
+/// Refuses a command that expects another program.
+fn judge_program(meta: &CommandMeta, number: Option<u16>, hash: Option<&str>) -> Result<(), Refusal> {
+    let Some(expected) = meta.expect.as_ref().and_then(|expect| expect.hash.as_ref()) else {
+        return Ok(());
+    };
+    let condition = ProgramCondition {
+        if_match: Some(Hashes::OneOf(vec![expected.clone()])),
+        if_none_match: None,
+    };
+    match number {
+        Some(number) => condition.judge(number, hash),
+        None => Err(Refusal::new(
+            RefusalCode::PreconditionFailed,
+            "no program is loaded; load the one that is expected",
+        )),
     }
 }

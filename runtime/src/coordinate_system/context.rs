@@ -16,6 +16,7 @@ use tandem_model::{Origin, Variables};
 use super::view::View;
 use crate::config::{CoordinateSystem as Configured, MCodeSettings};
 use crate::journal::Event;
+use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 
 /// A coordinate system's number, settings and shared state.
@@ -72,6 +73,17 @@ impl Context {
     pub fn reply(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
         let reply = self.reply_to(meta, status, code, text);
         self.shared.reply(&meta.client_id, reply)
+    }
+
+    /// The same for one that loads or starts a program.
+    pub fn said(
+        &self,
+        meta: &CommandMeta,
+        reply: CommandReply,
+        program: Option<&StoredProgram>,
+    ) -> CommandReply {
+        let hash = program.map(|program| program.sum().to_owned());
+        self.shared.reply(&meta.client_id, CommandReply { hash, ..reply })
     }
 
     /// Refuses a command.

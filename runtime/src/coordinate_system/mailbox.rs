@@ -309,14 +309,13 @@ mod tests {
     use crate::Config;
     use crate::clock::Clock;
     use crate::journal::Journal;
-    use crate::program_store::ProgramStore;
     use crate::tables::Tables;
 
     /// The first coordinate system of the demo machine, with the servo's end of its rings.
     fn mailbox(journal: Journal) -> (Arc<Mailbox>, Servo) {
         let machine = Config::demo().resolve().unwrap();
         let configured = machine.coordinate_systems[0].clone();
-        let store = ProgramStore::in_memory(machine.text_rules());
+        let store = machine.new_store();
         let tables = Tables::new(&machine);
         let boot = BootId("test".into());
         let shared = Arc::new(Shared::new(

@@ -18,6 +18,10 @@ use crate::program_store::StoredProgram;
 impl CoordinateSystem {
     /// A run of manual data input; one or several lines.
     pub(super) fn prepare_manual(&self, text: &str) -> Result<(String, Option<Run>), Refusal> {
+        if !self.context.shared.machine.takes_mdi {
+            let text = "this machine takes no manual data input: it is not signed; write a signed program, or set mdi = true in [programs]";
+            return Err(Refusal::new(RefusalCode::NotSigned, text));
+        }
         if text.len() > MDI_BYTES_MAX {
             let text = format!(
                 "the text has {} bytes; at most {MDI_BYTES_MAX} are read",
@@ -74,15 +78,23 @@ impl CoordinateSystem {
     /// A run of a program, with all that it may call as they are now.
     pub(super) fn new_run(&self, kind: Kind, main: Arc<StoredProgram>) -> Run {
         let all = self.context.shared.store.all();
-        let programs: BTreeMap<_, _> = all
-            .iter()
-            .map(|(number, program)| (*number, Arc::clone(&program.tree)))
-            .collect();
+        let (mut programs, mut refused) = (BTreeMap::new(), self.context.shared.store.damaged());
+        for (number, program) in all.iter() {
+            match self.context.refuses(program) {
+                Some(refusal) => drop(refused.insert(*number, refusal.text)),
+                None => drop(programs.insert(*number, Arc::clone(&program.tree))),
+            }
+        }
+        if main.number != 0 {
+            // what was judged, though the store has another one since
+            programs.insert(main.number, Arc::clone(&main.tree));
+        }
         Run {
             id: format!("{}-{}", self.context.number, self.past.count + 1),
             kind,
             main,
             programs,
+            refused,
             steps: Steps::default(),
             at_rest: AtRest::default(),
         }

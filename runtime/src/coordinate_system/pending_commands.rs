@@ -1,6 +1,7 @@
 //! Pending commands: those to be judged, those whose parameters handlers check, and those whose effect is awaited.
 
 use std::collections::{BTreeSet, VecDeque};
+use std::sync::Arc;
 
 use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
 use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
@@ -12,6 +13,7 @@ use tokio::sync::oneshot;
 
 use super::context::Context;
 use super::programs::{Texts, place_of};
+use crate::program_store::StoredProgram;
 
 /// Commands that wait for a transition to end. A further one is refused.
 const DEFERRED_MAX: usize = 256;
@@ -48,6 +50,8 @@ pub(super) struct Awaiting {
     pub verb: Verb,
     /// What was worth knowing when it was accepted.
     pub note: String,
+    /// What is loaded or started.
+    pub program: Option<Arc<StoredProgram>>,
     pub reply: Option<Reply>,
 }
 
@@ -213,7 +217,8 @@ impl Commands {
             } else {
                 text
             };
-            let said = context.reply(&awaiting.meta, status, code, text);
+            let said = context.reply_to(&awaiting.meta, status, code, text);
+            let said = context.said(&awaiting.meta, said, awaiting.program.as_deref());
             if let Some(reply) = awaiting.reply {
                 // The caller may be gone; the reply is published, too.
                 let _ = reply.send(Ok(Answer::Command(said)));

@@ -195,7 +195,13 @@ impl CoordinateSystem {
             Ok(Item::NeedsStandstill(_)) => self.stand_still_then(Then::Interpret),
             Ok(Item::End(origin)) => self.stand_still_then(Then::End(origin)),
             // Motion before the refused block is carried out; then the alarm is raised.
-            Err(alarm) => self.stand_still_then(Then::Alarm(alarm)),
+            Err(alarm) => {
+                let alarm = match &self.run {
+                    Some(run) => run.refusal_of_call(alarm),
+                    None => alarm,
+                };
+                self.stand_still_then(Then::Alarm(alarm));
+            }
         }
     }
 

@@ -39,6 +39,9 @@ impl Context {
         let called = calls.iter().filter(|called| **called != number);
         let called = called.filter_map(|called| all.get(called));
         for program in std::iter::once(main).chain(called) {
+            if let Some(refusal) = self.refuses(program) {
+                return Err(refusal);
+            }
             let here = program.check_in(&self.configured.settings);
             m_codes.extend(here.m_codes.iter().copied());
             let place = place_of(program.number, number);
@@ -77,6 +80,23 @@ impl Context {
         } else {
             Ok(format!("no handler is registered for {}", unhandled.join(", ")))
         }
+    }
+
+    /// Why a program does not run here, if it does not. A text without a number is no program of the store.
+    pub fn refuses(&self, program: &StoredProgram) -> Option<Refusal> {
+        if program.number == 0 {
+            return None;
+        }
+        let (own, here) = (program.dialect.name, self.configured.dialect.name);
+        if own != here {
+            let (number, cs) = (program.number, self.number);
+            let text = format!(
+                "program {number} is of dialect {own}, and coordinate system {cs} speaks {here}; load it where {own} is spoken, or store it with dialect={here}"
+            );
+            return Some(Refusal::new(RefusalCode::WrongDialect, text));
+        }
+        let why = program.refusal()?;
+        Some(Refusal::new(RefusalCode::NotSigned, why))
     }
 
     /// True when a handler that is there or the stock sequence program resets this M code.

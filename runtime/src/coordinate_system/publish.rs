@@ -1,5 +1,7 @@
 //! The state topics of a coordinate system, published when they have changed.
 
+use std::sync::Arc;
+
 use plc_api::types::Timestamp;
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Captured, Modal, OptionalSkip, Spindle, State, Switch, Tool, WaitingOn};
@@ -8,11 +10,14 @@ use tandem_model::{AXES_MAX, Axis, AxisSet, MachinePosition};
 
 use super::CoordinateSystem;
 use crate::journal::Event;
+use crate::program_store::StoredProgram;
 
 /// What was published last.
 #[derive(Debug, Default)]
 pub(super) struct Published {
     state: Option<State>,
+    /// How often programs had changed when it was made.
+    changes: u64,
     /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
     /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
     pub captured: [f64; AXES_MAX],
@@ -40,6 +45,7 @@ impl CoordinateSystem {
                 .m_code(waiting.m)
                 .and_then(|settings| settings.wait_state.clone())
         });
+        let main = self.main_program();
         State {
             execution,
             transition: self.state.transition(),
@@ -47,6 +53,8 @@ impl CoordinateSystem {
             wait_state,
             waiting_on,
             program: self.commands.program,
+            hash: main.as_ref().map(|main| main.sum().to_owned()),
+            o_number: main.and_then(|main| main.tree.number()),
             run_id: self.past.last_id.clone(),
             single_block: self.inputs.single_block,
             dry_run: self.pipeline.path.is_dry_run(),
@@ -55,6 +63,14 @@ impl CoordinateSystem {
             alarm_count: self.context.alarm_count(),
             last_command_id: self.commands.last_id.clone(),
         }
+    }
+
+    /// The program that runs, else the one that a start would run.
+    pub(super) fn main_program(&self) -> Option<Arc<StoredProgram>> {
+        let number = self.commands.program?;
+        let running = self.run.as_ref().map(|run| &run.main);
+        let running = running.filter(|main| main.number == number).cloned();
+        running.or_else(|| self.context.shared.store.get(number))
     }
 
     /// True when this is still the state, and no output is awaited. Compared before a state is made: most turns change
@@ -67,6 +83,9 @@ impl CoordinateSystem {
             wait_state,
             waiting_on,
             program,
+            // these follow from the program, the run, and what has changed in the store
+            hash: _,
+            o_number: _,
             run_id,
             single_block,
             dry_run,
@@ -79,6 +98,7 @@ impl CoordinateSystem {
             && (wait_state, waiting_on) == (&None, &None)
             && (*execution, *reason) == self.state.word()
             && *transition == self.state.transition()
+            && self.published.changes == self.context.shared.store.changes()
             && (*program, run_id) == (self.commands.program, &self.past.last_id)
             && *single_block == self.inputs.single_block
             && *dry_run == self.pipeline.path.is_dry_run()
@@ -98,6 +118,7 @@ impl CoordinateSystem {
         {
             return;
         }
+        self.published.changes = self.context.shared.store.changes();
         let state = self.state();
         let before = self.published.state.as_ref().map(|state| state.execution);
         if before != Some(state.execution) {

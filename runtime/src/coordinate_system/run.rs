@@ -3,8 +3,10 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use tandem_model::AxisVector;
+use tandem_interp::not_there;
+use tandem_model::alarm::{PROGRAM_NOT_FOUND, PROGRAM_REFUSED};
 use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{Alarm, AxisVector};
 use tandem_syntax::NcProgram;
 
 use crate::clock::Clock;
@@ -17,8 +19,28 @@ pub(super) struct Run {
     /// What it begins with; number 0: without one.
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
+    /// Programs that it may not call, and why.
+    pub refused: BTreeMap<u16, String>,
     pub steps: Steps,
     pub at_rest: AtRest,
+}
+
+impl Run {
+    /// The alarm of a call: of one that the program computes, nobody could say before that it may not be made.
+    pub fn refusal_of_call(&self, alarm: Alarm) -> Alarm {
+        if alarm.entry != &PROGRAM_NOT_FOUND {
+            return alarm;
+        }
+        let mut refused = self.refused.iter();
+        match refused.find(|(number, _)| alarm.text == not_there(**number)) {
+            Some((_, why)) => Alarm {
+                entry: &PROGRAM_REFUSED,
+                text: why.clone(),
+                ..alarm
+            },
+            None => alarm,
+        }
+    }
 }
 
 /// What is remembered of runs.

@@ -14,6 +14,7 @@ use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
 use crate::disk::fs;
 use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
+use crate::journal::Event;
 use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest};
 use crate::persistence::{
@@ -21,7 +22,10 @@ use crate::persistence::{
     StateWriterThread, Store, judge, list, page_name, pages, replay_last_runs, restore, tell_changed,
     warn_once, warn_standing,
 };
-use crate::program_store::{ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text};
+use crate::program_store::signing::read_signature_beside;
+use crate::program_store::{
+    Edit, EditKind, ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text,
+};
 use crate::shared::Shared;
 use crate::tables::{Tables, value_key};
 
@@ -245,7 +249,7 @@ impl Programs {
     /// Opens the store and puts the configuration's programs into it. A folder that refuses prevents nothing: `health`
     /// says why.
     pub fn open(machine: &Machine, health: &Health) -> Result<Self, StartError> {
-        let mut store = ProgramStore::in_memory(machine.text_rules());
+        let mut store = machine.new_store();
         let (mut findings, mut reason) = (ProgramFindings::default(), Reason::NoProgram);
         if let Some(folder) = &machine.data_dir {
             let opened = store.open_folder(&folder.join("programs"));
@@ -259,11 +263,13 @@ impl Programs {
                     ProgramSource::File(path) => path.display().to_string(),
                     ProgramSource::Text(_) => "built in".to_owned(),
                 };
-                put_program(&store, *number, source, health).map_err(|error| StartError::Program {
+                let put = put_program(&store, *number, source, system.dialect.name, health);
+                let edit = put.map_err(|error| StartError::Program {
                     number: *number,
                     path,
                     error,
                 })?;
+                findings.edits.extend(edit);
             }
         }
         Ok(Self {
@@ -280,6 +286,9 @@ impl ProgramFindings {
         if let Some(text) = list(&self.not_read) {
             warn_standing(shared, &NOT_READ, &text);
         }
+        for edit in self.edits {
+            shared.record(0, Event::Program(edit));
+        }
         for text in self.changed {
             tell_changed(shared, &text);
         }
@@ -294,28 +303,44 @@ impl ProgramFindings {
 }
 
 /// The newer of the two wins: the configuration's file, or what was written to the store since. One that the disk does not
-/// take is there all the same.
-fn put_program(store: &ProgramStore, number: u16, source: &ProgramSource, health: &Health) -> io::Result<()> {
+/// take is there all the same. Gives what has changed.
+fn put_program(
+    store: &ProgramStore,
+    number: u16,
+    source: &ProgramSource,
+    dialect: &str,
+    health: &Health,
+) -> io::Result<Option<Edit>> {
     let in_store = store.get(number).is_some() || store.refuse_damaged(number).is_some();
-    let text = match source {
-        ProgramSource::Text(_) if in_store => return Ok(()),
-        ProgramSource::Text(text) => (*text).to_owned(),
+    let (text, signature) = match source {
+        ProgramSource::Text(_) if in_store => return Ok(None),
+        ProgramSource::Text(text) => ((*text).to_owned(), None),
         ProgramSource::File(path) => {
             let written = std::fs::metadata(path)?.modified()?;
             if in_store && store.written_at(number).is_some_and(|stored| stored >= written) {
-                return Ok(());
+                return Ok(None);
             }
-            read_text(path)?
+            (read_text(path)?, read_signature_beside(path)?)
         }
     };
-    let program = StoredProgram::new(number, &text, store.rules());
+    let rules = store.rules_of(Some(dialect)).map_err(io::Error::other)?;
+    let program = || StoredProgram::new(number, &text, rules).signed(signature, store.signers());
     store.check_room(number)?;
-    let written = store.put(program);
+    let old = store.get(number).map(|program| program.sum().to_owned());
+    let written = store.put(program());
     health.note(Part::Programs, &written);
+    let is_unchanged = written.as_ref().is_ok_and(|check| check.unchanged);
     if written.is_err() {
-        store.keep(StoredProgram::new(number, &text, store.rules()));
+        store.keep(program());
     }
-    Ok(())
+    let new = store.get(number).map(|program| program.sum().to_owned());
+    let what = EditKind::Configuration;
+    Ok((!is_unchanged).then_some(Edit {
+        program: number,
+        what,
+        old,
+        new,
+    }))
 }
 
 /// Leaves a mark in the data folder; the reason says whether it was there before.

@@ -5,6 +5,7 @@ use plc_api::types::machine::AlarmSeverity;
 use plc_api::types::output::{Params, Timing};
 
 use super::*;
+use crate::program_store::EditKind;
 
 fn output() -> OutputNotice {
     OutputNotice {
@@ -98,6 +99,65 @@ fn of_outputs() -> Vec<(Event, &'static str)> {
     ]
 }
 
+fn of_programs() -> Vec<(Event, &'static str)> {
+    let edit = Edit {
+        program: 60,
+        what: EditKind::Replace,
+        old: Some("a1".to_owned()),
+        new: Some("b2".to_owned()),
+    };
+    let command = |verb, program: Option<u16>| Event::Command {
+        verb,
+        command_id: "c1".to_owned(),
+        client_id: "hmi-1".to_owned(),
+        program,
+        program_hash: program.map(|_| "b2".to_owned()),
+    };
+    vec![
+        (
+            command(Verb::BackTrace, None),
+            r#""client_id":"hmi-1","command_id":"c1","event":"command","verb":"back_trace""#,
+        ),
+        (
+            command(Verb::Load, Some(60)),
+            r#""client_id":"hmi-1","command_id":"c1","event":"command","program":60,"program_hash":"b2","verb":"load""#,
+        ),
+        (
+            Event::Start {
+                program: 60,
+                run_id: "1-1".to_owned(),
+                program_hash: Some("b2".to_owned()),
+            },
+            r#""event":"start","program":60,"program_hash":"b2","run_id":"1-1""#,
+        ),
+        (
+            Event::Program(edit),
+            r#""event":"program","new_hash":"b2","old_hash":"a1","program":60,"what":"replace""#,
+        ),
+        (
+            Event::Refused {
+                request: "mdi".to_owned(),
+                program: None,
+                code: RefusalCode::NotSigned,
+                text: "not signed".to_owned(),
+                client_id: None,
+            },
+            r#""code":"not_signed","event":"refused","program":null,"request":"mdi","text":"not signed""#,
+        ),
+        (
+            Event::Access {
+                what: AccessKind::LoginRefused,
+                user: Some("anna".to_owned()),
+                from: None,
+                over: ServerTransport::Rest,
+                request: "POST /login".to_owned(),
+                left_out: Some(3),
+            },
+            r#""event":"access","left_out":3,"over":"rest","request":"POST /login","user":"anna","what":"login_refused""#,
+        ),
+    ]
+}
+
 fn of_runs() -> Vec<(Event, &'static str)> {
     let captured = Captured {
         run_id: Some("1-1".to_owned()),
@@ -111,21 +171,6 @@ fn of_runs() -> Vec<(Event, &'static str)> {
         outcome: Execution::ProgramCompleted,
     };
     vec![
-        (
-            Event::Command {
-                verb: Verb::BackTrace,
-                command_id: "c1".to_owned(),
-                client_id: "hmi-1".to_owned(),
-            },
-            r#""client_id":"hmi-1","command_id":"c1","event":"command","verb":"back_trace""#,
-        ),
-        (
-            Event::Start {
-                program: 60,
-                run_id: "1-1".to_owned(),
-            },
-            r#""event":"start","program":60,"run_id":"1-1""#,
-        ),
         (
             Event::Block { program: 60, line: 2 },
             r#""event":"block","line":2,"program":60"#,
@@ -273,7 +318,15 @@ fn of_the_machine() -> Vec<(Event, &'static str)> {
 
 #[test]
 fn each_event_is_a_line_of_one_form_which_is_read_as_that_event() {
-    for (event, expected) in [of_outputs(), of_runs(), of_alarms(), of_the_machine()].concat() {
+    for (event, expected) in [
+        of_outputs(),
+        of_programs(),
+        of_runs(),
+        of_alarms(),
+        of_the_machine(),
+    ]
+    .concat()
+    {
         let line = Line {
             t_s: 1.5,
             cs: 1,

@@ -97,6 +97,7 @@ mod tests {
             event: Event::Start {
                 program: 60,
                 run_id: format!("1-{run}"),
+                program_hash: None,
             },
         }
     }
@@ -127,6 +128,7 @@ mod tests {
             event: Event::Start {
                 program: 1,
                 run_id: "x".repeat(SLOT_BYTES),
+                program_hash: None,
             },
             ..line(1)
         };

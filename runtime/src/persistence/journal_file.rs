@@ -403,6 +403,7 @@ mod tests {
             event: Event::Start {
                 program: 60,
                 run_id: format!("1-{n}"),
+                program_hash: None,
             },
             ..line(0)
         };

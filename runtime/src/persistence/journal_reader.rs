@@ -6,9 +6,9 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use super::chain::{Ending, next_line, place};
-use super::journal_folder::FILES_MAX;
+use super::journal_folder::{FILES_MAX, Newest};
 use crate::disk::fs::{self, File, OpenOptions};
-use crate::disk::{Identity, open_regular};
+use crate::disk::{Identity, Read, open_regular, read};
 
 /// How often files are opened again that were renamed meanwhile.
 pub(super) const TRIES_MAX: usize = 10;
@@ -65,6 +65,27 @@ fn read_file(file: File, place: &mut Place, each: &mut dyn FnMut(&Place, Ending,
         each(place, ending, &line);
     }
     Ok(())
+}
+
+/// What is damaged in a journal, without keeping a line of it in memory.
+pub(crate) fn damage(folder: &Path) -> Newest {
+    let mut found = Newest::default();
+    let Ok(files) = open(folder) else { return found };
+    let mut each = |place: &Place, ending: Ending, line: &[u8]| {
+        // the last line may not be written in full yet
+        let is_damaged = match ending {
+            Ending::Whole => matches!(read(line), Read::Damaged),
+            Ending::TooLong => true,
+            Ending::Cut => false,
+        };
+        if is_damaged {
+            *found.damaged.entry(place.path.clone()).or_default() += 1;
+        }
+    };
+    let unreadable = read_lines(files, &mut each);
+    let unreadable = unreadable.into_iter().map(|(path, why)| (path, why.to_string()));
+    found.unreadable = unreadable.collect();
+    found
 }
 
 /// Ages of the files that are there.

@@ -17,7 +17,7 @@ mod image;
 pub(crate) mod journal_file;
 pub(crate) mod journal_folder;
 pub(crate) mod journal_query;
-mod journal_reader;
+pub(crate) mod journal_reader;
 pub(crate) mod journal_verify;
 mod judge;
 mod record;

@@ -54,7 +54,7 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value])
             continue;
         };
         let of_run = match &line.event {
-            Event::Start { program, run_id } => Some((run_id.clone(), Some(*program))),
+            Event::Start { program, run_id, .. } => Some((run_id.clone(), Some(*program))),
             // its start may have been lost
             Event::Output(output) => Some((output.run_id.clone(), None)),
             _ => None,

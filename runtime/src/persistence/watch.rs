@@ -105,8 +105,10 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
     }
     match shared.store.look_again() {
         Ok(changed) => {
-            for text in changed {
+            for (text, edit) in changed {
+                shared.record(0, Event::Program(edit));
                 tell_changed(shared, &text);
+                shared.wake_all();
             }
         }
         gone => shared.health.note(Part::Programs, &gone),

@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
+use plc_api::types::program::ProgramText;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
+use plc_api::types::upload::{ProgramCondition, ProgramUpload};
 use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
 
 use super::RuntimePort;
 use crate::disk::Part;
-use crate::program_store::{StoredProgram, called_by};
+use crate::journal::Event;
+use crate::program_store::{Changed, Edit, EditKind, StoredProgram, called_by, signing};
 use crate::shared::Shared;
 
 // The stages know no interface, and the interface knows no stage: what both state is the same.
@@ -26,7 +29,23 @@ impl RuntimePort {
         Ok(Answer::ProgramText(program.text().to_owned()))
     }
 
-    pub(super) async fn write_program(&self, number: u16, text: String) -> Result<Answer, Refusal> {
+    pub(super) fn fetch_program(&self, number: u16) -> Result<Answer, Refusal> {
+        let program = self.stored(number)?;
+        Ok(Answer::Program(ProgramText {
+            text: program.text().to_owned(),
+            hash: program.sum().to_owned(),
+        }))
+    }
+
+    pub(super) async fn store_program(&self, number: u16, upload: ProgramUpload) -> Result<Answer, Refusal> {
+        let ProgramUpload {
+            text,
+            condition,
+            signature,
+            dialect,
+        } = upload;
+        let rules = self.shared.store.rules_of(dialect.as_deref());
+        let rules = rules.map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
         if text.len() > PROGRAM_BYTES_MAX {
             let text = format!(
                 "the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read",
@@ -34,21 +53,58 @@ impl RuntimePort {
             );
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
+        let signature = signature.map(|text| {
+            let refusal = "the signature is 64 bytes in Base64, as openssl pkeyutl -sign -rawin | base64 -w0 writes them";
+            signing::of_text(&text).ok_or_else(|| Refusal::new(RefusalCode::Invalid, refusal))
+        });
+        let signature = signature.transpose()?;
         self.refuse_while_running(number)?;
-        let check = self
-            .on_disk(move |shared| shared.note(Part::Programs, shared.store.write(number, &text)))
-            .await?;
+        let store = move |shared: &Shared| {
+            let store = &shared.store;
+            let program = StoredProgram::new(number, &text, rules).signed(signature, store.signers());
+            noted(shared, store.store(program, &condition), |(_, edit)| {
+                edit.what != EditKind::Unchanged
+            })
+        };
+        let stored = self.on_disk(store).await?;
+        let (check, edit) = stored.map_err(|refusal| self.refuse_edit("PUT", number, refusal))?;
+        self.edited(edit);
         Ok(Answer::Check(check))
     }
 
-    pub(super) async fn delete_program(&self, number: u16) -> Result<Answer, Refusal> {
+    pub(super) async fn remove_program(
+        &self,
+        number: u16,
+        condition: ProgramCondition,
+    ) -> Result<Answer, Refusal> {
         self.refuse_while_running(number)?;
-        let delete = move |shared: &Shared| shared.note(Part::Programs, shared.store.delete(number));
-        if self.on_disk(delete).await? {
-            Ok(Answer::Done)
-        } else {
-            Err(no_program(number))
-        }
+        let remove = move |shared: &Shared| {
+            let removed = shared.store.remove(number, &condition);
+            noted(shared, removed, Option::is_some)
+        };
+        let removed = self.on_disk(remove).await?;
+        let edit = removed.map_err(|refusal| self.refuse_edit("DELETE", number, refusal))?;
+        let edit = edit.ok_or_else(|| no_program(number))?;
+        self.edited(edit);
+        Ok(Answer::Done)
+    }
+
+    /// A program has changed: the journal says so, and states that name it are published anew.
+    fn edited(&self, edit: Edit) {
+        self.shared.record(0, Event::Program(edit));
+        self.shared.wake_all();
+    }
+
+    fn refuse_edit(&self, method: &str, number: u16, refusal: Refusal) -> Refusal {
+        let event = Event::Refused {
+            request: format!("{method} /programs/{number}"),
+            program: Some(number),
+            code: refusal.code,
+            text: refusal.text.clone(),
+            client_id: None,
+        };
+        self.shared.record(0, event);
+        refusal
     }
 
     fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
@@ -82,6 +138,16 @@ impl RuntimePort {
         let code = self.on_disk(move |_| Ok(program.intermediate_code())).await?;
         Ok(Answer::ProgramText(code))
     }
+}
+
+/// Notes how the disk is, where something was written.
+fn noted<T>(shared: &Shared, changed: Changed<T>, is_written: impl Fn(&T) -> bool) -> Changed<T> {
+    match &changed {
+        Ok(Ok(done)) if is_written(done) => shared.note(Part::Programs, Ok(()))?,
+        Ok(_) => {}
+        Err(_) => return shared.note(Part::Programs, changed),
+    }
+    changed
 }
 
 fn no_program(number: u16) -> Refusal {

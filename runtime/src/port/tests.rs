@@ -221,6 +221,7 @@ fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_publis
         meta.expect = Some(Expect {
             boot_id: Some(BootId("another".into())),
             state_rev: None,
+            ..Expect::default()
         });
         let other = typed::Command {
             cs: 1,

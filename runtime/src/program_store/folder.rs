@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 
+use super::signing::{Signature, read_signature};
 use super::{PROGRAMS_MAX, program_number};
 use crate::disk::fs::{self, File, Metadata, MetadataExt as _};
 use crate::disk::{
@@ -18,6 +19,9 @@ use crate::disk::{
 /// File of the sums in the folder.
 const SUMS_FILE: &str = "sums";
 
+/// In the place of what was noted of a program and is lost.
+const LOST: &str = "lost";
+
 /// Between what may be there while a file is replaced: the old one and the new one.
 const OR: char = '|';
 
@@ -26,8 +30,8 @@ const OR: char = '|';
 pub(crate) enum Found {
     /// As it was stored.
     Stored(Vec<u8>),
-    /// Written or changed outside; the text says so.
-    FromOutside(Vec<u8>, String),
+    /// Written or changed outside; the text says so, and the sum what was stored before, where that is known.
+    FromOutside(Vec<u8>, String, Option<String>),
     /// Damaged or unreadable; the text says how.
     Damaged(String),
 }
@@ -36,28 +40,74 @@ pub(crate) enum Found {
 #[derive(Debug, Default)]
 pub(crate) struct Look {
     pub programs: BTreeMap<u16, Found>,
-    /// Programs that were stored, and whose files are gone.
-    pub gone: Vec<u16>,
+    pub signatures: BTreeMap<u16, Signature>,
+    /// Dialects of those of which it is known.
+    pub dialects: BTreeMap<u16, String>,
+    /// Programs that were stored, and whose files are gone, with their sums where they are known.
+    pub gone: Vec<(u16, Option<String>)>,
     /// What is not read, each with what to do.
     pub not_read: Vec<String>,
     /// Programs without a sum, as a version without sums has left them.
     pub without_sum: usize,
 }
 
-/// Time and sum of a program, as they are noted.
-fn mark(metadata: &Metadata, sum: &str) -> String {
-    format!("{} {sum}", time_of(metadata))
+/// Time, sum and dialect of a program, as they are noted. Earlier versions did not note the dialect.
+fn mark(metadata: &Metadata, sum: &str, dialect: &str) -> String {
+    format!("{} {sum} {dialect}", time_of(metadata))
 }
 
 fn time_of(metadata: &Metadata) -> String {
     format!("{}.{:09}", metadata.mtime(), metadata.mtime_nsec())
 }
 
-/// Looks at all files of a folder, and changes nothing.
+/// What a mark says.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Mark<'a> {
+    time: &'a str,
+    sum: &'a str,
+    dialect: Option<&'a str>,
+}
+
+/// The marks of what may be there, the newest first.
+fn marks(noted: &str) -> impl Iterator<Item = Mark<'_>> {
+    noted.rsplit(OR).filter_map(|mark| {
+        let mut parts = mark.split(' ');
+        Some(Mark {
+            time: parts.next()?,
+            sum: parts.next()?,
+            dialect: parts.next(),
+        })
+    })
+}
+
+fn has_time(noted: &str, time: &str) -> bool {
+    marks(noted).any(|mark| mark.time == time)
+}
+
+/// The sum of what was noted last.
+fn sum_in(noted: &str) -> Option<String> {
+    marks(noted).next().map(|mark| mark.sum.to_owned())
+}
+
+/// The dialect of what has this time, else of what was noted last.
+fn dialect_in(noted: &str, time: &str) -> Option<String> {
+    let of_time = marks(noted).find(|mark| mark.time == time);
+    let mark = of_time.or_else(|| marks(noted).next())?;
+    mark.dialect.map(str::to_owned)
+}
+
+/// Time of the signature of a program; empty without one.
+fn signature_time(folder: &Path, number: u16) -> String {
+    let metadata = fs::metadata(folder.join(signature_name(number)));
+    metadata.map_or(String::new(), |metadata| time_of(&metadata))
+}
+
+/// Looks at all files of a folder, and changes nothing. `is_mixed`: the machine has several dialects, so that a program
+/// whose dialect is lost cannot be read.
 ///
 /// # Errors
 /// The folder cannot be read.
-pub(crate) fn look(folder: &Path) -> io::Result<Look> {
+pub(crate) fn look(folder: &Path, is_mixed: bool) -> io::Result<Look> {
     let sums = Sums::read(&folder.join(SUMS_FILE));
     let mut look = Look::default();
     let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
@@ -88,8 +138,21 @@ pub(crate) fn look(folder: &Path) -> io::Result<Look> {
             let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
             Ok((metadata, bytes))
         });
+        let is_lost = is_mixed
+            && match known {
+                Some(noted) => noted.as_deref().is_none_or(|noted| noted == LOST),
+                None => sums.is_damaged,
+            };
         let found = match (read, known) {
-            (Ok((metadata, bytes)), known) => judge(known, &metadata, bytes),
+            (Ok(_), _) if is_lost => {
+                Found::Damaged("its sum is damaged, and nobody knows its dialect".to_owned())
+            }
+            (Ok((metadata, bytes)), known) => {
+                let noted = known.and_then(Option::as_deref);
+                let dialect = noted.and_then(|noted| dialect_in(noted, &time_of(&metadata)));
+                look.dialects.extend(dialect.map(|dialect| (number, dialect)));
+                judge(known, &metadata, bytes)
+            }
             (Err(error), Some(_)) => Found::Damaged(format!("it cannot be read: {error}")),
             (Err(error), None) => {
                 look.not_read
@@ -99,35 +162,42 @@ pub(crate) fn look(folder: &Path) -> io::Result<Look> {
         };
         look.without_sum += usize::from(!sums.is_there);
         let found = match found {
-            Found::FromOutside(bytes, _) if !sums.is_there => Found::Stored(bytes),
+            Found::FromOutside(bytes, ..) if !sums.is_there => Found::Stored(bytes),
             found => found,
         };
         look.programs.insert(number, found);
+        // one that cannot be read signs nothing
+        let signature = read_signature(&folder.join(signature_name(number)));
+        look.signatures
+            .extend(signature.unwrap_or_default().map(|signature| (number, signature)));
     }
-    let known = sums.by_name.keys().filter_map(|name| name.parse().ok());
-    look.gone = known
-        .filter(|number| !look.programs.contains_key(number))
-        .collect();
+    look.gone = gone(&sums, &look.programs);
     Ok(look)
+}
+
+/// Programs with a sum that have no file, and what is known of them.
+fn gone(sums: &Sums, there: &BTreeMap<u16, Found>) -> Vec<(u16, Option<String>)> {
+    let known = sums.by_name.iter();
+    let known = known.filter_map(|(name, mark)| Some((name.parse().ok()?, mark.as_deref().and_then(sum_in))));
+    known.filter(|(number, _)| !there.contains_key(number)).collect()
 }
 
 fn judge(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) -> Found {
     let Some(known) = known else {
-        return Found::FromOutside(bytes, "it was put into the folder".to_owned());
+        return Found::FromOutside(bytes, "it was put into the folder".to_owned(), None);
     };
     let Some(known) = known else {
-        return Found::FromOutside(bytes, "its sum is damaged, so it cannot be verified".to_owned());
+        let how = "its sum is damaged, so it cannot be verified".to_owned();
+        return Found::FromOutside(bytes, how, None);
     };
-    let now = mark(metadata, &sum_of(&bytes));
-    if known.split(OR).any(|known| known == now) {
+    let (time, sum) = (time_of(metadata), sum_of(&bytes));
+    if marks(known).any(|mark| (mark.time, mark.sum) == (time.as_str(), sum.as_str())) {
         return Found::Stored(bytes);
     }
-    let time = time_of(metadata);
-    let has_this_time = |known: &str| known.split_once(' ').is_some_and(|(then, _)| then == time);
-    if known.split(OR).any(has_this_time) {
+    if has_time(known, &time) {
         return Found::Damaged("it is not what was stored, and nobody has written it since".to_owned());
     }
-    Found::FromOutside(bytes, "its file was written".to_owned())
+    Found::FromOutside(bytes, "its file was written".to_owned(), sum_in(known))
 }
 
 /// Name of the file of a program: the only one that it may have.
@@ -135,42 +205,80 @@ pub(crate) fn file_name(number: u16) -> String {
     format!("{number}.nc")
 }
 
+/// Name of the file of its signature.
+fn signature_name(number: u16) -> String {
+    format!("{number}.nc.sig")
+}
+
+/// A file that was taken for its program as it is.
+#[derive(Debug)]
+pub(crate) struct Accepted {
+    pub bytes: Vec<u8>,
+    pub signature: Option<Signature>,
+    pub dialect: String,
+}
+
+/// What was done to a file outside of the runtime.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Outside {
+    Nothing,
+    Removed,
+    /// It has this sum now.
+    Written(String),
+}
+
 /// The folder, open for writing.
 #[derive(Debug)]
 pub(crate) struct ProgramFolder {
     path: PathBuf,
     sums: SumFile,
+    /// Dialect of programs that somebody has put there.
+    dialect: &'static str,
+    /// Times of signatures as they were read; not kept, since all are read at a start.
+    signed_at: BTreeMap<u16, String>,
 }
 
 impl ProgramFolder {
     /// Opens a folder, which is made if it is missing, and gives what is in it: what an upload has left half-way is
-    /// removed, a program of another spelling gets its name if that is free, and others' rights are taken away.
+    /// removed, a program of another spelling gets its name if that is free, and others' rights are taken away. `dialect` is
+    /// that of programs of which nothing else is known.
     ///
     /// # Errors
     /// The disk refuses.
-    pub fn open(path: &Path) -> io::Result<(Self, Look)> {
+    pub fn open(path: &Path, dialect: &'static str, is_mixed: bool) -> io::Result<(Self, Look)> {
         make_folder_in(path)?;
         tighten(path);
         tidy_up(path)?;
-        let look = look(path)?;
+        let look = look(path, is_mixed)?;
         let mut known = BTreeMap::new();
         let old = Sums::read(&path.join(SUMS_FILE));
         for (number, found) in &look.programs {
             let sum = match found {
-                Found::Stored(bytes) | Found::FromOutside(bytes, _) => {
+                Found::Stored(bytes) | Found::FromOutside(bytes, ..) => {
                     let metadata = fs::metadata(path.join(file_name(*number)))?;
-                    Some(mark(&metadata, &sum_of(bytes)))
+                    let dialect = look.dialects.get(number).map_or(dialect, String::as_str);
+                    Some(mark(&metadata, &sum_of(bytes), dialect))
                 }
                 // it stays damaged
-                Found::Damaged(_) => old.by_name.get(&number.to_string()).cloned().flatten(),
+                Found::Damaged(_) => {
+                    let noted = old.by_name.get(&number.to_string()).cloned().flatten();
+                    noted.or_else(|| is_mixed.then(|| LOST.to_owned()))
+                }
             };
             if let Some(sum) = sum {
                 known.insert(number.to_string(), sum);
             }
         }
         let sums = SumFile::begin(&path.join(SUMS_FILE), old.last, known)?;
-        let path = path.to_owned();
-        Ok((Self { path, sums }, look))
+        let numbers = look.programs.keys();
+        let signed_at = numbers.map(|number| (*number, signature_time(path, *number)));
+        let folder = Self {
+            path: path.to_owned(),
+            sums,
+            dialect,
+            signed_at: signed_at.collect(),
+        };
+        Ok((folder, look))
     }
 
     /// Checks that the folder is where it was opened.
@@ -181,20 +289,58 @@ impl ProgramFolder {
         self.sums.check()
     }
 
-    /// Writes a program; it is on disk when this returns.
+    /// What somebody has made of the file of a program since it was noted.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn outside(&self, number: u16) -> io::Result<Outside> {
+        let (path, noted) = (
+            self.path.join(file_name(number)),
+            self.sums.get(&number.to_string()),
+        );
+        let metadata = match fs::metadata(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Ok(noted.map_or(Outside::Nothing, |_| Outside::Removed));
+            }
+            metadata => metadata?,
+        };
+        let time = time_of(&metadata);
+        if noted.is_some_and(|noted| has_time(noted, &time)) {
+            return Ok(Outside::Nothing);
+        }
+        let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
+        Ok(Outside::Written(sum_of(&bytes)))
+    }
+
+    /// Writes a program and its signature, or takes that away; both are on disk when this returns.
     ///
     /// # Errors
     /// The disk refuses; the program is as it was then.
-    pub fn write(&mut self, number: u16, bytes: &[u8]) -> io::Result<()> {
+    pub fn write(
+        &mut self,
+        number: u16,
+        bytes: &[u8],
+        dialect: &str,
+        signature: Option<&Signature>,
+    ) -> io::Result<()> {
         let (name, path) = (number.to_string(), self.path.join(file_name(number)));
+        let of_signature = self.path.join(signature_name(number));
+        let signature = signature.map(|signature| Unfinished::write(&of_signature, signature));
+        let signature = signature.transpose()?;
         let file = Unfinished::write(&path, bytes)?;
-        let new = mark(&file.as_file().metadata()?, &sum_of(bytes));
+        let new = mark(&file.as_file().metadata()?, &sum_of(bytes), dialect);
         // Until the file has its name, either of both may be there.
         let before = self.sums.get(&name).and_then(|known| known.split(OR).next_back());
         let either = before.map_or(new.clone(), |before| format!("{before}{OR}{new}"));
         self.sums.add(0, [(name.clone(), Some(either))].into())?;
         file.finish(&path)?;
-        self.sums.add(0, [(name, Some(new))].into())
+        self.sums.add(0, [(name, Some(new))].into())?;
+        match signature {
+            Some(signature) => signature.finish(&of_signature)?,
+            None => remove(&of_signature)?,
+        }
+        self.signed_at.insert(number, signature_time(&self.path, number));
+        Ok(())
     }
 
     /// Removes a program.
@@ -202,10 +348,10 @@ impl ProgramFolder {
     /// # Errors
     /// The disk refuses.
     pub fn remove(&mut self, number: u16) -> io::Result<()> {
-        match fs::remove_file(self.path.join(file_name(number))) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => sync_folder(&self.path)?,
-        }
+        remove(&self.path.join(file_name(number)))?;
+        remove(&self.path.join(signature_name(number)))?;
+        sync_folder(&self.path)?;
+        self.signed_at.remove(&number);
         self.sums.add(0, [(number.to_string(), None)].into())
     }
 
@@ -213,16 +359,26 @@ impl ProgramFolder {
     ///
     /// # Errors
     /// It cannot be read, or the disk refuses.
-    pub fn accept(&mut self, number: u16) -> io::Result<Vec<u8>> {
+    pub fn accept(&mut self, number: u16) -> io::Result<Accepted> {
         let path = self.path.join(file_name(number));
+        let signed_at = signature_time(&self.path, number);
+        let signature = read_signature(&self.path.join(signature_name(number)))?;
         let metadata = fs::metadata(&path)?;
         let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
-        let now = mark(&metadata, &sum_of(&bytes));
+        let noted = self.sums.get(&number.to_string());
+        let dialect = noted.and_then(|noted| dialect_in(noted, &time_of(&metadata)));
+        let dialect = dialect.unwrap_or_else(|| self.dialect.to_owned());
+        let now = mark(&metadata, &sum_of(&bytes), &dialect);
         self.sums.add(0, [(number.to_string(), Some(now))].into())?;
-        Ok(bytes)
+        self.signed_at.insert(number, signed_at);
+        Ok(Accepted {
+            bytes,
+            signature,
+            dialect,
+        })
     }
 
-    /// The files whose time is not the noted one, with that time; `None`: the file is gone.
+    /// The programs of whose files one has another time than the noted one, with these times; `None`: it is gone.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -246,11 +402,12 @@ impl ProgramFolder {
                 continue;
             }
             let (time, noted) = (time_of(&metadata), self.sums.get(&number.to_string()));
-            let has_noted_time = |noted: &str| noted.split_once(' ').is_some_and(|(then, _)| then == time);
-            if noted.is_some_and(|noted| noted.split(OR).any(has_noted_time)) {
+            let signed_at = signature_time(&self.path, number);
+            let is_signed_as_then = self.signed_at.get(&number).is_some_and(|then| *then == signed_at);
+            if is_signed_as_then && noted.is_some_and(|noted| has_time(noted, &time)) {
                 changed.remove(&number);
             } else {
-                changed.insert(number, Some(time));
+                changed.insert(number, Some(format!("{time} {signed_at}")));
             }
         }
         Ok(changed)
@@ -262,6 +419,13 @@ impl ProgramFolder {
     /// The disk refuses.
     pub fn probe(&self) -> io::Result<()> {
         Unfinished::write(&self.path.join("probe"), &[b'\n'; 4096]).map(drop)
+    }
+}
+
+fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
     }
 }
 
@@ -315,7 +479,7 @@ mod tests {
     }
 
     fn found(folder: &Path) -> BTreeMap<u16, Found> {
-        look(folder).unwrap().programs
+        look(folder, false).unwrap().programs
     }
 
     /// Sets the time of a file to that of another.
@@ -327,9 +491,9 @@ mod tests {
     #[test]
     fn the_same_time_and_another_sum_is_damage_and_another_time_is_a_change() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut programs, _) = ProgramFolder::open(folder.path()).unwrap();
-        programs.write(7, b"M30\n").unwrap();
-        programs.write(8, b"M30\n").unwrap();
+        let (mut programs, _) = ProgramFolder::open(folder.path(), "nj", false).unwrap();
+        programs.write(7, b"M30\n", "nj", None).unwrap();
+        programs.write(8, b"M30\n", "nj", None).unwrap();
         let path = folder.path().join("7.nc");
         let copy = folder.path().join("copy");
         fs::copy(&path, &copy).unwrap();
@@ -341,26 +505,26 @@ mod tests {
         assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
         assert_eq!(programs.changed().unwrap(), BTreeMap::new());
         // still damaged after an opening, until it is written again
-        let (mut programs, look) = ProgramFolder::open(folder.path()).unwrap();
+        let (mut programs, look) = ProgramFolder::open(folder.path(), "nj", false).unwrap();
         assert!(matches!(look.programs[&7], Found::Damaged(_)));
         assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
-        programs.write(7, b"M31\n").unwrap();
+        programs.write(7, b"M31\n", "nj", None).unwrap();
         assert_eq!(found(folder.path())[&7], Found::Stored(b"M31\n".to_vec()));
         fs::remove_file(&path).unwrap();
         assert_eq!(
             (
-                super::look(folder.path()).unwrap().gone,
+                super::look(folder.path(), false).unwrap().gone,
                 programs.changed().unwrap()
             ),
-            (vec![7], [(7, None)].into())
+            (vec![(7, Some(crate::disk::sum_of(b"M31\n")))], [(7, None)].into())
         );
     }
 
     #[test]
     fn a_kill_between_sum_and_name_leaves_the_program_before_or_after() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut programs, _) = ProgramFolder::open(folder.path()).unwrap();
-        programs.write(7, b"M30\n").unwrap();
+        let (mut programs, _) = ProgramFolder::open(folder.path(), "nj", false).unwrap();
+        programs.write(7, b"M30\n", "nj", None).unwrap();
         let before = programs.sums.get("7").unwrap().to_owned();
         programs
             .sums
@@ -392,7 +556,7 @@ mod tests {
         ] {
             file(folder.path(), name, text);
         }
-        let (mut programs, look) = ProgramFolder::open(folder.path()).unwrap();
+        let (mut programs, look) = ProgramFolder::open(folder.path(), "nj", false).unwrap();
         let texts: Vec<_> = look.programs.iter().collect();
         assert_eq!(
             texts,
@@ -423,7 +587,7 @@ mod tests {
         );
         let _socket = std::os::unix::net::UnixListener::bind(path("74.nc")).unwrap();
         file(folder.path(), "75.nc", "M30\n");
-        let (_, look) = ProgramFolder::open(folder.path()).unwrap();
+        let (_, look) = ProgramFolder::open(folder.path(), "nj", false).unwrap();
         assert_eq!(look.programs.len(), 1);
         for number in 71..75 {
             let named = look.not_read.iter().any(|text| text.contains(&file_name(number)));
@@ -438,9 +602,9 @@ mod tests {
         let target = folder.path().join("theirs");
         file(folder.path(), "theirs", "theirs");
         std::os::unix::fs::symlink(&target, folder.path().join("96.nc.new")).unwrap();
-        let (mut programs, _) = ProgramFolder::open(folder.path()).unwrap();
+        let (mut programs, _) = ProgramFolder::open(folder.path(), "nj", false).unwrap();
         std::os::unix::fs::symlink(&target, folder.path().join("96.nc.new")).unwrap();
-        programs.write(96, b"M30\n").unwrap();
+        programs.write(96, b"M30\n", "nj", None).unwrap();
         assert_eq!(fs::read_to_string(&target).unwrap(), "theirs");
         assert!(!folder.path().join("90.nc.new").exists());
     }

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
+use plc_api::types::program::{
+    DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo, SignatureState,
+};
 use tandem_interp::{CheckContext, Dialect, Programs, check};
 use tandem_model::limits::SUBPROGRAM_MIN;
 use tandem_model::settings::{CoordinateSystemSettings, NcOptions};
@@ -12,10 +14,14 @@ use tandem_model::{Diagnostic, Severity};
 use tandem_syntax::{Header, LineIndex, NcProgram, parse};
 
 use super::file::text_of;
+use super::signing::{Signature, Signers};
 use crate::disk::sum_of;
 
 /// Digits of a sum that a person is shown.
 const SUM_SHOWN: usize = 12;
+
+/// Lines in which a title is looked for.
+const TITLE_LINES: usize = 4;
 
 /// Characters of a title.
 const TITLE_MAX: usize = 80;
@@ -62,6 +68,8 @@ pub struct StoredProgram {
     title: String,
     /// Sum of the bytes that it was read from.
     sum: String,
+    /// What was beside it.
+    signature: Option<Signature>,
     /// It was changed outside of the runtime while this ran.
     pub(crate) is_from_outside: bool,
     /// Byte offset of each line.
@@ -94,12 +102,29 @@ impl StoredProgram {
     }
 
     /// The program of a file's bytes.
-    pub(super) fn of_file(number: u16, bytes: Vec<u8>, rules: TextRules) -> Self {
-        let sum = sum_of(&bytes);
+    pub(super) fn of_file(
+        number: u16,
+        bytes: Vec<u8>,
+        signature: Option<Signature>,
+        rules: TextRules,
+        signers: &Signers,
+    ) -> Self {
+        let (sum, state) = (sum_of(&bytes), signers.judge(&bytes, signature.as_ref()));
+        let mut program = Self::new(number, &text_of(bytes), rules);
+        program.check.hash.clone_from(&sum);
+        program.check.signature = state;
         Self {
             sum,
-            ..Self::new(number, &text_of(bytes), rules)
+            signature,
+            ..program
         }
+    }
+
+    /// With the signature of its text.
+    pub(crate) fn signed(mut self, signature: Option<Signature>, signers: &Signers) -> Self {
+        self.check.signature = signers.judge(self.text().as_bytes(), signature.as_ref());
+        self.signature = signature;
+        self
     }
 
     /// A text without a number, which begins in the modal state of the start-up or, with `goes_on`, in the current one.
@@ -121,11 +146,15 @@ impl StoredProgram {
         let mut diagnostics = parsed.clone();
         diagnostics.extend(checked.diagnostics);
         diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        let sum = sum_of(text.as_bytes());
         let check = ProgramCheck {
-            created: false,
             diagnostics: locate(text, &diagnostics),
             m_codes: checked.m_codes,
             programs: checked.programs,
+            hash: sum.clone(),
+            dialect: dialect.name.to_owned(),
+            o_number: tree.number(),
+            ..ProgramCheck::default()
         };
         Self {
             number,
@@ -136,8 +165,9 @@ impl StoredProgram {
             dialect,
             goes_on,
             here: Mutex::default(),
-            title: title(text),
-            sum: sum_of(text.as_bytes()),
+            title: title(text, dialect),
+            sum,
+            signature: None,
             is_from_outside: false,
             line_starts: line_starts(text),
         }
@@ -222,6 +252,36 @@ impl StoredProgram {
         rest.and_then(|rest| rest.lines().next()).unwrap_or_default()
     }
 
+    /// The sum of its bytes: its hash.
+    pub fn sum(&self) -> &str {
+        &self.sum
+    }
+
+    /// What was beside it.
+    pub(super) fn signature(&self) -> Option<&Signature> {
+        self.signature.as_ref()
+    }
+
+    /// True when storing `new` changes nothing.
+    pub(super) fn is_same(&self, new: &Self) -> bool {
+        let is_signed_so = new.signature.is_none() || new.signature == self.signature;
+        self.sum == new.sum && self.dialect.name == new.dialect.name && is_signed_so && !self.is_from_outside
+    }
+
+    /// Why the machine does not run it, if it does not.
+    pub(crate) fn refusal(&self) -> Option<String> {
+        let number = self.number;
+        match self.check.signature {
+            None | Some(SignatureState::Valid) => None,
+            Some(SignatureState::Missing) => Some(format!(
+                "program {number} is not signed, and the machine runs only what [programs] signed_by has signed; sign it, and store it with its signature"
+            )),
+            Some(SignatureState::Wrong) => Some(format!(
+                "the signature of program {number} is of none of the keys in [programs] signed_by, or of another text; sign it again as it is, and store it with its signature"
+            )),
+        }
+    }
+
     /// The beginning of the sum of its bytes, as a person is shown it.
     pub(super) fn short_sum(&self) -> &str {
         self.sum.get(..SUM_SHOWN).unwrap_or(&self.sum)
@@ -239,6 +299,10 @@ impl StoredProgram {
             bytes: self.text().len() as u64,
             errors: count(DiagnosticSeverity::Error),
             warnings: count(DiagnosticSeverity::Warning),
+            hash: self.sum.clone(),
+            signature: self.check.signature,
+            dialect: self.dialect.name.to_owned(),
+            o_number: self.tree.number(),
         }
     }
 }
@@ -276,16 +340,39 @@ fn line_starts(text: &str) -> Vec<u32> {
     std::iter::once(0).chain(after).collect()
 }
 
-fn title(text: &str) -> String {
-    let first = text.trim_start().lines().next().unwrap_or_default().trim();
-    let comment = first.strip_prefix("//").or_else(|| first.strip_prefix("/*"));
-    let title = comment.unwrap_or_default().trim_end_matches("*/").trim();
-    title.chars().take(TITLE_MAX).collect()
+/// The first comment, if nothing but the marks of a beginning stands before it.
+fn title(text: &str, dialect: &Dialect) -> String {
+    let grammar = (dialect.grammar)();
+    let form = grammar.program_form;
+    let is_mark = |line: &str| {
+        let first = line.bytes().next().map(|first| first.to_ascii_uppercase());
+        first.is_none() || first == form.mark || first == form.number_letter
+    };
+    let comment = |line: &str| {
+        let behind = |open: &str| line.split_once(open).map(|(_, rest)| rest.to_owned());
+        let of_line = grammar.line_comment.and_then(behind);
+        of_line.or_else(|| {
+            let (open, close) = grammar.block_comment?;
+            let rest = behind(open)?;
+            Some(rest.split(close).next().unwrap_or_default().to_owned())
+        })
+    };
+    for line in text.trim_start().lines().take(TITLE_LINES).map(str::trim) {
+        let begins = [grammar.line_comment, grammar.block_comment.map(|(open, _)| open)];
+        let is_comment = begins.into_iter().flatten().any(|open| line.starts_with(open));
+        if !is_comment && !is_mark(line) {
+            return String::new();
+        }
+        if let Some(title) = comment(line) {
+            return title.trim().chars().take(TITLE_MAX).collect();
+        }
+    }
+    String::new()
 }
 
 #[cfg(test)]
 mod tests {
-    use tandem_interp::dialects::nj;
+    use tandem_interp::dialects::{dgshape, nj};
 
     use super::*;
 
@@ -294,6 +381,25 @@ mod tests {
             dialect: nj(),
             options: NcOptions::default(),
             arc_radius_tolerance_mm: 0.01,
+        }
+    }
+
+    #[test]
+    fn the_title_is_the_first_comment_behind_the_marks_of_the_beginning() {
+        for (text, title) in [
+            ("// Seven\nG90\n", "Seven"),
+            ("\n /* Seven */ G90\n", "Seven"),
+            ("G90 // no title\n", ""),
+        ] {
+            assert_eq!(super::title(text, nj()), title, "{text}");
+        }
+        for (text, title) in [
+            ("%\nO12345678 (FLANGE)\nG90\n", "FLANGE"),
+            ("%\nO1\n(FLANGE)\n", "FLANGE"),
+            ("(FLANGE\n", "FLANGE"),
+            ("G90 (NO TITLE)\n", ""),
+        ] {
+            assert_eq!(super::title(text, dgshape()), title, "{text}");
         }
     }
 

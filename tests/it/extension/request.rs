@@ -55,7 +55,7 @@ fn sorted<const N: usize>(files: [&str; N]) -> Vec<PathBuf> {
 
 #[test]
 fn a_request_that_the_machine_carries_out_is_named_by_its_two_rows_and_there() {
-    for request in ["DeleteProgram", "CheckProgram"] {
+    for request in ["IntermediateCode", "CheckProgram"] {
         let whole_word = |code: &str| code.split(|letter| !is_name(letter)).any(|word| word == request);
         assert_eq!(files(whole_word), sorted([REQUESTS, WIRE, PORT]), "{request}");
     }

@@ -6,12 +6,13 @@ use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use plc_api::server::{AccessKind, ServerTransport};
 
-use super::http::{Access, forbidden};
+use super::http::{Access, forbidden, token};
 use super::{Shown, User};
 use crate::contract::routes::{API, Found, find};
 use crate::problem::Problem;
-use crate::server::{certificate_of, is_urgent};
+use crate::server::{Peer, certificate_of, is_urgent};
 use crate::shared::Shared;
 use crate::tls::Fingerprint;
 
@@ -33,7 +34,28 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
             request.extensions_mut().insert(shown);
             next.run(request).await
         }
-        Err(refused) => *refused,
+        Err(refused) => {
+            if let Some((what, user)) = refused.noted {
+                let from = request.extensions().get::<Peer>().map(|peer| peer.address);
+                let route = format!("{} {}", request.method(), request.uri().path());
+                let machine = &shared.machine;
+                machine.note(what, user.as_deref(), from, ServerTransport::Rest, route);
+            }
+            refused.response
+        }
+    }
+}
+
+/// A request that is not let in.
+struct Turned {
+    response: Response,
+    /// What the journal tells of it, and of whom.
+    noted: Option<(AccessKind, Option<String>)>,
+}
+
+impl Turned {
+    fn away(response: Response, noted: Option<(AccessKind, Option<String>)>) -> Box<Self> {
+        Box::new(Self { response, noted })
     }
 }
 
@@ -43,8 +65,8 @@ fn admit(
     path: Option<&str>,
     headers: &HeaderMap,
     certificate: Option<&Fingerprint>,
-) -> Result<Shown, Box<Response>> {
-    let refuse = |problem: Problem| Box::new(problem.into_response());
+) -> Result<Shown, Box<Turned>> {
+    let refuse = |problem: Problem| Turned::away(problem.into_response(), None);
     let found = path
         .and_then(|path| path.strip_prefix(API))
         .map_or(Found::Nothing, |path| find(method, path));
@@ -52,18 +74,27 @@ fn admit(
         return Ok(User::Stranger.into());
     }
     let is_urgent = path.is_some_and(|path| is_urgent(method, path));
-    let shown = access.user(headers, certificate, is_urgent).map_err(refuse)?;
+    let shown = access.user(headers, certificate, is_urgent).map_err(|problem| {
+        let response = problem.into_response();
+        // a wrong token; who shows none has not tried
+        let is_wrong = response.status() == StatusCode::UNAUTHORIZED && token(headers).is_some();
+        Turned::away(response, is_wrong.then_some((AccessKind::LoginRefused, None)))
+    })?;
     let user = &shown.user;
     match found {
         Found::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(shown),
-        Found::Route(_) => Err(refuse(forbidden(format!(
-            "role {} may not {method} here",
-            user.role().word()
-        )))),
+        Found::Route(_) => {
+            let text = format!("role {} may not {method} here", user.role().word());
+            let noted = (AccessKind::Forbidden, user.name().map(str::to_owned));
+            Err(Turned::away(forbidden(text).into_response(), Some(noted)))
+        }
         Found::OtherMethods(allowed) => {
             let text = format!("{method} is not for this path; {allowed} are");
             let problem = Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", text);
-            Err(Box::new(([(header::ALLOW, allowed)], problem).into_response()))
+            Err(Turned::away(
+                ([(header::ALLOW, allowed)], problem).into_response(),
+                None,
+            ))
         }
         // a path without a route: the fallback answers 404
         Found::Nothing if path.is_none() => Ok(shown),

@@ -89,7 +89,7 @@ fn parameters(route: &Route) -> Vec<Value> {
             json!({"name": name, "in": "path", "required": true, "schema": schema})
         })
         .collect();
-    if route.headers != Headers::Nothing {
+    if route.headers.has_key() {
         parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
     }
     let is_release = route.headers == Headers::KeyAndFence;
@@ -99,8 +99,13 @@ fn parameters(route: &Route) -> Vec<Value> {
     }
     if is_command {
         parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
-        parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
+        let pattern = "^\"?([0-9]+|[0-9A-Fa-f]{64})\"?(, *\"?([0-9]+|[0-9A-Fa-f]{64})\"?)?$";
+        parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": pattern}, "description": "Revision of the state that the sender has seen, the hash of the program that it means, or both, which must both hold then."}));
     }
+    if route.query == Query::Dialect {
+        parameters.push(json!({"name": "dialect", "in": "query", "schema": {"type": "string", "enum": ["nj", "dgshape"]}, "description": "NC dialect of the text; without it that of the lowest coordinate system."}));
+    }
+    parameters.extend(of_programs(route.headers));
     if route.query == Query::Journal {
         parameters.extend(of_journal());
     }
@@ -110,6 +115,41 @@ fn parameters(route: &Route) -> Vec<Value> {
                 json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
             );
         }
+    }
+    parameters
+}
+
+/// What is said of a program that is read or changed.
+fn of_programs(headers: Headers) -> Vec<Value> {
+    let hashes = json!({"type": "string", "pattern": "^(\\*|(W/)?\"?[0-9A-Fa-f]{64}\"?(, *(W/)?\"?[0-9A-Fa-f]{64}\"?)*)$"});
+    let header = |name: &str, schema: &Value, description: &str| json!({"name": name, "in": "header", "schema": schema, "description": description});
+    let mut parameters = Vec::new();
+    if matches!(headers, Headers::Condition | Headers::Upload) {
+        parameters.push(header(
+            "If-Match",
+            &hashes,
+            "The program is one of these, by their hashes, or any (*): else 412.",
+        ));
+        parameters.push(header(
+            "If-None-Match",
+            &hashes,
+            "The program is none of these, or there is none (*): else 412.",
+        ));
+    }
+    if headers == Headers::Cached {
+        parameters.push(header(
+            "If-None-Match",
+            &json!({"type": "string"}),
+            "Programs that the client has, by their hashes: 304 if it is one of these.",
+        ));
+    }
+    if headers == Headers::Upload {
+        let schema = json!({"type": "string", "pattern": "^[A-Za-z0-9+/]{86}==$"});
+        parameters.push(header(
+            "Program-Signature",
+            &schema,
+            "Ed25519 signature of the text's bytes, 64 bytes in Base64.",
+        ));
     }
     parameters
 }
@@ -171,7 +211,13 @@ fn responses(route: &Route, right: Option<Right>) -> Value {
         if let Some(content) = content {
             response["content"] = content;
         }
+        if matches!(route.headers, Headers::Cached | Headers::Upload) {
+            response["headers"] = json!({"ETag": {"schema": {"type": "string"}, "description": "The hash of the program in quotes."}});
+        }
         responses.insert(status.to_string(), response);
+    }
+    if route.headers == Headers::Cached {
+        responses.insert("304".to_owned(), json!({"description": "The client has it."}));
     }
     for status in refusals(route, right) {
         let refusal = json!({
@@ -193,7 +239,11 @@ fn refusals(route: &Route, right: Option<Right>) -> Vec<u16> {
         (!matches!(route.body, Content::Nothing), &[400, 408, 413, 415]),
         (changes, &[404, 409]),
         // what was answered to the same key before may be a command's answer
-        (route.headers != Headers::Nothing, &[400, 412, 422]),
+        (route.headers.has_key(), &[400, 412, 422]),
+        (
+            matches!(route.headers, Headers::Condition | Headers::Upload),
+            &[400, 412],
+        ),
         (true, route.refusals),
     ];
     let all = of.iter().filter(|(does, _)| *does);
@@ -208,10 +258,10 @@ fn refusal_text(status: u16) -> &'static str {
         404 => "There is no such thing.",
         408 => "The body did not come in time.",
         409 => "The state does not allow it.",
-        412 => "The condition of the command does not hold.",
+        412 => "The condition does not hold.",
         413 => "Larger than the limit.",
         415 => "The body is of another type.",
-        422 => "The program has errors.",
+        422 => "The program has errors, is not signed, or is of another dialect.",
         426 => "This is for a WebSocket.",
         429 => "Too many requests.",
         _ => "The machine cannot do it now.",

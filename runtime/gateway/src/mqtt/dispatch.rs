@@ -178,6 +178,7 @@ impl Dispatch {
             state_rev: state.and_then(|state| state.rev).unwrap_or(0),
             variables: None,
             lease: None,
+            hash: None,
         };
         message(&self.machine, Topic::Reply(client_id), Payload::Reply(reply))
     }

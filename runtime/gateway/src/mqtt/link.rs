@@ -70,7 +70,7 @@ enum Wakeup {
     Message(Option<Arc<Message>>),
     PositionsDue,
     Refused(Refused),
-    Result(Message),
+    Result(Box<Message>),
     Stop,
 }
 
@@ -203,7 +203,7 @@ impl<C: Connect> Link<C> {
         };
         let result = async {
             match self.results.recv().await {
-                Some(result) => Wakeup::Result(result),
+                Some(result) => Wakeup::Result(Box::new(result)),
                 None => std::future::pending().await,
             }
         };
@@ -244,7 +244,7 @@ impl<C: Connect> Link<C> {
                 let publisher = Publisher::Unknown(String::new());
                 self.take(publisher, &topic, &payload, true).await;
             }
-            Wakeup::Result(result) => self.outbox.put(Arc::new(result)),
+            Wakeup::Result(result) => self.outbox.put(Arc::from(result)),
             Wakeup::Mqtt(_) | Wakeup::Stop => {}
         }
         let lost = self.outbox.take_lost();

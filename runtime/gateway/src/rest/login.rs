@@ -6,6 +6,7 @@ use std::sync::Arc;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
+use plc_api::server::{AccessKind, ServerTransport};
 use plc_api::wire::json_object;
 use plc_api::wire::login::{Login, LoginRequest};
 use serde_json::json;
@@ -39,7 +40,12 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
         .logins
         .log_in(&users.tokens.now(), &said.user, said.pin, from)
         .await;
+    let note = |what| {
+        let (user, over) = (Some(said.user.as_str()), ServerTransport::Rest);
+        (shared.machine).note(what, user, Some(from), over, "POST /login".to_owned());
+    };
     let (token, user) = logged_in.map_err(|refused| {
+        note(AccessKind::LoginRefused);
         warn!(
             "login of {:.64} from {from} refused: {refused:?}",
             said.user.escape_debug()
@@ -58,6 +64,7 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
     })?;
     let name = user.name().unwrap_or_default().to_owned();
     info!("{name} has logged in from {from}");
+    note(AccessKind::Login);
     let answer = Login {
         token,
         user: name,

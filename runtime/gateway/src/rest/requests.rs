@@ -18,7 +18,8 @@ use plc_api::types::topic::Topic;
 use plc_api::wire::answer::{AnswerForm, Reply};
 use plc_api::wire::percent_encoded;
 use plc_api::wire::route::{self, Content, Route};
-use plc_api::wire::row::{Fault, IncomingRequest, QueryValues, Row, Sender, Source, number};
+use plc_api::wire::row::{Fault, IF_NONE_MATCH, IncomingRequest, QueryValues, Row, Sender, Source, number};
+use plc_api::wire::tag;
 use serde::Deserialize;
 use tokio::sync::SemaphorePermit;
 use tokio::time::timeout;
@@ -106,7 +107,28 @@ pub(super) async fn serve(
         _ => form.encode(shared.ask(authorized).await?)?,
     };
     drop(permit);
-    Ok(response(reply))
+    Ok(match reply {
+        Reply::Program(program) if has(&head.headers, &program.hash) => not_modified(&program.hash),
+        reply => response(reply),
+    })
+}
+
+/// True when the client has the program already.
+fn has(headers: &HeaderMap, hash: &str) -> bool {
+    let tags = headers.get_all(IF_NONE_MATCH).iter();
+    let mut tags = tags.filter_map(|tags| tags.to_str().ok());
+    tags.any(|tags| tag::is_had(tags, hash))
+}
+
+fn not_modified(hash: &str) -> Response {
+    tagged(StatusCode::NOT_MODIFIED.into_response(), hash)
+}
+
+fn tagged(mut response: Response, hash: &str) -> Response {
+    if let Ok(etag) = HeaderValue::try_from(tag::etag(hash)) {
+        response.headers_mut().insert(header::ETAG, etag);
+    }
+    response
 }
 
 /// A place for a request that carries a whole program.
@@ -145,6 +167,11 @@ fn query(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
         user: Option<String>,
         run: Option<String>,
     }
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Upload {
+        dialect: Option<String>,
+    }
     let read = match route.query {
         route::Query::Nothing => return Ok(QueryValues::default()),
         route::Query::Range => {
@@ -171,6 +198,12 @@ fn query(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
             wait,
             ..QueryValues::default()
         }),
+        route::Query::Dialect => {
+            Query::<Upload>::try_from_uri(uri).map(|Query(Upload { dialect })| QueryValues {
+                dialect,
+                ..QueryValues::default()
+            })
+        }
     };
     read.map_err(|refusal| Problem::invalid(refusal.body_text()))
 }
@@ -245,7 +278,7 @@ async fn carry_out(
     let answer: Answer = if wait {
         match timeout(WAIT_MAX, asking).await {
             Ok(answer) => answer,
-            Err(_) => return Ok(Reply::Accepted(command_id)),
+            Err(_) => return Ok(Reply::Accepted(command_id, None)),
         }
     } else {
         asking.await
@@ -255,15 +288,20 @@ async fn carry_out(
 }
 
 fn response(reply: Reply) -> Response {
+    let json = |status, text| json_response(StatusCode::from_u16(status).unwrap_or_default(), text);
+    let plain = |text: String| {
+        let kind = HeaderValue::from_static("text/plain; charset=utf-8");
+        ([(header::CONTENT_TYPE, kind)], text).into_response()
+    };
     match reply {
         Reply::Nothing => StatusCode::NO_CONTENT.into_response(),
-        Reply::Json(status, text) => json_response(StatusCode::from_u16(status).unwrap_or_default(), text),
-        Reply::Text(text) => {
-            let kind = HeaderValue::from_static("text/plain; charset=utf-8");
-            ([(header::CONTENT_TYPE, kind)], text).into_response()
-        }
-        Reply::Accepted(id) => {
-            let mut response = json_response(StatusCode::ACCEPTED, Reply::accepted_body(&id));
+        Reply::Json(status, text) => json(status, text),
+        Reply::Stored(status, text, hash) => tagged(json(status, text), &hash),
+        Reply::Text(text) => plain(text),
+        Reply::Program(program) => tagged(plain(program.text), &program.hash),
+        Reply::Accepted(id, hash) => {
+            let mut response =
+                json_response(StatusCode::ACCEPTED, Reply::accepted_body(&id, hash.as_deref()));
             if let Ok(location) = HeaderValue::try_from(format!("{API}/commands/{}", percent_encoded(&id))) {
                 response.headers_mut().insert(header::LOCATION, location);
             }

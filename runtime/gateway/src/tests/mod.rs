@@ -9,6 +9,7 @@ mod judge;
 mod mqtt;
 mod mqtt_refusals;
 mod places;
+mod programs;
 mod rest;
 mod rest_refusals;
 mod threats;
@@ -241,6 +242,7 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
         state_rev: 13,
         variables: None,
         lease: None,
+        hash: None,
     }
 }
 

@@ -7,7 +7,7 @@ use plc_api::server::{Durations, ServoTiming};
 use plc_api::types::command::{Command, CommandStatus, Expect};
 use plc_api::types::machine::{ActiveAlarms, AlarmRecord};
 use plc_api::types::output::{HandshakeResult, HandshakeStatus, Pending};
-use plc_api::types::program::{ProgramCheck, ProgramInfo};
+use plc_api::types::program::ProgramInfo;
 use plc_api::types::request::{Input, OverrideChange};
 use plc_api::types::state::{Captured, Lock, Modal, Overrides, ProgramPlace, Spindle, Tool};
 use serde_json::{Value, json};
@@ -135,8 +135,8 @@ async fn a_command_is_accepted_with_its_id_and_where_to_ask() {
         ("k 1", "rest")
     );
     let expect = Expect {
-        boot_id: None,
         state_rev: Some(12),
+        ..Expect::default()
     };
     assert_eq!(meta.expect, Some(expect));
 }
@@ -236,6 +236,10 @@ async fn commands_and_lists_are_answered() {
                 bytes: 10,
                 errors: 0,
                 warnings: 1,
+                hash: "a1".into(),
+                signature: None,
+                dialect: "nj".into(),
+                o_number: None,
             }]),
             Request::Handlers => Answer::Handlers([].into()),
             Request::AlarmHistory => Answer::Alarms(vec![AlarmRecord::default()]),
@@ -395,44 +399,6 @@ async fn questions_are_asked_and_answered() {
         assert!(matches!(&asked[0], Request::Ask(1, None, ask) if ask.choices == ["yes"]));
         assert!(matches!(&asked[1], Request::AnswerQuestion(1, None, answer) if answer.choice == "yes"));
     }
-}
-
-#[tokio::test]
-async fn programs_are_written_read_checked_and_removed_as_text() {
-    let created = std::sync::atomic::AtomicBool::new(true);
-    let port = StubPort::with(move |request| {
-        Ok(match request {
-            Request::WriteProgram(..) => Answer::Check(ProgramCheck {
-                created: created.swap(false, std::sync::atomic::Ordering::Relaxed),
-                ..ProgramCheck::default()
-            }),
-            Request::CheckProgram(_) => Answer::Check(ProgramCheck::default()),
-            Request::ReadProgram(_) => Answer::ProgramText("G01 X1 (\u{e4})\n".into()),
-            Request::IntermediateCode(7) => Answer::ProgramText("open prog 7\nclose\n".into()),
-            _ => Answer::Done,
-        })
-    });
-    let path = "/api/v1/programs/7";
-    let plain = [("content-type", "text/plain")];
-    let response = call(&port, "PUT", path, &plain, "G01 X1\r\n").await;
-    assert_eq!(response.status(), 201);
-    assert_eq!(json_of(response).await["diagnostics"], json!([]));
-    assert_eq!(call(&port, "PUT", path, &[], "G01 X1\r\n").await.status(), 200);
-    assert_eq!(port.asked()[0], Request::WriteProgram(7, "G01 X1\r\n".into()));
-    let response = call(&port, "GET", path, &[], "").await;
-    assert_eq!(response.headers()["content-type"], "text/plain; charset=utf-8");
-    assert_eq!(text(response).await, "G01 X1 (\u{e4})\n");
-    assert_eq!(
-        call(&port, "POST", "/api/v1/programs/7/check", &[], "")
-            .await
-            .status(),
-        200
-    );
-    let response = call(&port, "GET", "/api/v1/programs/7/intermediate", &[], "").await;
-    assert_eq!(response.headers()["content-type"], "text/plain; charset=utf-8");
-    assert_eq!(text(response).await, "open prog 7\nclose\n");
-    assert_eq!(call(&port, "DELETE", path, &[], "").await.status(), 204);
-    assert_eq!(port.asked().pop(), Some(Request::DeleteProgram(7)));
 }
 
 #[tokio::test]

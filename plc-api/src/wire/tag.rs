@@ -1,0 +1,150 @@
+//! `ETag`, `If-Match` and `If-None-Match`: what HTTP compares, as text.
+
+use crate::types::command::Expect;
+use crate::types::upload::Hashes;
+
+/// Digits of a program's hash.
+const HASH_DIGITS: usize = 64;
+
+/// Tags of one header. Reason: nobody means more programs at once.
+const TAGS_MAX: usize = 64;
+
+/// A hash as the value of `ETag`.
+pub fn etag(hash: &str) -> String {
+    format!("\"{hash}\"")
+}
+
+/// True when `If-None-Match` names the hash, or any: the client has it already.
+pub fn is_had(header: &str, hash: &str) -> bool {
+    let mut tags = tags(header);
+    tags.any(|tag| tag == "*" || unquoted(tag.strip_prefix("W/").unwrap_or(tag)) == hash)
+}
+
+fn tags(header: &str) -> impl Iterator<Item = &str> {
+    header.split(',').map(str::trim)
+}
+
+fn unquoted(tag: &str) -> &str {
+    let inner = tag.strip_prefix('"').and_then(|tag| tag.strip_suffix('"'));
+    inner.unwrap_or(tag)
+}
+
+fn hash(tag: &str) -> Option<String> {
+    let is_hash = tag.len() == HASH_DIGITS && tag.bytes().all(|digit| digit.is_ascii_hexdigit());
+    is_hash.then(|| tag.to_ascii_lowercase())
+}
+
+/// The condition of a command: the revision of the state, the hash of the program, or both, which must both hold then.
+pub(super) fn expected(header: &str) -> Result<Expect, String> {
+    let mut expect = Expect::default();
+    for tag in tags(header).map(unquoted) {
+        if let Some(hash) = hash(tag)
+            && expect.hash.is_none()
+        {
+            expect.hash = Some(hash);
+        } else if let Ok(rev) = tag.parse()
+            && expect.state_rev.is_none()
+        {
+            expect.state_rev = Some(rev);
+        } else {
+            let text = "If-Match is the ETag of the coordinate system's state, such as \"12\", or that of the program";
+            return Err(text.to_owned());
+        }
+    }
+    Ok(expect)
+}
+
+/// The same as a header; `None`: nothing that it can say is expected.
+pub(super) fn of_expected(expect: &Expect) -> Option<String> {
+    let rev = expect.state_rev.map(|rev| rev.to_string());
+    let tags: Vec<String> = rev.iter().chain(&expect.hash).map(|tag| etag(tag)).collect();
+    (!tags.is_empty()).then(|| tags.join(", "))
+}
+
+/// The programs that a header names. Those that `If-Match`, which is strict, names weakly are none.
+pub(super) fn hashes(name: &str, header: &str, is_strict: bool) -> Result<Hashes, String> {
+    if header.trim() == "*" {
+        return Ok(Hashes::Any);
+    }
+    let read = tags(header).map(|tag| match tag.strip_prefix("W/") {
+        Some(_) if is_strict => Ok(String::new()),
+        weak => hash(unquoted(weak.unwrap_or(tag)))
+            .ok_or_else(|| format!("{name} is * or the ETag of a program, its hash in quotes")),
+    });
+    let read: Vec<String> = read.take(TAGS_MAX + 1).collect::<Result<_, _>>()?;
+    if read.len() > TAGS_MAX {
+        let text = format!("{name} names more than {TAGS_MAX} programs");
+        return Err(text);
+    }
+    Ok(Hashes::OneOf(
+        read.into_iter().filter(|hash| !hash.is_empty()).collect(),
+    ))
+}
+
+/// The same as a header. None of these is a tag that no program has.
+pub(super) fn of_hashes(hashes: &Hashes) -> String {
+    match hashes {
+        Hashes::Any => "*".to_owned(),
+        Hashes::OneOf(hashes) if hashes.is_empty() => format!("W/{}", etag(&"0".repeat(HASH_DIGITS))),
+        Hashes::OneOf(hashes) => hashes
+            .iter()
+            .map(|hash| etag(hash))
+            .collect::<Vec<_>>()
+            .join(", "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn a() -> String {
+        "aB".repeat(32)
+    }
+
+    #[test]
+    fn if_match_of_a_command_takes_a_revision_with_and_without_quotes_and_a_hash_and_both() {
+        let expect = |state_rev, hash: Option<String>| Expect {
+            state_rev,
+            hash,
+            ..Expect::default()
+        };
+        let hash = a().to_ascii_lowercase();
+        for (header, expected) in [
+            ("\"12\"".to_owned(), Some(expect(Some(12), None))),
+            ("7".to_owned(), Some(expect(Some(7), None))),
+            ("W/\"3\"".to_owned(), None),
+            ("*".to_owned(), None),
+            (String::new(), None),
+            ("1, 2".to_owned(), None),
+            (etag(&a()), Some(expect(None, Some(hash.clone())))),
+            (
+                format!("{}, \"4\"", etag(&a())),
+                Some(expect(Some(4), Some(hash.clone()))),
+            ),
+            (etag(&a()[1..]), None),
+        ] {
+            assert_eq!(super::expected(&header).ok(), expected, "{header}");
+        }
+    }
+
+    #[test]
+    fn conditions_of_programs_take_lists_and_any_and_weak_tags_only_where_nothing_is_changed_by_them() {
+        let hash = a().to_ascii_lowercase();
+        let read = |name, header: &str| hashes(name, header, name == "if-match").ok();
+        let one = Hashes::OneOf(vec![hash.clone()]);
+        assert_eq!(read("if-match", "*"), Some(Hashes::Any));
+        assert_eq!(read("if-match", &etag(&a())), Some(one.clone()));
+        assert_eq!(read("if-match", &a()), Some(one.clone()));
+        assert_eq!(
+            read("if-match", &format!("W/{}", etag(&a()))),
+            Some(Hashes::OneOf(vec![]))
+        );
+        assert_eq!(read("if-none-match", &format!("W/{}", etag(&a()))), Some(one));
+        assert_eq!(read("if-match", "\"12\""), None);
+        assert_eq!(read("if-match", ""), None);
+        assert_eq!(read("if-match", &vec![etag(&a()); 65].join(",")), None);
+        assert!(is_had("*", &hash) && is_had(&format!("\"x\", W/\"{hash}\""), &hash));
+        assert!(!is_had("\"x\"", &hash));
+    }
+}

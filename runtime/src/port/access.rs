@@ -1,0 +1,91 @@
+//! Lines of the journal about logins and refused requests: bounded, since anybody can cause them.
+
+use parking_lot::Mutex;
+use plc_api::server::{AccessKind, AccessNote};
+
+use crate::journal::Event;
+use crate::shared::Shared;
+
+/// Refusals at once, and seconds for each further one. Reason: 1500 lines a day are 0.4 MB of the 32 MB of the journal.
+const REFUSED_BURST: f64 = 20.0;
+const REFUSED_SECONDS: f64 = 60.0;
+
+/// The same for logins, which need a PIN.
+const LOGIN_BURST: f64 = 100.0;
+const LOGIN_SECONDS: f64 = 10.0;
+
+/// Characters of what others say.
+const SAID_MAX: usize = 100;
+
+/// How many lines may still be written.
+#[derive(Debug, Default)]
+pub(crate) struct AccessLines {
+    logins: Mutex<Bucket>,
+    refused: Mutex<Bucket>,
+}
+
+#[derive(Debug, Default)]
+struct Bucket {
+    /// Lines written, less those that time has given back.
+    used: f64,
+    at_s: f64,
+    left_out: u64,
+}
+
+impl Bucket {
+    /// Whether a line may be written, and how many were not before it.
+    fn take(&mut self, now_s: f64, burst: f64, seconds: f64) -> Option<u64> {
+        self.used = (self.used - (now_s - self.at_s).max(0.0) / seconds).max(0.0);
+        self.at_s = now_s;
+        if self.used + 1.0 > burst {
+            self.left_out += 1;
+            return None;
+        }
+        self.used += 1.0;
+        Some(std::mem::take(&mut self.left_out))
+    }
+}
+
+impl AccessLines {
+    /// Writes the line, if there is room for it.
+    pub fn record(&self, shared: &Shared, note: AccessNote) {
+        let now_s = shared.clock.now_s();
+        let left_out = match note.what {
+            AccessKind::Login => self.logins.lock().take(now_s, LOGIN_BURST, LOGIN_SECONDS),
+            AccessKind::LoginRefused | AccessKind::Forbidden => {
+                self.refused.lock().take(now_s, REFUSED_BURST, REFUSED_SECONDS)
+            }
+        };
+        let Some(left_out) = left_out else { return };
+        let cut = |text: String| text.chars().take(SAID_MAX).collect();
+        let event = Event::Access {
+            what: note.what,
+            user: note.user.map(cut),
+            from: note.from,
+            over: note.over,
+            request: cut(note.request),
+            left_out: (left_out > 0).then_some(left_out),
+        };
+        shared.record(0, event);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_of_refusals_leaves_a_bounded_number_of_lines_and_the_count_of_the_others() {
+        let mut bucket = Bucket::default();
+        let mut written = 0;
+        for n in 0..100_000 {
+            // 1000 a second
+            let now_s = f64::from(n) / 1000.0;
+            written += u64::from(bucket.take(now_s, REFUSED_BURST, REFUSED_SECONDS).is_some());
+        }
+        assert_eq!(written, 21, "20 at once, and 1 after a minute");
+        let left_out = bucket.take(200.0, REFUSED_BURST, REFUSED_SECONDS);
+        assert!(left_out.is_some_and(|left_out| left_out > 39_000), "{left_out:?}");
+        assert_eq!(bucket.take(1e6, REFUSED_BURST, REFUSED_SECONDS), Some(0));
+    }
+}
