@@ -224,7 +224,8 @@ test("broken program that is loaded shows all its errors", async () => {
 test("findings of a program in the list open as a list", async () => {
   machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 0, warnings: 1 }];
   const diagnostics = [{ code: "W0201", severity: "warning", line: 2, column: 1, end_line: 2, end_column: 5, message: "M100 has no handler", help: "" }];
-  machine.answers.set("POST /programs/1/check", { status: 200, body: { diagnostics, m_codes: [100], programs: [] } });
+  const body = { diagnostics, m_codes: [100], programs: [], dialect: "nj", hash: "5".repeat(64), o_number: null, signature: null };
+  machine.answers.set("POST /programs/1/check", { status: 200, body });
   await page.getByRole("button", { name: "Read again" }).click();
   await page.getByRole("button", { name: "1 warning in O0001: show" }).click();
   await page.getByRole("dialog", { name: "O0001: 1 warning" }).getByText("M100 has no handler").waitFor();

@@ -26,7 +26,7 @@ export const BIRTH = {
 
 export const STATE = {
   execution: "READY", transition: null, reason: null, wait_state: null, waiting_on: null, program: 1, run_id: null,
-  single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
+  hash: null, o_number: null, single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
 };
 
 export class ScriptedMachine {
@@ -124,7 +124,10 @@ export class ScriptedMachine {
     if (request.method() !== "GET") this.requests.push({ method: request.method(), path, body: request.postDataJSON() });
     const answer = this.answers.get(`${request.method()} ${path}`);
     if (answer) return route.fulfill(answer.status < 400 ? { status: answer.status, json: answer.body } : problem(answer));
-    if (path === "/programs") return route.fulfill({ json: { programs: this.programList } });
+    if (path === "/programs") {
+      const unsaid = { dialect: "nj", hash: "5".repeat(64), o_number: null, signature: null };
+      return route.fulfill({ json: { programs: this.programList.map((program) => ({ ...unsaid, ...program })) } });
+    }
     const text = this.programs.get(Number(/^\/programs\/(\d+)$/.exec(path)?.[1]));
     if (text !== undefined) return route.fulfill({ body: text, contentType: "text/plain; charset=utf-8" });
     return route.fulfill(this.#answer(request.method(), path, request.postDataJSON()));
