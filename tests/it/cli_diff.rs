@@ -8,7 +8,10 @@ use crate::support::simulated::{Ran, run};
 const OLD: &str = "G90 G00 X10\nG01 X50 F6000\nY40\nM100 VA5\nG01 X0\nM30\n";
 
 fn diff(old: &str, new: &str, arguments: &[&str]) -> Ran {
-    let machine = Machine::new("");
+    diff_on(&Machine::new(""), old, new, arguments)
+}
+
+fn diff_on(machine: &Machine, old: &str, new: &str, arguments: &[&str]) -> Ran {
     machine.write("old.nc", old);
     machine.write("new.nc", new);
     let mut all = vec!["diff", "old.nc", "new.nc", "--config", "tandem.toml"];
@@ -120,18 +123,8 @@ fn other_m_codes_and_parameters_are_told() {
 #[test]
 fn the_picture_shows_both_ways_and_where_they_differ() {
     let machine = Machine::new("");
-    machine.write("old.nc", OLD);
-    machine.write("new.nc", &OLD.replace("\nY40", "\nG02 Y40 R20"));
-    let arguments = [
-        "diff",
-        "old.nc",
-        "new.nc",
-        "--config",
-        "tandem.toml",
-        "--svg",
-        "out.svg",
-    ];
-    assert_eq!(run(machine.folder(), &arguments).code, 1);
+    let new = OLD.replace("\nY40", "\nG02 Y40 R20");
+    assert_eq!(diff_on(&machine, OLD, &new, &["--svg", "out.svg"]).code, 1);
     let svg = std::fs::read_to_string(machine.path("out.svg")).unwrap();
     for class in ["both", "old", "new"] {
         assert!(
@@ -154,25 +147,11 @@ fn what_cannot_be_read_or_has_errors_is_exit_2() {
 
 #[test]
 fn programs_of_the_other_dialect_are_compared() {
-    let machine = Machine::new("");
-    machine.write("old.nc", "%\nO1\nG90G00X10.\nG01X50.F600.\nM06T1\nM30\n%\n");
-    machine.write(
-        "new.nc",
-        "%\nO1 (the same)\nN1 G90 G00 X10. (rapid)\nN2 G01 X50. F600.\nN3 M06 T1\nN4 M30\n%\n",
-    );
-    let arguments = [
-        "diff",
-        "old.nc",
-        "new.nc",
-        "--config",
-        "tandem.toml",
-        "--dialect",
-        "dgshape",
-    ];
-    let ran = run(machine.folder(), &arguments);
+    let old = "%\nO1\nG90G00X10.\nG01X50.F600.\nM06T1\nM30\n%\n";
+    let new = "%\nO1 (the same)\nN1 G90 G00 X10. (rapid)\nN2 G01 X50. F600.\nN3 M06 T1\nN4 M30\n%\n";
+    let ran = diff(old, new, &["--dialect", "dgshape"]);
     assert_eq!(ran.code, 0, "{}{}", ran.stdout, ran.stderr);
-    machine.write("new.nc", "%\nO1\nG90G00X10.\nG01X50.F600.\nM06T2\nM30\n%\n");
-    let ran = run(machine.folder(), &arguments);
+    let ran = diff(old, &old.replace("T1", "T2"), &["--dialect", "dgshape"]);
     assert!(
         ran.code == 1 && ran.stdout.contains("M06 VA2"),
         "{}{}",

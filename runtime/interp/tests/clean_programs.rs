@@ -1,17 +1,19 @@
 //! What the checker calls clean does not stop by an alarm that its text alone decides: on random programs with branches,
 //! loops, block skip and calls. Seeded; `TANDEM_LONG` takes more programs.
 
+mod properties;
+mod random;
+
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
+use properties::{few_variables, run_with};
+use random::Random;
 use tandem_interp::dialects::nj;
-use tandem_interp::{CheckContext, Inputs, Interpreter, NO_TOOLS, check_source};
+use tandem_interp::{CheckContext, check_source};
 use tandem_model::alarm::STEP_LIMIT;
-use tandem_model::flow::Item;
-use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
-use tandem_model::variables::{VariableArray, Variables};
-use tandem_model::{Alarm, AxisVector, Severity};
+use tandem_model::{Alarm, Severity};
 use tandem_syntax::{NcProgram, parse};
 
 /// Programs that must be clean, of those that are made.
@@ -19,23 +21,6 @@ const CLEAN: u64 = 5000;
 
 /// Items that a program is run for.
 const ITEMS: usize = 3000;
-
-/// xorshift64*
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        let value = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
-        usize::try_from(value).unwrap_or(0) % bound.max(1)
-    }
-
-    fn of<'a>(&mut self, list: &[&'a str]) -> &'a str {
-        list[self.below(list.len())]
-    }
-}
 
 /// Blocks that are right in some states and wrong in others.
 const BLOCKS: &[&str] = &[
@@ -178,39 +163,19 @@ fn program(random: &mut Random, calls: &[u16], end: &str) -> String {
     text + random.of(&["G80 G40\n", "G80\nG40\nG01 X0 Y0\n", ""]) + end
 }
 
-/// Runs a program to its end or an alarm. `inputs`: P5 to P9 and Q4 to Q7, and block skip.
+/// Runs a program with P3 to P9 and Q3 to Q9 from outside.
 fn run(
     main: &Arc<NcProgram>,
     programs: &BTreeMap<u16, Arc<NcProgram>>,
     outside: f64,
     optional_skip: u32,
 ) -> Result<(), Alarm> {
-    let variables = Variables {
-        global: VariableArray::new(64),
-        coordinate_system: VariableArray::new(64),
-    };
+    let variables = few_variables();
     for index in 3..10 {
         variables.global.set(index, outside);
         variables.coordinate_system.set(index, outside);
     }
-    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), nj());
-    interpreter.start(Arc::clone(main), 1);
-    for _ in 0..ITEMS {
-        let item = interpreter.next(&Inputs {
-            tools: &NO_TOOLS,
-            programs,
-            optional_skip,
-            work_offsets: &WorkOffsets::default(),
-            variables: &variables,
-            tool: Some(Tool::default()),
-            captured: Some([0.0; 8]),
-            position: Some(AxisVector::ZERO),
-        })?;
-        if matches!(item, Item::End(_)) {
-            break;
-        }
-    }
-    Ok(())
+    run_with(main, programs, &variables, optional_skip, nj(), ITEMS)
 }
 
 #[test]

@@ -2,31 +2,16 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod properties;
+mod random;
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use properties::the_layout_changes_only_blanks_and_case as examine;
+use random::Random;
 use tandem_interp::Dialect;
 use tandem_interp::dialects::{dgshape, nj};
 use tandem_syntax::{format, parse};
-
-/// A small generator of numbers (xorshift64*).
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        let value = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
-        usize::try_from(value).unwrap() % bound
-    }
-
-    fn of<'a>(&mut self, all: &[&'a str]) -> &'a str {
-        all[self.below(all.len())]
-    }
-}
 
 const BLANKS: &[&str] = &["", " ", "  ", "\t", " \t "];
 const VALUES: &[&str] = &["1", "-2.50", "+3", ".5", "4.", "0", "-.125"];

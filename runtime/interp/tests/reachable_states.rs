@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use tandem_interp::dialects::nj;
+use tandem_interp::dialects::{dgshape, nj};
 use tandem_interp::{Check, CheckContext, check_source};
-use tandem_model::Diagnostic;
+use tandem_model::{Axis, AxisSet, Diagnostic};
 use tandem_syntax::{LineIndex, parse};
 
 fn told(source: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
@@ -311,4 +311,35 @@ fn a_case_without_its_colon_is_one_finding() {
     let source = "switch(P1){\ncase 1\nX1\nbreak\ncase 2: X2\nbreak\n}\nM30";
     let (_, check) = check_source(source, nj(), &CheckContext::default());
     assert_eq!(told(source, &check.diagnostics), ["2:1 E0023"]);
+}
+
+#[test]
+fn d11_a_calculated_word_leaves_what_is_written_beside_it_an_error() {
+    let axes = AxisSet::from_iter([Axis::X]);
+    let context = CheckContext {
+        axes: Some(axes),
+        max_spindle_speed_r_min: Some(1000.0),
+        ..CheckContext::default()
+    };
+    let found = |source: &str| told(source, &check_source(source, nj(), &context).1.diagnostics);
+    assert_eq!(found("L1=5\nG01 Y1 F[L1]\nM30"), ["2:5 E0114"]);
+    assert_eq!(found("L1=5\nX1 F[L1] S2000\nM30"), ["2:10 E0109"]);
+    assert_eq!(found("L1=2000\nX1 S[L1]\nM30"), ["2:4 W0009"]);
+}
+
+#[test]
+fn a_warning_of_some_ways_cites_what_the_error_cites() {
+    let source = "%\nG41 D1 G01 X5 F100\n/M01\nG40 X0\nM30\n%";
+    let (_, check) = check_source(source, dgshape(), &CheckContext::default());
+    let of_error = check.diagnostics.iter().find(|found| found.code == "E0119");
+    let help = &of_error.expect("it waits in the offset").help;
+    let section = help.rsplit(" See ").next().unwrap_or_default().to_owned();
+    let source = "%\n/G41 D1\nG01 X5 F100\nM01\nG40 X0\nM30\n%";
+    let (_, check) = check_source(source, dgshape(), &CheckContext::default());
+    let of_way = check.diagnostics.iter().find(|found| found.code == "W0009");
+    let help = &of_way.expect("it waits in the offset on one way").help;
+    assert!(
+        section.contains("manual") && help.ends_with(&section),
+        "{section} {help}"
+    );
 }

@@ -2,8 +2,10 @@
 //! Seeded: the same texts in each run.
 
 mod properties;
+mod random;
 
 use properties::all as examine;
+use random::Random;
 
 /// Texts to begin with: each construct of the language, right and wrong.
 const CORPUS: &[&str] = &[
@@ -76,29 +78,17 @@ const PIECES: &[&str] = &[
     "sin(",
 ];
 
-/// A small generator of numbers (xorshift64*), so that the test needs nothing else.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        let value = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
-        usize::try_from(value).unwrap_or(0) % bound.max(1)
+/// A place between two characters of a text.
+fn boundary(random: &mut Random, text: &str) -> usize {
+    let mut at = random.below(text.len() + 1);
+    while !text.is_char_boundary(at) {
+        at -= 1;
     }
-
-    fn boundary(&mut self, text: &str) -> usize {
-        let mut at = self.below(text.len() + 1);
-        while !text.is_char_boundary(at) {
-            at -= 1;
-        }
-        at
-    }
+    at
 }
 
 fn mutate(text: &mut String, random: &mut Random) {
-    let (a, b) = (random.boundary(text), random.boundary(text));
+    let (a, b) = (boundary(random, text), boundary(random, text));
     let (from, to) = (a.min(b), a.max(b).min(a.min(b) + 20));
     let to = (from..=to)
         .rev()
@@ -108,7 +98,7 @@ fn mutate(text: &mut String, random: &mut Random) {
         0 => text.replace_range(from..to, ""),
         1 => {
             let copy = text[from..to].to_owned();
-            let at = random.boundary(text);
+            let at = boundary(random, text);
             text.insert_str(at, &copy);
         }
         _ => text.insert_str(from, PIECES[random.below(PIECES.len())]),

@@ -369,7 +369,7 @@ mod tests {
         let path = |name: &str| folder.path().join(name);
         fs::write(
             path("journal.jsonl"),
-            b"{\"n\":1,\"even\x80\n\n{\"event\":\"boot\"}\n",
+            b"{\"n\":1,\"even\x80}\n\n{\"event\":\"boot\"}\n",
         )
         .unwrap();
         fs::create_dir(path("journal.1.jsonl")).unwrap();

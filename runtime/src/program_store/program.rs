@@ -375,14 +375,7 @@ mod tests {
     use tandem_interp::dialects::{dgshape, nj};
 
     use super::*;
-
-    fn rules() -> TextRules {
-        TextRules {
-            dialect: nj(),
-            options: NcOptions::default(),
-            arc_radius_tolerance_mm: 0.01,
-        }
-    }
+    use crate::program_store::tests::rules;
 
     #[test]
     fn the_title_is_the_first_comment_behind_the_marks_of_the_beginning() {

@@ -6,7 +6,7 @@ use tandem_model::settings::NcOptions;
 
 use super::*;
 
-fn rules() -> TextRules {
+pub(super) fn rules() -> TextRules {
     TextRules {
         dialect: nj(),
         options: NcOptions::default(),

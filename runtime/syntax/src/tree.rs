@@ -150,7 +150,8 @@ impl NcProgram {
             .source
             .get(..start.max(block.start) as usize)
             .unwrap_or_default();
-        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        let line_feed = before.bytes().rposition(|byte| byte == b'\n');
+        let line_start = line_feed.map_or(0, |at| at + 1);
         let mut prefix = &before[line_start..];
         if line_start == 0 {
             prefix = prefix.strip_prefix('\u{feff}').unwrap_or(prefix);

@@ -75,16 +75,7 @@ X1
 break
 default:
 X2
-}
-if(L1==1)
-if(L1==2)
-X1
-else
-X2
-else
-X3
-while(L1<9) L1=L1+1
-M30";
+}";
     let laid_out = "\
 if (L1 == 1) {
     X1
@@ -114,6 +105,24 @@ switch (L1) {
     default:
         X2
 }
+";
+    assert_eq!(nj(text), laid_out);
+    assert_eq!(nj(laid_out), laid_out);
+}
+
+#[test]
+fn an_else_is_indented_with_the_if_that_it_belongs_to() {
+    let text = "\
+if(L1==1)
+if(L1==2)
+X1
+else
+X2
+else
+X3
+while(L1<9) L1=L1+1
+M30";
+    let laid_out = "\
 if (L1 == 1)
     if (L1 == 2)
         X1

@@ -4,10 +4,10 @@ use tandem_model::Diagnostic;
 use tandem_model::limits::{BLOCK_BYTES_MAX, CALL_DEPTH_MAX};
 use tandem_model::plane::Plane;
 use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CompensationRules};
-use tandem_syntax::{Address, Block, NcProgram, Value, block_bytes, diagnostics};
+use tandem_syntax::{Address, Block, Value, block_bytes, diagnostics};
 
 use super::explore::{Explorer, Next, Step};
-use super::graph::{Call, Kind, Place, Tree, Way};
+use super::graph::{Call, Here, Kind, Place, Way};
 use super::state::{Caller, State};
 use super::verdict::Weight;
 use crate::block_words::{BlockWords, Reading};
@@ -25,42 +25,36 @@ const LONG_BYTES: u32 = 300;
 /// More repetitions of a call are not counted.
 const REPETITIONS_COUNTED: u16 = 16;
 
-impl<'a> Explorer<'a> {
+impl Explorer<'_> {
     /// Follows a block of words.
-    pub(super) fn block(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &mut State,
-    ) -> Step {
+    pub(super) fn block(&mut self, here: Here<'_>, state: &mut State) -> Step {
+        let Here { block, .. } = here;
         let before = (block.skip_numbers() != 0).then(|| state.clone());
-        self.length(node, place, tree, block, state);
-        self.read(node, place, tree, block, state);
+        self.length(here, state);
+        self.read(here, state);
         follow(self.dialect, &self.words, block, state);
         if let Some(shown) = &mut self.shown {
             follow(self.dialect, &self.words, block, shown);
         }
-        self.rest_in_offset(node, place, tree, block, state);
-        self.cycle_outputs(place, tree, block);
-        self.context_of_words(node, place, tree, block, state);
-        self.arc_words(node, place, tree, block, state);
+        self.rest_in_offset(here, state);
+        self.cycle_outputs(here);
+        self.context_of_words(here, state);
+        self.arc_words(here, state);
         if !(state.has_feed && state.has_speed) {
-            self.feed_and_speed(node, place, tree, block, state);
+            self.feed_and_speed(here, state);
         }
         if self.words.any {
             state.values.pass_time();
         }
-        let step = self.m_code(place, tree, block, state);
+        let step = self.m_code(here, state);
         match before {
             None => step,
-            Some(before) => self.skippable(place, step, before, state),
+            Some(before) => self.skippable(here, step, before, state),
         }
     }
 
     /// A block that may be skipped leaves two states where it changes what is in force or the way.
-    fn skippable(&self, place: Place, step: Step, mut before: State, state: &mut State) -> Step {
+    fn skippable(&self, here: Here<'_>, step: Step, mut before: State, state: &mut State) -> Step {
         let moved = self.words.axis_words;
         before.lose(moved);
         state.lose(moved);
@@ -73,10 +67,7 @@ impl<'a> Explorer<'a> {
             state.at_rest = state.at_rest.min(before.at_rest);
             return Step::On;
         }
-        let on = Place {
-            block: place.block + 1,
-            ..place
-        };
+        let on = here.behind();
         let mut parts = match step {
             Step::On => vec![Next {
                 place: on,
@@ -112,7 +103,8 @@ impl<'a> Explorer<'a> {
     }
 
     /// Tells when the block's line in the intermediate code is too long (D03).
-    fn length(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
+    fn length(&mut self, here: Here<'_>, state: &State) {
+        let Here { tree, block, .. } = here;
         let span = tree.span(block);
         if span.end - span.start <= LONG_BYTES || block.has_errors() {
             return;
@@ -126,57 +118,43 @@ impl<'a> Explorer<'a> {
                 format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
                 "Write the words in several blocks.",
             );
-            self.note(node, place, finding, Weight::Sure);
+            self.note(here, finding, Weight::Sure);
         }
     }
 
     /// Reads the words as the state says, and notes what is wrong with them.
-    fn read(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
+    fn read(&mut self, here: Here<'_>, state: &State) {
         let mut found = Vec::new();
-        self.read_with(tree, block, state, Trust::Own, &mut found);
+        self.read_with(here, state, Trust::Own, &mut found);
         if state.is_open {
-            self.read_in_all(tree, block, state, &mut found);
+            self.read_in_all(here, state, &mut found);
         }
         if !self.words.indirect.is_empty() {
-            self.judge_ranges(tree, block, state, &mut found);
+            self.judge_ranges(here, state, &mut found);
         }
         let is_doubtful = !self.words.doubtful.is_empty();
         if is_doubtful || !self.context.calculates && !found.is_empty() {
-            self.read_by_trust(node, place, tree, block, state, &mut found);
+            self.read_by_trust(here, state, &mut found);
         }
         for finding in found {
-            self.note(node, place, finding, Weight::Sure);
+            self.note(here, finding, Weight::Sure);
         }
     }
 
     /// Tells apart what the text shows by itself, what depends on calculated values and on the way, and what on values that
     /// somebody else may have written.
-    fn read_by_trust(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &State,
-        found: &mut Vec<Diagnostic>,
-    ) {
+    fn read_by_trust(&mut self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
         if !self.words.doubtful.is_empty() {
             let mut believed = Vec::new();
-            self.read_with(tree, block, state, Trust::Believed, &mut believed);
+            self.read_with(here, state, Trust::Believed, &mut believed);
             for finding in believed.into_iter().filter(|finding| !found.contains(finding)) {
-                self.note(node, place, finding, Weight::Doubtful);
+                self.note(here, finding, Weight::Doubtful);
             }
         }
         if !self.context.calculates && !found.is_empty() {
             let mut written = Vec::new();
             let shown = self.shown.take();
-            self.read_with(
-                tree,
-                block,
-                shown.as_ref().unwrap_or(state),
-                Trust::None,
-                &mut written,
-            );
+            self.read_with(here, shown.as_ref().unwrap_or(state), Trust::None, &mut written);
             self.shown = shown;
             let (sure, calculated) = std::mem::take(found)
                 .into_iter()
@@ -184,20 +162,14 @@ impl<'a> Explorer<'a> {
             *found = sure;
             let calculated: Vec<Diagnostic> = calculated;
             for finding in calculated {
-                self.note(node, place, finding, Weight::Calculated);
+                self.note(here, finding, Weight::Calculated);
             }
         }
-        self.read_with(tree, block, state, Trust::Own, &mut Vec::new());
+        self.read_with(here, state, Trust::Own, &mut Vec::new());
     }
 
-    fn read_with(
-        &mut self,
-        tree: &NcProgram,
-        block: &Block,
-        state: &State,
-        trust: Trust,
-        found: &mut Vec<Diagnostic>,
-    ) {
+    fn read_with(&mut self, here: Here<'_>, state: &State, trust: Trust, found: &mut Vec<Diagnostic>) {
+        let Here { tree, block, .. } = here;
         let reading = Reading {
             dialect: self.dialect,
             modal: &state.modal,
@@ -217,7 +189,7 @@ impl<'a> Explorer<'a> {
     }
 
     /// Where motion or plane is not known, what is wrong with each of them is wrong.
-    fn read_in_all(&mut self, tree: &NcProgram, block: &Block, state: &State, found: &mut Vec<Diagnostic>) {
+    fn read_in_all(&mut self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let no_plane = state.modal.in_force.plane.is_none() && self.words.taker.is_some_and(is_arc);
         if !(no_plane || self.words.is_taking_unclear()) {
@@ -250,20 +222,20 @@ impl<'a> Explorer<'a> {
             if let Some(plane) = plane {
                 supposed.modal.in_force.set(ModalValue::Plane(*plane));
             }
-            let mut here = Vec::new();
-            self.read_with(tree, block, &supposed, Trust::Own, &mut here);
+            let mut wrong = Vec::new();
+            self.read_with(here, &supposed, Trust::Own, &mut wrong);
             let is_in = |all: &[Diagnostic], one: &Diagnostic| {
                 all.iter()
                     .any(|other| other.code == one.code && other.span.start == one.span.start)
             };
-            all_wrong &= here.iter().any(Diagnostic::is_error);
-            first.get_or_insert_with(|| here.clone());
+            all_wrong &= wrong.iter().any(Diagnostic::is_error);
+            first.get_or_insert_with(|| wrong.clone());
             common = Some(match common {
-                None => here,
-                Some(common) => common.into_iter().filter(|one| is_in(&here, one)).collect(),
+                None => wrong,
+                Some(common) => common.into_iter().filter(|one| is_in(&wrong, one)).collect(),
             });
         }
-        self.read_with(tree, block, state, Trust::Own, &mut Vec::new());
+        self.read_with(here, state, Trust::Own, &mut Vec::new());
         let mut more = common.unwrap_or_default();
         if more.is_empty() && all_wrong {
             // wrong with each of them, but not for one reason
@@ -282,7 +254,8 @@ impl<'a> Explorer<'a> {
     }
 
     /// Tells values that are out of their range whatever the variable is of all that it may be.
-    fn judge_ranges(&self, tree: &NcProgram, block: &Block, state: &State, found: &mut Vec<Diagnostic>) {
+    fn judge_ranges(&self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
+        let Here { tree, block, .. } = here;
         for word in tree.words(block) {
             let Value::Indirection(variable) = word.value() else {
                 continue;
@@ -309,14 +282,8 @@ impl<'a> Explorer<'a> {
     }
 
     /// Warns of two blocks in a row that do not move in the plane, in tool-diameter offset whose overcuts nobody looks for.
-    fn rest_in_offset(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &mut State,
-    ) {
+    fn rest_in_offset(&mut self, here: Here<'_>, state: &mut State) {
+        let Here { tree, block, .. } = here;
         let unchecked = self.dialect.path.compensation == CompensationRules::Unchecked;
         let within = unchecked && state.modal.compensates() && !state.modal.lead_pending;
         let at_rest = state.at_rest;
@@ -331,12 +298,12 @@ impl<'a> Explorer<'a> {
                 "the second block in a row without a motion along X or Y in tool-diameter offset",
                 "Write one of them elsewhere.",
             );
-            self.note(node, place, finding, Weight::Sure);
+            self.note(here, finding, Weight::Sure);
         }
     }
 
     /// Notes the M codes that a fixed cycle puts out.
-    fn cycle_outputs(&mut self, place: Place, tree: &Tree<'a>, block: &Block) {
+    fn cycle_outputs(&mut self, here: Here<'_>) {
         let Some(taker) = self.words.taker else { return };
         let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {
             return;
@@ -344,12 +311,15 @@ impl<'a> Explorer<'a> {
         let starts = self.words.codes().any(|code| code == taker);
         if starts || !self.words.taken.is_empty() {
             for m in cycle.outputs(self.context.has_spindle) {
-                self.auxiliary(place, tree, block, m, true);
+                self.auxiliary(here, m, true);
             }
         }
     }
 
-    fn auxiliary(&mut self, place: Place, tree: &Tree<'a>, block: &Block, number: u16, needs_settings: bool) {
+    fn auxiliary(&mut self, here: Here<'_>, number: u16, needs_settings: bool) {
+        let Here {
+            place, tree, block, ..
+        } = here;
         let span = tree.span_of(block, Address::M);
         let first = self.programs[place.program]
             .m_codes
@@ -361,7 +331,8 @@ impl<'a> Explorer<'a> {
     }
 
     /// Does what the M code of the block says.
-    fn m_code(&mut self, place: Place, tree: &Tree<'a>, block: &Block, state: &mut State) -> Step {
+    fn m_code(&mut self, here: Here<'_>, state: &mut State) -> Step {
+        let Here { place, .. } = here;
         let Some(code) = self.words.m_code() else {
             return Step::On;
         };
@@ -377,10 +348,10 @@ impl<'a> Explorer<'a> {
         match code.role {
             Role::Auxiliary => {
                 let needs_settings = *code == *self.dialect.auxiliary;
-                self.auxiliary(place, tree, block, self.words.m_number(), needs_settings);
+                self.auxiliary(here, self.words.m_number(), needs_settings);
                 Step::On
             }
-            Role::Call => self.call(place, tree, block, code, state),
+            Role::Call => self.call(here, code, state),
             Role::Return if !state.callers.is_empty() => Step::Parts(returned(state, place)),
             _ if code.ends() => Step::Parts(vec![after(Kind::Supposed, state)]),
             _ => Step::On,
@@ -392,7 +363,10 @@ impl<'a> Explorer<'a> {
         clippy::cast_sign_loss,
         reason = "the range is tested, and a cast saturates"
     )]
-    fn call(&mut self, place: Place, tree: &Tree<'a>, block: &Block, code: &Code, state: &mut State) -> Step {
+    fn call(&mut self, here: Here<'_>, code: &Code, state: &mut State) -> Step {
+        let Here {
+            place, tree, block, ..
+        } = here;
         let holds = |address, value: &f64| {
             value.is_finite() && code.word(address).is_some_and(|word| word.holds(*value))
         };

@@ -1,40 +1,31 @@
 //! Program codes: what they assign, and where they may jump.
 
-use tandem_syntax::{
-    Block, Expression, ExpressionId, NcProgram, Operator, ProgramCode, Statement, diagnostics,
-};
+use tandem_syntax::{Expression, ExpressionId, NcProgram, Operator, ProgramCode, Statement, diagnostics};
 
 use super::explore::{Explorer, Next, Step};
 use super::expressions::{holds, number, suppose};
-use super::graph::{Kind, Place, Tree, Way};
+use super::graph::{Here, Kind, Place, Way};
 use super::state::State;
 use super::verdict::Weight;
 use crate::arithmetic::label;
 use crate::range::Range;
 use crate::text_values::Values;
 
-impl<'a> Explorer<'a> {
+impl Explorer<'_> {
     /// Follows a program code.
-    pub(super) fn program_code(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &mut State,
-    ) -> Step {
+    pub(super) fn program_code(&mut self, here: Here<'_>, state: &mut State) -> Step {
+        let Here {
+            place, tree, block, ..
+        } = here;
         let Some(code) = tree.program_code(block) else {
             return Step::On;
         };
-        self.calculation(node, place, tree, code, state);
+        self.calculation(here, code, state);
         let to = |block: u32| Place {
             block: block as usize,
             ..place
         };
-        let on = Place {
-            block: place.block + 1,
-            ..place
-        };
+        let on = here.behind();
         let (holds_way, other_way) = match code.statement {
             Statement::Assignment(target) => {
                 let range = code
@@ -72,7 +63,8 @@ impl<'a> Explorer<'a> {
     }
 
     /// Tells a calculation that has no result.
-    fn calculation(&mut self, node: usize, place: Place, tree: &Tree<'a>, code: &ProgramCode, state: &State) {
+    fn calculation(&mut self, here: Here<'_>, code: &ProgramCode, state: &State) {
+        let Here { tree, .. } = here;
         if let Some(id) = code.expression
             && let Some(what) = undefined(tree, id, &state.values)
         {
@@ -81,7 +73,7 @@ impl<'a> Explorer<'a> {
                 what,
                 "Test the value before, or correct the calculation; as a word's value it is an alarm.",
             );
-            self.note(node, place, finding, Weight::Sure);
+            self.note(here, finding, Weight::Sure);
         }
     }
 }

@@ -9,9 +9,9 @@ use std::sync::Arc;
 
 use tandem_model::Diagnostic;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
-use tandem_syntax::{Block, Content, NcProgram};
+use tandem_syntax::{Content, NcProgram};
 
-use super::graph::{Checked, JOIN, Kind, LOOKED_AT, Node, Place, REACHED, Tree, Way};
+use super::graph::{Checked, Here, JOIN, Kind, LOOKED_AT, Node, Place, REACHED, Tree, Way};
 use super::state::State;
 use super::verdict::{Found, Groups, Weight};
 use super::{Check, CheckContext, Findings, structure};
@@ -218,7 +218,13 @@ impl<'a> Explorer<'a> {
             }
             checked.set(at, LOOKED_AT);
             self.steps += 1;
-            let step = self.step(node, &tree, at, block, &mut state);
+            let here = Here {
+                node,
+                place: Place { program, block: at },
+                tree: &tree,
+                block,
+            };
+            let step = self.step(here, &mut state);
             at += 1;
             if let Step::Parts(parts) = step {
                 self.part(node, parts);
@@ -242,14 +248,10 @@ impl<'a> Explorer<'a> {
         })
     }
 
-    fn step(&mut self, node: usize, tree: &Tree<'a>, at: usize, block: &Block, state: &mut State) -> Step {
-        let place = Place {
-            program: self.nodes[node].place.program,
-            block: at,
-        };
-        match block.content {
-            Content::ProgramCode(_) => self.program_code(node, place, tree, block, state),
-            Content::Words { .. } => self.block(node, place, tree, block, state),
+    fn step(&mut self, here: Here<'_>, state: &mut State) -> Step {
+        match here.block.content {
+            Content::ProgramCode(_) => self.program_code(here, state),
+            Content::Words { .. } => self.block(here, state),
         }
     }
 
@@ -350,10 +352,10 @@ impl<'a> Explorer<'a> {
     }
 
     /// Notes a finding in a block that a node comes to.
-    pub fn note(&mut self, node: usize, place: Place, finding: Diagnostic, weight: Weight) {
+    pub fn note(&mut self, here: Here<'_>, finding: Diagnostic, weight: Weight) {
         self.groups.note(Found {
-            node,
-            place,
+            node: here.node,
+            place: here.place,
             finding,
             weight,
         });
@@ -370,7 +372,7 @@ impl<'a> Explorer<'a> {
             is_cut,
             ..
         } = self;
-        let mut verdicts = groups.judge(&nodes, &programs);
+        let mut verdicts = groups.judge((dialect.grammar)(), &nodes, &programs);
         let mut main = Check::default();
         for (index, of) in programs.into_iter().enumerate() {
             let mut findings = Findings::new(dialect);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tandem_model::Span;
-use tandem_syntax::{NcProgram, diagnostics};
+use tandem_syntax::{Block, NcProgram, diagnostics};
 
 use super::state::State;
 use super::{CheckContext, Findings};
@@ -43,6 +43,25 @@ pub(super) enum Kind {
 pub(super) struct Place {
     pub program: usize,
     pub block: usize,
+}
+
+/// The block in hand: of which node, where, and its text.
+#[derive(Clone, Copy)]
+pub(super) struct Here<'t> {
+    pub node: usize,
+    pub place: Place,
+    pub tree: &'t NcProgram,
+    pub block: &'t Block,
+}
+
+impl Here<'_> {
+    /// The place behind the block.
+    pub fn behind(&self) -> Place {
+        Place {
+            block: self.place.block + 1,
+            ..self.place
+        }
+    }
 }
 
 pub(super) struct Node {

@@ -1,9 +1,9 @@
 //! A block's words against the machine, as far as the context tells it, and words that a motion needs or does not use.
 
-use tandem_syntax::{Address, AddressSet, Block, diagnostics};
+use tandem_syntax::{Address, AddressSet, diagnostics};
 
 use super::explore::Explorer;
-use super::graph::{Place, Tree};
+use super::graph::Here;
 use super::state::State;
 use super::verdict::Weight;
 use crate::codes::{Code, ModalGroup};
@@ -15,16 +15,10 @@ use crate::restrictions;
 /// The words of an arc's centre.
 const CENTRES: AddressSet = AddressSet::of(&[Address::I, Address::J, Address::K]);
 
-impl<'a> Explorer<'a> {
+impl Explorer<'_> {
     /// Checks words against what is known of the coordinate system.
-    pub(super) fn context_of_words(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &State,
-    ) {
+    pub(super) fn context_of_words(&mut self, here: Here<'_>, state: &State) {
+        let Here { tree, block, .. } = here;
         let words = &self.words;
         let mut found = Vec::new();
         if let Some(axes) = self.context.axes {
@@ -66,27 +60,21 @@ impl<'a> Explorer<'a> {
                 format!("Write S{max} or less."),
             ));
         }
-        let calculated = [Address::F, Address::S].map(|address| words.indirect.contains(address));
-        let is_calculated = !self.context.calculates && calculated.contains(&true);
+        let is_calculated = !self.context.calculates && words.indirect.contains(Address::S);
         for finding in found {
-            let weight = if is_calculated && finding.is_error() {
+            let is_of_value = finding.code == diagnostics::OUT_OF_RANGE.code;
+            let weight = if is_calculated && is_of_value {
                 Weight::Calculated
             } else {
                 Weight::Sure
             };
-            self.note(node, place, finding, weight);
+            self.note(here, finding, weight);
         }
     }
 
     /// Warns of words of an arc that it does not use.
-    pub(super) fn arc_words(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &State,
-    ) {
+    pub(super) fn arc_words(&mut self, here: Here<'_>, state: &State) {
+        let Here { tree, block, .. } = here;
         let words = &self.words;
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let centres = words.taken.intersection(CENTRES);
@@ -118,20 +106,14 @@ impl<'a> Explorer<'a> {
             })
             .collect();
         for finding in found {
-            self.note(node, place, finding, Weight::Sure);
+            self.note(here, finding, Weight::Sure);
         }
     }
 
     /// Tells a cutting motion before the first F, where the machine has no other (alarm 101), and a thread before the first S
     /// (alarm 113).
-    pub(super) fn feed_and_speed(
-        &mut self,
-        node: usize,
-        place: Place,
-        tree: &Tree<'a>,
-        block: &Block,
-        state: &mut State,
-    ) {
+    pub(super) fn feed_and_speed(&mut self, here: Here<'_>, state: &mut State) {
+        let Here { tree, block, .. } = here;
         let words = &self.words;
         let has = |address| words.present.contains(address) && !words.own.contains(address);
         let lacks_feed =
@@ -149,7 +131,7 @@ impl<'a> Explorer<'a> {
                 "the block moves at the feedrate, and none is programmed",
                 "Write F in this block or before it, or set default_feedrate.",
             );
-            self.note(node, place, finding, Weight::Sure);
+            self.note(here, finding, Weight::Sure);
         }
         if lacks_speed {
             let finding = diagnostics::SPEED_MISSING.at(
@@ -157,7 +139,7 @@ impl<'a> Explorer<'a> {
                 "the block cuts a thread, and no spindle speed is programmed",
                 "Write S in this block or before it: the pitch is F / S.",
             );
-            self.note(node, place, finding, Weight::Sure);
+            self.note(here, finding, Weight::Sure);
         }
     }
 }

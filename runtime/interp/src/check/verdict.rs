@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use tandem_model::{Diagnostic, Severity};
-use tandem_syntax::{NcProgram, diagnostics};
+use tandem_syntax::{Grammar, NcProgram, diagnostics};
 
 use super::graph::{Checked, Kind, Node, Place, Way};
 
@@ -60,13 +60,18 @@ impl Groups {
     }
 
     /// What is told of each program.
-    pub fn judge(self, nodes: &[Node], programs: &[Checked<'_>]) -> BTreeMap<usize, Vec<Diagnostic>> {
+    pub fn judge(
+        self,
+        grammar: &Grammar,
+        nodes: &[Node],
+        programs: &[Checked<'_>],
+    ) -> BTreeMap<usize, Vec<Diagnostic>> {
         let mut all: BTreeMap<usize, Vec<Diagnostic>> = BTreeMap::new();
         for group in self.0.into_values() {
             let program = group.place.program;
             all.entry(program)
                 .or_default()
-                .extend(judge(group, nodes, programs));
+                .extend(judge(group, grammar, nodes, programs));
         }
         all
     }
@@ -79,7 +84,7 @@ enum Verdict {
     Never,
 }
 
-fn judge(group: Group, nodes: &[Node], programs: &[Checked<'_>]) -> Option<Diagnostic> {
+fn judge(group: Group, grammar: &Grammar, nodes: &[Node], programs: &[Checked<'_>]) -> Option<Diagnostic> {
     let mut finding = group.finding;
     if finding.severity == Severity::Warning {
         return Some(finding);
@@ -103,6 +108,7 @@ fn judge(group: Group, nodes: &[Node], programs: &[Checked<'_>]) -> Option<Diagn
         }
     };
     let code = finding.code;
+    finding.help = grammar.cite(code, finding.help);
     finding.code = diagnostics::WRONG_IN_SOME.code;
     finding.severity = Severity::Warning;
     finding.message = format!("{}{way}{doubt} ({code})", finding.message);

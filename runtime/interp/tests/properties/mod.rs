@@ -11,7 +11,7 @@ use tandem_interp::{Check, CheckContext, Dialect, Inputs, Interpreter, NO_TOOLS,
 use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{VariableArray, Variables};
-use tandem_model::{AxisVector, Diagnostic};
+use tandem_model::{Alarm, AxisVector, Diagnostic};
 use tandem_syntax::{
     DIAGNOSTICS_MAX, Header, LineIndex, NcProgram, Token, TokenKind, block_bytes, compile, format, parse,
     tokens,
@@ -203,27 +203,50 @@ fn examine_findings(source: &str, findings: &[Diagnostic]) {
 /// Runs a program, which may call itself as 1000; the number of the alarm that ended it.
 fn run(program: &Arc<NcProgram>, optional_skip: u32, dialect: &'static Dialect) -> Option<u16> {
     let programs = BTreeMap::from([(1000, Arc::clone(program))]);
-    let variables = Variables {
+    let ran = run_with(
+        program,
+        &programs,
+        &few_variables(),
+        optional_skip,
+        dialect,
+        ITEMS,
+    );
+    ran.err().map(|alarm| alarm.entry.number)
+}
+
+/// P0 to P63 and Q0 to Q63.
+pub fn few_variables() -> Variables {
+    Variables {
         global: VariableArray::new(64),
         coordinate_system: VariableArray::new(64),
-    };
+    }
+}
+
+/// Runs a program to its end, for a number of items, or to an alarm.
+pub fn run_with(
+    main: &Arc<NcProgram>,
+    programs: &BTreeMap<u16, Arc<NcProgram>>,
+    variables: &Variables,
+    optional_skip: u32,
+    dialect: &'static Dialect,
+    items: usize,
+) -> Result<(), Alarm> {
     let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), dialect);
-    interpreter.start(Arc::clone(program), 1);
-    for _ in 0..ITEMS {
-        match interpreter.next(&Inputs {
+    interpreter.start(Arc::clone(main), 1);
+    for _ in 0..items {
+        let item = interpreter.next(&Inputs {
             tools: &NO_TOOLS,
-            programs: &programs,
+            programs,
             optional_skip,
             work_offsets: &WorkOffsets::default(),
-            variables: &variables,
+            variables,
             tool: Some(Tool::default()),
             captured: Some([0.0; 8]),
             position: Some(AxisVector::ZERO),
-        }) {
-            Ok(Item::End(_)) => return None,
-            Ok(_) => {}
-            Err(alarm) => return Some(alarm.entry.number),
+        })?;
+        if matches!(item, Item::End(_)) {
+            break;
         }
     }
-    None
+    Ok(())
 }

@@ -219,17 +219,23 @@ impl Parser<'_> {
     }
 
     /// Passes the exponent of a number, which the language does not have.
+    #[inline]
     pub(super) fn pass_exponent(&mut self) -> bool {
+        matches!(self.cursor.peek(), Some(b'e' | b'E')) && self.pass_its_digits()
+    }
+
+    #[cold]
+    fn pass_its_digits(&mut self) -> bool {
         let mut ahead = self.cursor;
-        let is_one = (ahead.take(b'e') || ahead.take(b'E')) && {
-            let _ = ahead.take(b'-') || ahead.take(b'+');
-            matches!(ahead.peek(), Some(b'0'..=b'9'))
-        };
-        if is_one && self.grammar.program_codes {
-            ahead.advance(ahead.digits().len());
+        ahead.advance(1);
+        let _ = ahead.take(b'-') || ahead.take(b'+');
+        let digits = ahead.digits().len();
+        let is_one = digits > 0 && self.grammar.program_codes;
+        if is_one {
+            ahead.advance(digits);
             self.cursor = ahead;
         }
-        is_one && self.grammar.program_codes
+        is_one
     }
 
     /// True when `=` follows a variable.
