@@ -41,13 +41,16 @@ pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Reque
 }
 
 /// True for what changes something and has no line of its own that says who asked: what needs more than to see and to answer
-/// for an output, but for what a line `command`, `lease` or `answer` names the client of, and a client's heartbeat.
+/// for an output, but for what a line `command`, `lease` or `answer` names the client of, and signs of life. What has no route
+/// counts as an edit unless it is named here.
 fn is_edit(request: &Request) -> bool {
     match request {
         Request::Command { .. }
         | Request::Lease { .. }
         | Request::AnswerQuestion(..)
-        | Request::Heartbeat(..) => false,
+        | Request::Heartbeat(..)
+        | Request::Handler(..)
+        | Request::ValidateResult(..) => false,
         // a program may have 64 MiB
         Request::WriteProgram(..) | Request::StoreProgram(..) => true,
         request => rest::encode(request.clone()).map_or(true, |exchange| {

@@ -367,6 +367,10 @@ async fn what_a_sequence_program_in_the_process_changes_is_told_in_its_name() {
         line["user"] == "clamp" && line["said"].to_string().contains("2.5")
     })
     .await;
+    // that a handler is there is no edit
+    let lines = plc.journal(0, 1000).await.unwrap();
+    let of_presence = |line: &&Value| line["request"].to_string().contains("Handler");
+    assert_eq!(lines.iter().find(of_presence), None);
     serving.abort();
     runtime.shutdown().await;
 }
