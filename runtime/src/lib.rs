@@ -24,6 +24,7 @@ pub mod simulation;
 mod tables;
 pub mod test;
 mod threads;
+pub mod trial;
 #[cfg(test)]
 mod world;
 

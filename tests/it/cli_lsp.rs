@@ -133,10 +133,14 @@ fn the_server_finds_times_and_ends_over_standard_input_and_output() {
         .parse()
         .unwrap();
     assert!((1.5..1.6).contains(&seconds), "two dwells: {title}");
-    change(&mut editor, 4, "G90 G54 G01 F600\nX2000\nM30\n");
+    change(
+        &mut editor,
+        4,
+        "G90 G54 G01 F600\nif (P5 == 0) {\nX2000\n}\nM30\n",
+    );
     let title = editor.time(&uri);
     assert!(
-        title.starts_with("stops after 0.") && title.contains("in line 2: alarm"),
+        title.starts_with("stops after 0.") && title.contains("in line 3: alarm"),
         "{title}"
     );
     editor.send(json!({"id": 3, "method": "shutdown"}));

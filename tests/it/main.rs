@@ -13,6 +13,7 @@ mod support;
 
 mod book;
 mod cli_check;
+mod cli_check_trial;
 mod cli_compile;
 mod cli_config;
 mod cli_diff;

@@ -387,6 +387,7 @@ impl Interpreter {
             origin,
             action,
             feed: self.modal.feed(),
+            unit: self.modal.in_force.unit.unwrap_or_default(),
             feedrate_deg_min: self.modal.feedrate_deg_min,
             path_control: self.modal.path_control(),
             exact_stop_before,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tandem_model::AxisVector;
-use tandem_model::flow::{Compensation, Distance, Feed, MultiBlock, PathControl, Transform};
+use tandem_model::flow::{Compensation, Distance, MultiBlock, PathControl, ProgrammedFeed, Transform};
 use tandem_model::plane::Plane;
 use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
@@ -12,9 +12,6 @@ use crate::codes::{Code, ModalGroup};
 use crate::dialect::Dialect;
 use crate::fixed_cycles::Cycle;
 use crate::meaning::{InForce, ModalValue};
-
-/// Millimetres of an inch.
-const INCH_MM: f64 = 25.4;
 
 /// The words of a fixed cycle that stay until G80 (D42), in mm and s; `None` where not programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -208,10 +205,7 @@ impl Modal {
 
     /// Millimetres of a programmed length of 1 (D25).
     pub fn unit(&self) -> f64 {
-        match self.in_force.unit {
-            Some(Unit::Inch) => INCH_MM,
-            Some(Unit::Millimetre) | None => 1.0,
-        }
+        self.in_force.unit.unwrap_or_default().mm()
     }
 
     /// The name of the unit of lengths.
@@ -266,9 +260,8 @@ impl Modal {
     }
 
     /// Feedrate and ramp times in force.
-    pub fn feed(&self) -> Feed {
-        Feed {
-            unit_mm: self.unit(),
+    pub fn feed(&self) -> ProgrammedFeed {
+        ProgrammedFeed {
             feedrate_mm_min: self.feedrate_mm_min,
             ta_ms: self.ta_ms,
             td_ms: self.td_ms,

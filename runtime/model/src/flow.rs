@@ -5,6 +5,7 @@ use crate::axis::{Axis, AxisSet, AxisVector};
 use crate::plane::{Plane, Turn};
 use crate::span::Origin;
 pub use crate::transform::{Mirror, Rotation, Scaling, Transform};
+use crate::unit::Unit;
 
 /// The next item of the interpreter.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,7 +59,9 @@ pub struct Block {
     /// What it does.
     pub action: Action,
     /// Feedrate as it is written, and ramp times in force.
-    pub feed: Feed,
+    pub feed: ProgrammedFeed,
+    /// The unit in force: the maximum and the default feedrate count in it (D25).
+    pub unit: Unit,
     /// F for a block that moves rotary axes only, deg/min: as it is written, in inches too (D25). 0: never programmed.
     pub feedrate_deg_min: f64,
     /// G61, or G64.
@@ -248,10 +251,23 @@ pub enum Compensation {
     },
 }
 
-/// Feedrate and ramp times of a cutting block.
+/// Feedrate and ramp times as programmed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ProgrammedFeed {
+    /// F: mm/min over X, Y, Z. 0: never programmed.
+    pub feedrate_mm_min: f64,
+    /// Acceleration time ta, ms.
+    pub ta_ms: f64,
+    /// Deceleration time td, ms.
+    pub td_ms: f64,
+    /// Jerk time ts, ms.
+    pub ts_ms: f64,
+}
+
+/// Feedrate and ramp times of a cutting segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feed {
-    /// F: mm/min over X, Y, Z (deg/min for a block of rotary axes only). 0: never programmed.
+    /// mm/min over X, Y, Z (deg/min for a segment of rotary axes only).
     pub feedrate_mm_min: f64,
     /// Acceleration time ta, ms.
     pub ta_ms: f64,

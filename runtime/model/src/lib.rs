@@ -21,6 +21,7 @@ pub mod settings;
 pub mod span;
 mod speed_growth;
 mod transform;
+mod unit;
 pub mod variables;
 
 pub use alarm::Alarm;

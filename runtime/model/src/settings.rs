@@ -4,6 +4,7 @@ use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
 use crate::flow::MultiBlock;
 use crate::limits::STEPS_WITHOUT_ITEM_MAX;
 use crate::lost::{LOST, is_lost};
+pub use crate::unit::Unit;
 
 /// Settings of one coordinate system, resolved from the configuration.
 #[derive(Debug, Clone, PartialEq)]
@@ -182,16 +183,6 @@ impl FromIterator<u16> for MCodeSet {
         }
         set
     }
-}
-
-/// The unit of programmed lengths.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Unit {
-    /// G21.
-    #[default]
-    Millimetre,
-    /// G20.
-    Inch,
 }
 
 /// Default of [`MotionOptions::arc_radius_tolerance_mm`].

@@ -11,11 +11,11 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use tandem_model::flow::{
-    Action, Arc, ArcShape, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, PathControl,
-    Segment,
+    Action, Arc, ArcShape, AxisWords, Block, Compensation, Distance, Frame, MultiBlock, PathControl,
+    ProgrammedFeed, Segment,
 };
 use tandem_model::plane::{Plane, Turn};
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Unit};
 use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
 use tandem_path::PathStage;
 
@@ -89,13 +89,13 @@ fn squares(arcs: bool, compensation: Compensation) -> Vec<Block> {
                     column: 1,
                 },
                 action,
-                feed: Feed {
+                feed: ProgrammedFeed {
                     feedrate_mm_min: 3000.0,
                     ta_ms: 100.0,
                     td_ms: 100.0,
                     ts_ms: 50.0,
-                    ..Feed::default()
                 },
+                unit: Unit::default(),
                 feedrate_deg_min: 3000.0,
                 path_control: PathControl::ContinuousPath,
                 exact_stop_before: false,

@@ -2,8 +2,8 @@
 
 use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd,
-    SegmentMotion, Transform,
+    Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, ProgrammedFeed, Segment,
+    SegmentEnd, SegmentMotion, Transform,
 };
 use tandem_model::settings::{CoordinateSystemSettings, RotaryFeed};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
@@ -477,8 +477,8 @@ impl PathStage {
         let feedrate = if rotary_only && self.settings.rotary_feedrate_deg_min > 0.0 {
             self.settings.rotary_feedrate_deg_min
         } else if programmed == 0.0 {
-            let unit = if rotary_only { 1.0 } else { block.feed.unit_mm };
-            self.settings.default_feedrate_mm_min * unit
+            let unit_mm = if rotary_only { 1.0 } else { block.unit.mm() };
+            self.settings.default_feedrate_mm_min * unit_mm
         } else {
             programmed
         };
@@ -490,9 +490,15 @@ impl PathStage {
             let text = format!("The feedrate is {feedrate}");
             return Err(Alarm::new(&FEEDRATE_MISSING, text));
         }
+        let ProgrammedFeed {
+            ta_ms, td_ms, ts_ms, ..
+        } = block.feed;
         Ok(Feed {
             feedrate_mm_min: feedrate,
-            ..block.feed
+            ta_ms,
+            td_ms,
+            ts_ms,
+            unit_mm: block.unit.mm(),
         })
     }
 

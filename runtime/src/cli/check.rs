@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use tandem_interp::{CheckContext, Dialect, Programs, check, dialects};
+use tandem_interp::{Check, CheckContext, Dialect, Programs, check, dialects};
 use tandem_model::Diagnostic;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_runtime::Machine;
 use tandem_runtime::program_store::StoredProgram;
+use tandem_runtime::trial::Trial;
 use tandem_syntax::{NcProgram, parse};
 
 use super::findings::{Findings, as_json, as_sarif};
@@ -112,6 +113,7 @@ pub(super) fn check_text(
     machine: Option<&Machine>,
 ) -> Vec<Findings> {
     let (tree, parsed) = parse(text, (dialect.grammar)());
+    let tree = Arc::new(tree);
     let systems = machine.map_or(&[][..], |machine| &machine.coordinate_systems);
     let of_dialect = systems.iter().find(|system| system.dialect.name == dialect.name);
     let first = of_dialect.or(systems.first());
@@ -126,13 +128,13 @@ pub(super) fn check_stored(
     machine: &Machine,
     settings: &CoordinateSystemSettings,
 ) -> Vec<Findings> {
-    let parsed = (&*program.tree, program.parsed.clone());
+    let parsed = (&program.tree, program.parsed.clone());
     check_tree(path, parsed, program.dialect, Some((machine, settings)), false)
 }
 
 fn check_tree(
     path: &Path,
-    (tree, parsed): (&NcProgram, Vec<Diagnostic>),
+    (tree, parsed): (&Arc<NcProgram>, Vec<Diagnostic>),
     dialect: &'static Dialect,
     of: Option<(&Machine, &CoordinateSystemSettings)>,
     calculates: bool,
@@ -144,6 +146,13 @@ fn check_tree(
         read: RefCell::default(),
     };
     let m_codes: Option<BTreeSet<u16>> = of.map(|(machine, _)| machine.m_codes.keys().copied().collect());
+    let system = of.and_then(|(machine, settings)| {
+        let mut systems = machine.coordinate_systems.iter();
+        Some((
+            machine,
+            systems.find(|system| system.settings.number == settings.number)?,
+        ))
+    });
     let context = CheckContext {
         programs: Some(&programs),
         m_codes_with_settings: m_codes.as_ref(),
@@ -151,9 +160,31 @@ fn check_tree(
         ..of.map_or_else(CheckContext::default, |(_, settings)| CheckContext::of(settings))
     };
     let mut check = check(tree, dialect, &context);
-    let called = std::mem::take(&mut check.called);
-    let mut all = vec![Findings::new(path, tree.source(), check, parsed)];
+    let mut called = std::mem::take(&mut check.called);
     let mut read = programs.read.into_inner();
+    let has_errors = [&check].into_iter().chain(called.values()).any(Check::has_errors)
+        || parsed.iter().any(Diagnostic::is_error);
+    if calculates && !has_errors {
+        let called_trees = read
+            .iter()
+            .filter_map(|(number, called)| Some((*number, Arc::clone(&called.as_ref()?.tree))));
+        let trial = Trial {
+            program: tree,
+            programs: &called_trees.collect(),
+            dialect,
+            machine: system,
+        };
+        for (number, finding) in trial.run().findings(&trial) {
+            let of = called.get_mut(&number).unwrap_or(&mut check);
+            let is_new = |known: &Diagnostic| {
+                known.span.end <= finding.span.start || finding.span.end <= known.span.start
+            };
+            if finding.is_error() || of.diagnostics.iter().all(is_new) {
+                of.diagnostics.push(finding);
+            }
+        }
+    }
+    let mut all = vec![Findings::new(path, tree.source(), check, parsed)];
     for (number, check) in called {
         let Some(Some(called)) = read.remove(&number) else {
             continue;

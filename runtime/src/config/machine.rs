@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tandem_interp::dialect::OutputDefault;
 use tandem_interp::{Dialect, dialects};
+use tandem_model::flow::Output;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions, Tool, WorkOffsets};
 
 use crate::program_store::{ProgramStore, Signers, TextRules};
@@ -65,6 +66,16 @@ impl CoordinateSystem {
         match self.dialect.policy.output {
             OutputDefault::AfterMotion => Timing::AfterMotion,
             OutputDefault::WithMotion => Timing::WithMotion,
+        }
+    }
+
+    /// When an output is made: as the settings of its M code say, and with parameters `after_motion` (D30), or as the dialect
+    /// says.
+    pub fn timing(&self, output: &Output, settings: Option<&MCodeSettings>) -> Timing {
+        let default = self.default_timing();
+        match default {
+            Timing::AfterMotion if output.has_params() => Timing::AfterMotion,
+            _ => settings.and_then(|settings| settings.timing).unwrap_or(default),
         }
     }
 

@@ -51,6 +51,7 @@ use open_outputs::Outputs;
 use pending_commands::{Awaiting, Commands, Deferred};
 use pipeline::Pipeline;
 use preparation::Share;
+pub(crate) use preparation::rest_refused;
 use publish::Published;
 use replanning::Replanning;
 use run::{Kind, PastRuns, Run};

@@ -23,14 +23,10 @@ use crate::sequence::stock::{self, StockAction};
 const STOCK_HANDLER: &str = "stock";
 
 impl CoordinateSystem {
-    /// When an output is made: as its setting says, and with parameters `after_motion` (D30), or as the dialect says.
     fn timing(&self, output: &Output) -> Timing {
-        let default = self.context.configured.default_timing();
-        let setting = self.context.m_code(output.m).and_then(|settings| settings.timing);
-        match default {
-            Timing::AfterMotion if output.has_params() => Timing::AfterMotion,
-            _ => setting.unwrap_or(default),
-        }
+        self.context
+            .configured
+            .timing(output, self.context.m_code(output.m))
     }
 
     /// True for an output that is made when its block is interpreted. In a dialect whose M codes act before the motion of

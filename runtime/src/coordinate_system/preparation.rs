@@ -42,23 +42,32 @@ impl Share {
     };
 }
 
+/// The alarm of a wait, stop or end within cutter compensation: there the next block decides where a block ends, so the
+/// machine cannot come to rest at its end (manual, restrictions of G41).
+pub(crate) fn rest_refused(item: &Item) -> Option<Alarm> {
+    let (origin, text) = match item {
+        Item::Block(_) | Item::NeedsStandstill(_) | Item::Warning(..) => return None,
+        Item::Output(output) => (
+            output.origin,
+            format!("The program waits for the reset of M{:02}", output.m),
+        ),
+        Item::Stop(stop) => {
+            let m = u16::from(stop.optional);
+            (stop.origin, format!("The program stops at M{m:02}"))
+        }
+        Item::End(origin) => (*origin, "The program ends before a lead-out".to_owned()),
+    };
+    Some(Alarm::new(&COMPENSATION_REFUSED, text).at(origin))
+}
+
 impl Then {
-    /// The alarm of a stop within cutter compensation: there the next block decides where a block ends, so the machine
-    /// cannot come to rest at its end (manual, restrictions of G41).
     fn refused_in_compensation(&self) -> Option<Alarm> {
-        let (origin, text) = match self {
+        rest_refused(&match self {
             Then::Interpret | Then::BlockEnd | Then::Alarm(_) => return None,
-            Then::Output(output) => (
-                output.origin,
-                format!("The program waits for the reset of M{:02}", output.m),
-            ),
-            Then::Stop(stop) => {
-                let m = u16::from(stop.optional);
-                (stop.origin, format!("The program stops at M{m:02}"))
-            }
-            Then::End(origin) => (*origin, "The program ends before a lead-out".to_owned()),
-        };
-        Some(Alarm::new(&COMPENSATION_REFUSED, text).at(origin))
+            Then::Output(output) => Item::Output(*output),
+            Then::Stop(stop) => Item::Stop(*stop),
+            Then::End(origin) => Item::End(*origin),
+        })
     }
 }
 

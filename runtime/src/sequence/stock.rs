@@ -24,7 +24,7 @@ pub fn action(
     has_spindle: bool,
 ) -> Option<Result<StockAction, String>> {
     if settings.stock == Some(Stock::SelectTool) {
-        return Some(select_tool(output));
+        return Some(selected_tool(output.m, output.params.a).map(StockAction::SelectTool));
     }
     let direction = spindle_direction(output.m)?;
     has_spindle.then_some(Ok(StockAction::Spindle(direction)))
@@ -45,9 +45,9 @@ fn spindle_direction(m: u16) -> Option<SpindleDirection> {
     }
 }
 
-fn select_tool(output: &OutputNotice) -> Result<StockAction, String> {
-    let m = output.m;
-    match output.params.a {
+/// The tool that an M code with the setting [`Stock::SelectTool`] selects by VA. `Err`: why it cannot.
+pub fn selected_tool(m: u16, va: Option<f64>) -> Result<u16, String> {
+    match va {
         Some(id) if id.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&id) =>
         {
             #[allow(
@@ -55,7 +55,7 @@ fn select_tool(output: &OutputNotice) -> Result<StockAction, String> {
                 clippy::cast_sign_loss,
                 reason = "checked above"
             )]
-            Ok(StockAction::SelectTool(id as u16))
+            Ok(id as u16)
         }
         Some(id) => Err(format!("M{m:02} VA{id}: VA is not a tool number")),
         None => Err(format!("M{m:02} needs VA: the tool number")),

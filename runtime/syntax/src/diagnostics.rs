@@ -210,6 +210,9 @@ diagnostics! {
     SPEED_MISSING = "E0127", "No spindle speed is programmed",
         "The pitch of a thread is F / S: a cycle that cuts one needs S before it or in its block. It would be alarm 113.",
         "wrong: G84 Z-10 R2 F100   right: G84 Z-10 R2 F100 S100";
+    STOPS = "E0128", "An alarm stops the program here",
+        "The program was run without moving anything, and the alarm came whatever was assumed of the machine (geometry, cutter compensation, soft limits, loops that do not end). `tandem explain` with the number of the alarm tells its cause and remedy.",
+        "wrong: G00 X0 and then G02 X10 Y0 I3   right: G00 X0 and then G02 X10 Y0 I5";
     HANDLER_REFUSES = "E0190", "A handler refuses the parameters of an M code",
         "When a program is loaded, the handlers of its M codes are asked whether they take the parameters; the message is the handler's own.",
         "Correct the parameters as the message says.";
@@ -250,6 +253,12 @@ diagnostics! {
     ARC_WORD_UNUSED = "W0012", "A word of an arc is not used",
         "The centre of an arc lies in the plane in force: K is not used in G17, J not in G18, I not in G19. With R, none of them is (D26).",
         "wrong: G17 G02 X10 I5 K3   right: G17 G02 X10 I5";
+    STOPS_IF = "W0013", "An alarm may stop the program here",
+        "The program was run without moving anything, and the alarm came with what the message names: values that others write, block skip inputs, or where the axes stand.",
+        "Give the value in the program, or see that the machine has another one.";
+    WARNS_IN_RUN = "W0014", "A run of the program warns here",
+        "The program was run against the configuration without moving anything: a tool that is not in the tool table counts as without length and radius, and a calculated F above the maximum is reduced.",
+        "Add the tool to [tool] of the configuration, or correct its number.";
 }
 
 #[cfg(test)]

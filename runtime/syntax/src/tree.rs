@@ -102,6 +102,20 @@ impl NcProgram {
         cases.get(at).map(|case| case.block)
     }
 
+    /// The numbers in expressions and the labels of cases: what values are compared with.
+    pub fn compared_with(&self) -> impl Iterator<Item = f64> {
+        let numbers = self.expressions.iter().filter_map(|expression| match expression {
+            Expression::Number(number) => Some(*number),
+            _ => None,
+        });
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "labels beyond 2^53 are equal to no value of a variable"
+        )]
+        let labels = self.cases.iter().map(|case| case.label as f64);
+        numbers.chain(labels)
+    }
+
     /// The blocks of the cases of a `switch`.
     pub fn case_blocks(&self, first: u32, count: u32) -> impl Iterator<Item = u32> {
         let cases = self.cases.iter().skip(first as usize).take(count as usize);
@@ -137,11 +151,24 @@ impl NcProgram {
     pub fn origin_of_word(&self, at: Origin, letters: &str) -> Option<Origin> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.find(|block| self.origin(block, at.program) == at)?;
-        let word = self.words(block).iter().find(|word| {
+        let word = self.first_word(block, letters)?;
+        Some(self.origin_within(block, word.span().start, at.program))
+    }
+
+    /// The range of bytes of the first word with one of these letters in the block that holds this place, otherwise of the
+    /// block; `None`: there is no block.
+    pub fn span_at(&self, at: Origin, letters: &str) -> Option<Span> {
+        let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
+        let block = of_line.rfind(|block| self.origin(block, at.program).column <= at.column)?;
+        let word = self.first_word(block, letters);
+        Some(word.map_or_else(|| self.span(block), Word::span))
+    }
+
+    fn first_word(&self, block: &Block, letters: &str) -> Option<&Word> {
+        self.words(block).iter().find(|word| {
             let mut text = word.address.text().chars();
             text.next().is_some_and(|letter| letters.contains(letter)) && text.next().is_none()
-        })?;
-        Some(self.origin_within(block, word.span().start, at.program))
+        })
     }
 
     /// As [`NcProgram::origin`], of a place in the block: a byte of its line.

@@ -6,8 +6,8 @@ use tandem_model::alarm::{
     ARC_DISTORTED, ARC_IMPOSSIBLE, AXIS_MISSING, AlarmEntry, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE,
 };
 use tandem_model::flow::{
-    Action, Arc, ArcShape, Block, Distance, Feed, Mirror, Path, PathControl, Rotation, Scaling, Segment,
-    SegmentEnd, SegmentMotion, Transform,
+    Action, Arc, ArcShape, Block, Distance, Mirror, Path, PathControl, ProgrammedFeed, Rotation, Scaling,
+    Segment, SegmentEnd, SegmentMotion, Transform,
 };
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::{Axis, MachinePosition};
@@ -215,7 +215,7 @@ fn what_is_no_arc_is_an_alarm_that_names_the_values() {
         (g02(1, &[(Axis::B, 1.0)], Centre([5.0, 0.0, 0.0])), &AXIS_MISSING),
         (
             Block {
-                feed: Feed {
+                feed: ProgrammedFeed {
                     feedrate_mm_min: 0.0,
                     ..g02(1, &[], Radius(1.0)).feed
                 },

@@ -2,10 +2,10 @@
 
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, PathControl, Segment,
-    SegmentEnd, SegmentMotion, Transform,
+    Action, AxisWords, Block, Compensation, Distance, Frame, MultiBlock, PathControl, ProgrammedFeed,
+    Segment, SegmentEnd, SegmentMotion, Transform,
 };
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Unit};
 use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
 use tandem_path::PathStage;
 
@@ -59,13 +59,13 @@ pub fn block(line: u32, action: Action) -> Block {
             column: 1,
         },
         action,
-        feed: Feed {
+        feed: ProgrammedFeed {
             feedrate_mm_min: 600.0,
             ta_ms: 100.0,
             td_ms: 100.0,
             ts_ms: 50.0,
-            ..Feed::default()
         },
+        unit: Unit::default(),
         feedrate_deg_min: 600.0,
         path_control: PathControl::ContinuousPath,
         exact_stop_before: false,

@@ -2,8 +2,8 @@
 
 use tandem_model::alarm::{AXIS_MISSING, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    Action, Block, Distance, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd, SegmentMotion, TapLeg,
-    Transform,
+    Action, Block, Distance, MultiBlock, Path, PathControl, ProgrammedFeed, Segment, SegmentEnd,
+    SegmentMotion, TapLeg, Transform,
 };
 use tandem_model::{Axis, AxisVector, MachinePosition};
 use tandem_path::{PathStage, work_position};
@@ -222,7 +222,7 @@ fn an_axis_outside_its_limits_hinders_only_blocks_that_move_it() {
 #[test]
 fn a_missing_feedrate_is_an_alarm_only_for_a_block_that_moves() {
     let without_f = |block: Block| Block {
-        feed: Feed {
+        feed: ProgrammedFeed {
             feedrate_mm_min: 0.0,
             ..block.feed
         },

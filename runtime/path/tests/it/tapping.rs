@@ -5,8 +5,8 @@ use tandem_model::alarm::{
     VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Distance, Feed, Mirror, Rotation, Scaling, Segment, SegmentEnd,
-    SegmentMotion, Tap, TapLeg, ThreadAhead, Transform,
+    Action, AxisWords, Block, Compensation, Distance, Mirror, ProgrammedFeed, Rotation, Scaling, Segment,
+    SegmentEnd, SegmentMotion, Tap, TapLeg, ThreadAhead, Transform,
 };
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition};
@@ -31,7 +31,7 @@ pub fn tap(line: u32, z: f64, leg: TapLeg, speed: Option<f64>) -> Block {
     };
     let block = block(line, Action::Tap(Box::new(tap)));
     Block {
-        feed: Feed {
+        feed: ProgrammedFeed {
             feedrate_mm_min: 100.0,
             ..block.feed
         },

@@ -1,0 +1,135 @@
+//! `tandem check` runs a program without moving anything: what a stage behind the checker refuses is found as well.
+
+use serde_json::Value;
+
+use crate::support::machine::Machine;
+use crate::support::simulated::run;
+
+const M_CODES: &str = r#"
+[m_code.6]
+stock = "select_tool"
+
+[m_code.8]
+timing = "with_motion"
+
+[m_code.9]
+
+[[tool]]
+id = 1
+radius = 5.0
+length = 80.0
+"#;
+
+/// The findings of a program, each as place and code.
+fn found(text: &str, with_config: bool) -> Vec<String> {
+    let machine = Machine::new(M_CODES);
+    machine.write("main.nc", text);
+    machine.write("1000.nc", "G01 X1 Y2\nG02 X5 Y2 I2\nM99\n");
+    let mut arguments = vec!["check", "main.nc", "--format", "json"];
+    if with_config {
+        arguments.extend(["--config", "tandem.toml"]);
+    }
+    let files = run(machine.folder(), &arguments).json();
+    let of_file = |file: &Value| {
+        let name = file["file"].as_str().unwrap().to_owned();
+        let found = file["diagnostics"].as_array().unwrap().clone();
+        let place = move |found: Value| {
+            let code = found["code"].as_str().unwrap().to_owned();
+            format!("{name}:{}:{} {code}", found["line"], found["column"])
+        };
+        found.into_iter().map(place)
+    };
+    files["files"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(of_file)
+        .collect()
+}
+
+#[test]
+fn a_target_beyond_a_soft_limit_is_an_error_with_the_machine_alone() {
+    // G54 lies at X 10, and the motor ends at 300
+    let at = |x: &str| format!("G90 G54 G00 X0\nG01 F500 X{x}\nM30\n");
+    assert_eq!(found(&at("290"), true), [""; 0]);
+    assert_eq!(found(&at("290.001"), true), ["main.nc:2:10 E0128"]);
+    assert_eq!(found(&at("290.001"), false), [""; 0]);
+}
+
+#[test]
+fn an_m_code_that_waits_within_cutter_compensation_is_an_error() {
+    let with =
+        |m: &str| format!("G90 G54 G00 X0 Y0\nM06 VA1\nG41 G01 X20 F500\n{m}\nY40\nG40 G01 X0 Y60\nM30\n");
+    assert_eq!(found(&with("M08"), true), [""; 0], "with_motion");
+    assert_eq!(found(&with("M09"), true), ["main.nc:4:1 E0128"], "after_motion");
+    assert_eq!(found(&with("M09"), false), [""; 0], "the machine decides");
+    assert_eq!(
+        found(&with("M09 VA2"), false),
+        ["main.nc:4:1 E0119"],
+        "always after_motion (D30)"
+    );
+}
+
+#[test]
+fn a_tool_that_is_not_in_the_table_is_a_warning() {
+    let with = |tool: u8| format!("G90 G54 G00 X0 Y0 Z0\nM06 VA{tool}\nM30\n");
+    assert_eq!(found(&with(1), true), [""; 0]);
+    assert_eq!(found(&with(7), true), ["main.nc:2:1 W0014"]);
+    assert_eq!(found(&with(7), false), [""; 0]);
+}
+
+#[test]
+fn a_lead_in_shorter_than_the_radius_of_the_selected_tool_is_an_error() {
+    // tool 1 has a radius of 5
+    let with = |x: &str| format!("G90 G54 G00 X0 Y0\nM06 VA1\nG41 G01 X{x} F500\nY40\nG40 X0 Y60\nM30\n");
+    assert_eq!(found(&with("5.5"), true), [""; 0]);
+    assert_eq!(found(&with("4.5"), true), ["main.nc:3:1 E0128"]);
+    assert_eq!(found(&with("4.5"), false), [""; 0]);
+}
+
+#[test]
+fn an_arc_that_transforms_distort_is_an_error_in_the_file_that_has_it() {
+    let text = "G90 G54 G00 X0 Y0 Z0\nG51 X0 Y0 Z0 I2 J1 K1\nF500\nM98 P1000\nG50\nM30\n";
+    assert_eq!(found(text, false), ["1000.nc:2:1 E0128"]);
+}
+
+#[test]
+fn a_loop_that_neither_moves_nor_waits_nor_ends_is_an_error() {
+    assert_eq!(
+        found("L1=5\nwhile (L1 > 1) {\nL2=L1\n}\nM30\n", false),
+        ["main.nc:4:1 E0128"]
+    );
+    assert_eq!(
+        found("while (P1 > 1) {\nL2=P1\n}\nM30\n", false),
+        [""; 0],
+        "it waits for P1"
+    );
+}
+
+#[test]
+fn what_depends_on_values_block_skip_or_the_start_is_a_warning_that_names_it() {
+    let distorts = "G90 G54 G00 X0 Y0 Z0\nG51 X0 Y0 Z0 I2 J1 K1\n";
+    let arc = "G02 X4 I2 F500\n";
+    let on_value = format!("{distorts}if (P5 == 3) {{\n{arc}}}\nM30\n");
+    assert_eq!(found(&on_value, false), ["main.nc:4:1 W0013"]);
+    let on_skip = format!("{distorts}/1 G50\n{arc}M30\n");
+    assert_eq!(found(&on_skip, false), ["main.nc:4:1 W0013"]);
+    // G31 may end anywhere, and G91 goes on from there
+    let on_skip_input = "G90 G54 G00 X0\nG31 X200\nG91 G00 X100\nM30\n";
+    assert_eq!(found(on_skip_input, true), ["main.nc:3:9 W0013"]);
+}
+
+#[test]
+fn a_warning_tells_what_was_assumed_and_what_to_do() {
+    let machine = Machine::new("");
+    machine.write("main.nc", "G90 G54 G00 X0\nif (P5 == 3) {\nX[P5]\nX300\n}\nM30\n");
+    let ran = run(machine.folder(), &["check", "main.nc", "--config", "tandem.toml"]);
+    assert_eq!(ran.code, 0, "{}", ran.stdout);
+    for part in [
+        "alarm 102",
+        "P and Q that the program does not write are 3",
+        "Correct the position",
+    ] {
+        assert!(ran.stdout.contains(part), "{part} is missing in {}", ran.stdout);
+    }
+}
