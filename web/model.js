@@ -57,6 +57,8 @@ export class Model {
   systems = new Map();
   /** The coordinate system on the screen. */
   selected = 1;
+  /** A block that somebody has chosen, on the path or in the program. @type {{program: number, line: number, by: "path" | "program"} | null} */
+  chosen = null;
   /** @type {import("./types.d.ts").ProgramInfo[] | null} programs of the store; null: not read yet */
   programs = null;
   #clockAheadMs = Number.POSITIVE_INFINITY;

@@ -236,6 +236,11 @@ export interface PendingOutput {
   since: Timestamp; state: OutputState; timing: Timing;
 }
 
+/** A block of a program. */
+export interface PlannedPlace {
+  line: number; program: number;
+}
+
 /** Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says. */
 export interface PositionMessage {
   actual: Record<string, number>; boot_id: BootId; distance_to_go: Record<string, number>; feedrate: number;
@@ -298,6 +303,49 @@ export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" 
 
 /** What a handler does with an output that it may already have worked on. */
 export type Redelivery = "ask" | "redo" | "verify";
+
+/** What a run of a program does, as it was planned with the tools, offsets, variables and inputs of now. Times are those at
+ * 100 percent overrides. */
+export interface Rehearsal {
+  at: PlannedPlace | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
+  depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string; lines: RehearsedLine[];
+  m_code_count: number; m_codes: RehearsedMCode[]; outcome: RehearsalOutcome; program: number; rapid_s: number;
+  revision: string; run: RehearsedRun | null; text: string; wait_s: number;
+}
+
+/** How far planning is. */
+export type RehearsalOutcome = "planning" | "completed" | "alarm" | "too_long";
+
+/** An axis of a planned run. */
+export interface RehearsedAxis {
+  acceleration: RehearsedPeak; highest: number; lowest: number; motor: number; soft_limits: [number, number] | null;
+  velocity: RehearsedPeak;
+}
+
+/** When a block begins. */
+export interface RehearsedLine {
+  at_s: number; line: number; program: number;
+}
+
+/** An M code of a planned run. */
+export interface RehearsedMCode {
+  at_s: number; line: number; m: number; program: number; wait_s: number | null; waits: boolean;
+}
+
+/** The most of something, its limit, and the block that causes it. */
+export interface RehearsedPeak {
+  limit: number; line: number; program: number; value: number;
+}
+
+/** How far a run is. */
+export interface RehearsedRun {
+  at_s: number; left_s: number; progress: number;
+}
+
+/** From where on a path depends on what happens while the program runs. */
+export interface RunTimeDependence {
+  at_s: number; line: number; program: number; why: string;
+}
 
 /** What is known of the signature of a program. */
 export type SignatureState = "valid" | "missing" | "wrong";

@@ -26,6 +26,7 @@ use crate::disk::Health;
 use crate::journal::{Event, Journal};
 use crate::persistence::{LastRuns, Restored, cut_short};
 use crate::port::{AccessLines, RuntimePort};
+use crate::preview::Previews;
 use crate::program_store::{ProgramStore, Signers};
 use crate::servo_thread::{ServoStatistics, ServoThread};
 use crate::shared::Shared;
@@ -168,9 +169,12 @@ impl Runtime {
         let simulation = Arc::new(simulation);
         slot.set(Arc::clone(&simulation))
             .map_err(|_| StartError::NotInSimulation)?;
+        let views = parts.mailboxes.iter().map(|mailbox| Arc::clone(&mailbox.view));
+        let previews = Previews::on_demand(&shared, views);
         Ok(Runtime {
             port: Arc::new(RuntimePort {
                 shared,
+                previews,
                 mailboxes: parts.mailboxes,
                 writer: None,
                 last_runs: LastRuns::new(),
@@ -300,9 +304,15 @@ impl Opened {
         report_last_runs(&shared, &last_runs);
         let positions = publish_positions(Arc::clone(&shared), parts.mailboxes.clone());
         parts.tasks.spawn(positions);
+        let views = parts.mailboxes.iter().map(|mailbox| Arc::clone(&mailbox.view));
+        let mut previews = Previews::on_demand(&shared, views);
+        if !shared.clock.is_simulated() {
+            previews.start_thread();
+        }
         let runtime = Runtime {
             port: Arc::new(RuntimePort {
                 shared,
+                previews,
                 mailboxes: parts.mailboxes,
                 writer: kept.as_ref().map(|kept| kept.state.writer()),
                 last_runs,

@@ -16,6 +16,7 @@ mod handlers;
 pub mod journal;
 mod persistence;
 mod port;
+mod preview;
 pub mod program_store;
 mod sequence;
 mod servo_thread;

@@ -38,6 +38,7 @@ use crate::coordinate_system::Mailbox;
 use crate::explain::{explain, nearest, picture};
 use crate::handlers::TooMany;
 use crate::persistence::{LastRuns, StateWriter};
+use crate::preview::Previews;
 use crate::shared::Shared;
 
 /// M codes that one handler may say it serves: all of them in every coordinate system.
@@ -57,6 +58,8 @@ pub(crate) struct RuntimePort {
     pub last_runs: LastRuns,
     /// Lines about who was let in.
     pub access: AccessLines,
+    /// Programs, planned ahead.
+    pub previews: Previews,
 }
 
 impl RuntimePort {
@@ -310,6 +313,14 @@ impl RuntimePort {
             ProgramRequest::RemoveProgram(number, condition) => self.remove_program(number, condition).await,
             ProgramRequest::CheckProgram(number) => self.check_program(number),
             ProgramRequest::IntermediateCode(number) => self.intermediate_code(number).await,
+            ProgramRequest::PlannedPath(number, query) => {
+                let program = self.stored(number)?;
+                self.previews.path(program, &query).await.map(Answer::Path)
+            }
+            ProgramRequest::Rehearsal(number, cs) => {
+                let program = self.stored(number)?;
+                self.previews.rehearsal(program, cs).await.map(Answer::Rehearsed)
+            }
         }
     }
 

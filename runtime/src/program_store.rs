@@ -26,6 +26,7 @@ use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
 use folder::{Accepted, Found, Look, Outside, ProgramFolder};
+pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
 use serde::{Deserialize, Serialize};
 use signing::Signature;

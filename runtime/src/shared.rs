@@ -54,6 +54,8 @@ pub(crate) struct Shared {
     pub bus_reconnections: AtomicU64,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
+    /// How long programs have waited for M codes lately, s.
+    m_code_waits: Mutex<BTreeMap<(CoordinateSystemNumber, u16), f64>>,
     alarms: Mutex<Alarms>,
     handlers: Mutex<Handlers>,
     commands: Mutex<CommandMemory>,
@@ -85,6 +87,7 @@ impl Shared {
             bus_connected: AtomicBool::new(true),
             bus_reconnections: AtomicU64::new(0),
             closing: CancellationToken::new(),
+            m_code_waits: Mutex::default(),
             alarms: Mutex::default(),
             handlers: Mutex::default(),
             commands: Mutex::default(),
@@ -267,6 +270,18 @@ impl Shared {
     /// True when a handler that is there serves this M code.
     pub fn is_handled(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         self.handlers.lock().serve(cs, m)
+    }
+
+    /// Notes how long an M code took to be reset, s. What it took lately counts for a quarter.
+    pub fn note_m_code_wait(&self, cs: CoordinateSystemNumber, m: u16, took_s: f64) {
+        let mut waits = self.m_code_waits.lock();
+        let known = waits.entry((cs, m)).or_insert(took_s);
+        *known += (took_s - *known) / 4.0;
+    }
+
+    /// How long it takes as a rule, s; `None`: nobody knows yet.
+    pub fn m_code_wait(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
+        self.m_code_waits.lock().get(&(cs, m)).copied()
     }
 
     /// Looks a command up by its id, and notes it when it is new.

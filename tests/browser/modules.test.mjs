@@ -5,6 +5,7 @@ import { test } from "node:test";
 
 import { duration, position, programName, whole } from "../../web/format.js";
 import { NcText } from "../../web/nc_text.js";
+import { runsOf } from "../../web/path/runs.js";
 import { look, sentence } from "../../web/sentence.js";
 import { POINTS_MAX, Trail } from "../../web/trail.js";
 import { STATE } from "./scripted_machine.mjs";
@@ -122,4 +123,18 @@ test("numbers as the screen shows them", () => {
   assert.equal(duration(59_999), "59 s");
   assert.equal(duration(187_000), "3 min 07 s");
   assert.equal(programName(1), "O0001");
+});
+
+test("last runs are read from the journal with their durations and what M codes took; one without an end is none", () => {
+  const line = (event, t_s, more = {}) => ({ event, t_s, boot_id: "a", ts: `2026-01-01T00:00:0${Math.floor(t_s)}Z`, ...more });
+  const runs = runsOf([
+    line("end", 0.5, { outcome: "STOPPED" }),
+    line("start", 1, { program: 7 }), line("output", 2, { seq: 1, m: 6 }), line("reset", 4.5, { seq: 1 }), line("end", 6, { outcome: "PROGRAM_COMPLETED" }),
+    line("start", 7, { program: 7 }), line("boot", 0, { boot_id: "b" }), line("end", 1, { boot_id: "b", outcome: "STOPPED" }),
+    line("start", 8, { program: 8 }), line("end", 9, { outcome: "STOPPED", reason: "ALARM" }),
+  ]);
+  assert.deepEqual(runs.map(({ program, took, ended, waits }) => [program, took, ended, [...waits]]), [
+    [8, 1, "STOPPED (ALARM)", []],
+    [7, 5, "PROGRAM_COMPLETED", [[6, 2.5]]],
+  ]);
 });

@@ -4,6 +4,7 @@
 import { readFile } from "node:fs/promises";
 import { extname, join } from "node:path";
 
+import { plannedPath, rehearsal } from "./planned.mjs";
 import { wrongAsked, wrongFrame } from "./schemas.mjs";
 
 const WEB = new URL("../../web/", import.meta.url).pathname;
@@ -38,6 +39,9 @@ export class ScriptedMachine {
   requests = [];
   /** Answers by `METHOD path`: `{status, body}`. */
   answers = new Map();
+  /** Vertices of planned paths by program: `[x, y, z, line, time, rapid]`; what rehearsals say. */
+  paths = new Map();
+  rehearsals = new Map();
   /** Program text by number. */
   programs = new Map();
   programList = [];
@@ -124,6 +128,8 @@ export class ScriptedMachine {
     if (request.method() !== "GET") this.requests.push({ method: request.method(), path, body: request.postDataJSON() });
     const answer = this.answers.get(`${request.method()} ${path}`);
     if (answer) return route.fulfill(answer.status < 400 ? { status: answer.status, json: answer.body } : problem(answer));
+    const planned = /^\/programs\/(\d+)\/(path|rehearsal)$/.exec(path);
+    if (planned) return this.#plan(route, Number(planned[1]), planned[2]);
     if (path === "/programs") {
       const unsaid = { dialect: "nj", hash: "5".repeat(64), o_number: null, signature: null };
       return route.fulfill({ json: { programs: this.programList.map((program) => ({ ...unsaid, ...program })) } });
@@ -133,6 +139,14 @@ export class ScriptedMachine {
     return route.fulfill(this.#answer(request.method(), path, request.postDataJSON()));
   }
 
+  /** The planned path of a program, which does not move unless a test says how, and its rehearsal. */
+  #plan(route, number, what) {
+    const cs = Number(new URL(route.request().url()).searchParams.get("cs") ?? 1);
+    if (what === "rehearsal") return route.fulfill({ json: rehearsal(number, cs, this.rehearsals.get(number)) });
+    const body = plannedPath(number, cs, this.paths.get(number) ?? []);
+    return route.fulfill({ body, contentType: "application/octet-stream", headers: { ETag: `"${number}-${cs}-all"` } });
+  }
+
   /** What a machine answers that has nothing against it. */
   #answer(method, path, body) {
     const handshake = /^\/cs\/\d+\/m_codes\/(\d+)\/(reset|answer)$/.exec(path);
@@ -140,6 +154,8 @@ export class ScriptedMachine {
     if (path.endsWith("/redeliver")) return { status: 204 };
     if (path === "/health") return { json: { status: "ok" } };
     if (path === "/machine") return { json: { v: 1, boot_id: this.bootId, ts: now(), ...BIRTH } };
+    if (path === "/journal") return { json: { lines: [] } };
+    if (path === "/tools") return { json: { tools: [] } };
     if (path.endsWith("/last_run")) return { json: { last_run: null } };
     return method === "GET" ? problem({ status: 404, body: { detail: `there is no ${path}` } }) : { status: 202, json: { command_id: "scripted" } };
   }

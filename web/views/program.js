@@ -38,6 +38,10 @@ class ProgramView {
   #following = true;
   /** Position to which this view has scrolled by itself, px. */
   #scrolledTo = -1;
+  /** The program whose text is shown. */
+  #number = 0;
+  /** The block chosen last, as it is shown. @type {import("../model.js").Model["chosen"]} */
+  #chosen = null;
   /** Key of what the rows show. */
   #drawn = "";
 
@@ -50,8 +54,12 @@ class ProgramView {
       else app.invalidate();
     });
     this.#rows.addEventListener("click", (event) => {
-      const code = event.target instanceof Element && event.target.closest(".nc-g, .nc-m");
+      const target = event.target instanceof Element ? event.target : null;
+      const code = target?.closest(".nc-g, .nc-m");
       if (code) void explain(code.textContent);
+      const line = Number(target?.closest(".line")?.querySelector(".line-number")?.textContent);
+      if (line > 0) this.app.model.chosen = { program: this.#number, line, by: "program" };
+      app.invalidate();
     });
     new ResizeObserver(() => this.#drawAnew()).observe(this.#view);
   }
@@ -77,7 +85,27 @@ class ProgramView {
     const hash = number !== null && number === system?.state?.program ? system.state.hash : null;
     setText(this.#hash, hash ? shortHash(hash) : "");
     setAttr(this.#stack, "title", `${this.#calls.textContent}${this.#place.textContent}${hash ? `\nSHA-256 ${hash}` : ""}`);
+    this.#number = number ?? 0;
+    this.#show(text);
     if (text) this.#draw(text, place?.line ?? 0, place?.interpreted_line ?? 0);
+  }
+
+  /** Brings a block that was chosen on the path into view. @param {NcText | null} text */
+  #show(text) {
+    const { chosen } = this.app.model;
+    if (chosen === this.#chosen || !text) return;
+    this.#chosen = chosen;
+    this.#drawn = "";
+    if (chosen?.by !== "path" || chosen.program !== this.#number) return;
+    this.#following = false;
+    setAttr(this.#follow, "aria-pressed", "false");
+    const view = this.#view;
+    const fits = Math.max(1, Math.floor(view.clientHeight / LINE_PX));
+    const lastFirst = Math.max(1, text.lines - fits);
+    const height = Math.min(text.lines * LINE_PX, HEIGHT_MAX_PX);
+    setHeight(this.#spacer, height);
+    const first = Math.max(0, chosen.line - 1 - Math.floor(fits / 2));
+    view.scrollTop = (Math.min(first, lastFirst) / lastFirst) * Math.max(1, height - view.clientHeight);
   }
 
   /** @param {boolean} on */
@@ -122,12 +150,13 @@ class ProgramView {
       this.#scrolledTo = view.scrollTop;
     }
     const first = lastFirst === 0 ? 0 : Math.round((view.scrollTop / scrollable) * lastFirst);
-    const key = [first, fits, running, interpreted, view.scrollTop, this.#loaded.key].join();
+    const chosen = this.#chosen?.program === this.#number ? this.#chosen.line : 0;
+    const key = [first, fits, running, interpreted, chosen, view.scrollTop, this.#loaded.key].join();
     if (key === this.#drawn) return;
     this.#drawn = key;
     this.#rows.style.transform = `translateY(${view.scrollTop}px)`;
     const numbers = Array.from({ length: Math.min(fits + 1, text.lines - first) }, (_, i) => first + i + 1);
-    fill(this.#rows, ...numbers.map((number) => row(number, text, running, interpreted)));
+    fill(this.#rows, ...numbers.map((number) => row(number, text, running, interpreted, chosen)));
   }
 }
 
@@ -137,14 +166,14 @@ function setHeight(element, height) {
   if (element.style.height !== text) element.style.height = text;
 }
 
-/** @param {number} number @param {NcText} text @param {number} running @param {number} interpreted */
-function row(number, text, running, interpreted) {
+/** @param {number} number @param {NcText} text @param {number} running @param {number} interpreted @param {number} chosen */
+function row(number, text, running, interpreted, chosen) {
   const is = number === running;
   const ahead = number === interpreted && interpreted !== running;
   const parts = text.parts(number).map(({ kind, text: part }) => (kind ? h("span", { class: `nc-${kind}` }, part) : part));
   return h(
     "li",
-    { class: "line", "aria-current": is ? "step" : null, "data-interpreted": ahead, title: ahead ? "The program has been read ahead to this line" : null },
+    { class: "line", "aria-current": is ? "step" : null, "data-interpreted": ahead, "data-chosen": number === chosen, title: ahead ? "The program has been read ahead to this line" : null },
     h("span", { class: "mark", "aria-hidden": "true" }, is ? "▶" : ahead ? "◦" : ""),
     h("span", { class: "line-number" }, String(number)),
     h("code", {}, ...parts),

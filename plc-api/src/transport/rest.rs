@@ -139,7 +139,7 @@ impl TransportClient for Shared {
                 if let Some(exchange) = read(topic)
                     && let Ok(Ok((200, _, body))) =
                         tokio::time::timeout(ANSWER_TIMEOUT, self.send(&exchange)).await
-                    && let Ok(message) = Message::from_json(topic.clone(), body.as_bytes())
+                    && let Ok(message) = Message::from_json(topic.clone(), &body)
                 {
                     return Some(Arc::new(message));
                 }
@@ -169,7 +169,7 @@ impl Shared {
     async fn repeat_until_answered(&self, exchange: &Exchange) -> Result<Answer, Refusal> {
         loop {
             match self.send(exchange).await {
-                Ok((status, etag, body)) => return exchange.answer.decode(status, &etag, &body),
+                Ok((status, etag, body)) => return exchange.answer.decode(status, &etag, body),
                 Err(error) => {
                     tracing::debug!(%error, path = %exchange.path, "no answer; asking again");
                     tokio::time::sleep(AGAIN_AFTER).await;
@@ -179,7 +179,7 @@ impl Shared {
     }
 
     /// Status, `ETag` and body of the answer.
-    async fn send(&self, exchange: &Exchange) -> Result<(u16, String, String), BoxError> {
+    async fn send(&self, exchange: &Exchange) -> Result<(u16, String, Vec<u8>), BoxError> {
         let url = format!("{}{}", self.address.http, exchange.path);
         let mut request = http::Request::builder().method(exchange.method).uri(url);
         if let Some(token) = &self.address.token {
@@ -199,7 +199,7 @@ impl Shared {
             .unwrap_or_default()
             .to_owned();
         let body = Limited::new(response.into_body(), BODY_MAX).collect().await?;
-        Ok((status, etag, String::from_utf8(body.to_bytes().to_vec())?))
+        Ok((status, etag, body.to_bytes().to_vec()))
     }
 
     /// Passes the result of a validation to the connection. The machine does not answer it.

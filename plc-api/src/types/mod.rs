@@ -12,6 +12,7 @@ pub mod machine;
 pub mod message;
 pub mod output;
 pub mod params;
+pub mod planned;
 pub mod program;
 pub mod question;
 pub mod refusal;

@@ -13,6 +13,7 @@ use super::heartbeat::ClientHeartbeat;
 use super::lease::LeaseRequest;
 use super::machine::{AlarmRaise, AlarmRecord};
 use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
+use super::planned::{self, PathQuery};
 use super::program::{ProgramCheck, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
 use super::state::{Lock, SpindleDirection};
@@ -349,6 +350,10 @@ requests! {
         CheckProgram(number: u16) -> ProgramCheck;
         /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
         IntermediateCode(number: u16) -> String;
+        /// The path of a program of the store as it would run now, as far as it is planned.
+        PlannedPath(number: u16, query: PathQuery) -> planned::PlannedPath;
+        /// What a run of a program of the store does, as it would run now, as far as it is planned.
+        Rehearsal(number: u16, cs: Option<CoordinateSystemNumber>) -> planned::Rehearsal;
     }
 }
 
@@ -472,6 +477,10 @@ answers! {
     Alarms(Vec<AlarmRecord>),
     /// What a name means.
     Explanation(Explanation),
+    /// The planned path of a program.
+    Path(planned::PlannedPath),
+    /// What a run does.
+    Rehearsed(planned::Rehearsal),
 }
 
 impl TryFrom<Answer> for () {

@@ -11,6 +11,7 @@ use crate::types::command::{CommandReply, CommandStatus};
 use crate::types::data::{LastRun, VariableKind, VariableValues};
 use crate::types::machine::AlarmRecord;
 use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus};
+use crate::types::planned::PlannedPath;
 use crate::types::program::{ProgramCheck, ProgramInfo, ProgramText};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Answer, Request};
@@ -47,6 +48,8 @@ pub enum AnswerForm {
     Text,
     /// Text of a program, with its hash as `ETag`.
     Program,
+    /// A planned path, with its tag as `ETag`.
+    Path,
     /// What checking a program says; the status tells whether it is new.
     Check,
     /// JSON of the answer's type.
@@ -80,6 +83,8 @@ pub enum Reply {
     Text(String),
     /// Text of a program, and its hash.
     Program(ProgramText),
+    /// Bytes, and what tells them from others.
+    Bytes(PlannedPath),
     /// Status and JSON of what was stored, and its hash.
     Stored(u16, String, String),
     /// 202: a command is accepted; where to ask for the rest is named by its id. A load and a start say which program.
@@ -180,6 +185,7 @@ impl AnswerForm {
             (AnswerForm::Text, Answer::ProgramText(text)) => Ok(Reply::Text(text)),
             (AnswerForm::Text, Answer::Program(program)) => Ok(Reply::Text(program.text)),
             (AnswerForm::Program, Answer::Program(program)) => Ok(Reply::Program(program)),
+            (AnswerForm::Path, Answer::Path(path)) => Ok(Reply::Bytes(path)),
             (AnswerForm::Check, Answer::Check(check)) => {
                 let status = if check.created { 201 } else { 200 };
                 let body = json!(check).to_string();
@@ -196,12 +202,21 @@ impl AnswerForm {
     ///
     /// # Errors
     /// The refusal that it carries.
-    pub fn decode(&self, status: u16, etag: &str, body: &str) -> Result<Answer, Refusal> {
+    pub fn decode(&self, status: u16, etag: &str, body: Vec<u8>) -> Result<Answer, Refusal> {
         if !(200..300).contains(&status) {
-            return self.refused(status, body);
+            return self.refused(status, &String::from_utf8_lossy(&body));
         }
+        if matches!(self, AnswerForm::Path) {
+            let tag = etag.trim_matches('"').to_owned();
+            return Ok(Answer::Path(PlannedPath { tag, bytes: body }));
+        }
+        let body = String::from_utf8(body).map_err(|_| {
+            let text = "the machine's answer is not of the route's form: it is no UTF-8 text";
+            Refusal::new(RefusalCode::Unavailable, text)
+        })?;
+        let body = body.as_str();
         Ok(match self {
-            AnswerForm::Nothing => Answer::Done,
+            AnswerForm::Nothing | AnswerForm::Path => Answer::Done,
             // 200 carries the reply; 202 only the id of a command that has been accepted
             AnswerForm::Command { .. } if status == 202 => {
                 let Accepted { command_id, hash } = read(body)?;
@@ -299,7 +314,9 @@ mod tests {
 
     #[test]
     fn an_accepted_command_is_answered_with_its_id_and_a_done_one_with_its_reply() {
-        let Ok(Answer::Command(reply)) = COMMAND.decode(202, "", &Reply::accepted_body("c", None)) else {
+        let Ok(Answer::Command(reply)) =
+            COMMAND.decode(202, "", Reply::accepted_body("c", None).into_bytes())
+        else {
             panic!("no reply")
         };
         assert_eq!(
@@ -307,7 +324,7 @@ mod tests {
             ("c", CommandStatus::Accepted)
         );
         let done = r#"{"command_id":"c","status":"done","code":"ok","text":"","state_rev":4}"#;
-        let Ok(Answer::Command(reply)) = COMMAND.decode(200, "", done) else {
+        let Ok(Answer::Command(reply)) = COMMAND.decode(200, "", done.into()) else {
             panic!("no reply")
         };
         assert_eq!((reply.status, reply.state_rev), (CommandStatus::Done, 4));
@@ -317,13 +334,13 @@ mod tests {
     fn a_problem_is_the_refusal_that_it_was() {
         let body = r#"{"type":"about:blank","title":"Conflict","status":409,"code":"not_allowed","detail":"no",
             "state":"ACTIVE","allowed":["hold"]}"#;
-        let refusal = COMMAND.decode(409, "", body).unwrap_err();
+        let refusal = COMMAND.decode(409, "", body.into()).unwrap_err();
         assert_eq!(
             (refusal.code, refusal.text.as_str(), refusal.state),
             (RefusalCode::NotAllowed, "no", Some(Execution::Active))
         );
         assert_eq!(refusal.allowed, [Verb::Hold]);
-        let refusal = COMMAND.decode(502, "", "<html>").unwrap_err();
+        let refusal = COMMAND.decode(502, "", "<html>".into()).unwrap_err();
         assert_eq!(
             (refusal.code, refusal.text.as_str()),
             (RefusalCode::Unavailable, "HTTP status 502")
@@ -350,7 +367,7 @@ mod tests {
             });
             let problem = form.encode(answer.clone()).unwrap_err();
             let body = serde_json::to_string(&problem).unwrap();
-            assert_eq!(form.decode(problem.status, "", &body), Ok(answer));
+            assert_eq!(form.decode(problem.status, "", body.into_bytes()), Ok(answer));
         }
     }
 }

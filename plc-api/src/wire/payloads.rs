@@ -12,6 +12,7 @@ use crate::types::command::Command;
 use crate::types::data::VARIABLES_AT_ONCE_MAX;
 use crate::types::data::{JournalFilter, Number, VariableArea, VariableKind};
 use crate::types::lease::{LeaseRelease, LeaseRequest};
+use crate::types::planned::{PATH_TOLERANCE_MM, PathQuery};
 use crate::types::request::{Input, Request};
 use crate::types::state::{Lock, Switch};
 use crate::types::upload::ProgramUpload;
@@ -280,6 +281,30 @@ pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
 pub(super) fn area(incoming: &IncomingRequest<'_>) -> Result<VariableArea, Fault> {
     let cs = incoming.optional_number("cs")?;
     Ok(cs.map_or(VariableArea::Global, VariableArea::CoordinateSystem))
+}
+
+/// Which part of a planned path is asked for.
+pub(super) fn read_path(incoming: &IncomingRequest<'_>) -> Result<PathQuery, Fault> {
+    let QueryValues {
+        from,
+        count,
+        cs,
+        tolerance,
+        ..
+    } = incoming.query;
+    if let Some(tolerance) = tolerance
+        && !(tolerance >= PATH_TOLERANCE_MM && tolerance.is_finite())
+    {
+        let text =
+            format!("tolerance={tolerance} is too fine, or no number; write {PATH_TOLERANCE_MM} mm or more");
+        return Err(Fault::Invalid(text));
+    }
+    Ok(PathQuery {
+        cs,
+        tolerance,
+        from,
+        count,
+    })
 }
 
 pub(super) fn read_variables(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {

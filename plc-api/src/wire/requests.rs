@@ -7,7 +7,7 @@ use super::answer::{
 };
 use super::payloads::{
     CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, VariableGet, VariableSet, VariableWrite, break_lease,
-    command_answer, handshake, lease, of_area, read_command, read_input, read_variables, release,
+    command_answer, handshake, lease, of_area, read_command, read_input, read_path, read_variables, release,
     remove_program, store_program, switch, upload, variables, with_filter, write_input, write_variables,
 };
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set};
@@ -22,6 +22,7 @@ use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
+use crate::types::planned::{PathQuery, Rehearsal};
 use crate::types::program::ProgramCheck;
 use crate::types::question::{self, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
@@ -117,7 +118,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 38] = [
+pub static ROWS: [Row; 40] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -532,6 +533,38 @@ pub static ROWS: [Row; 38] = [
         is_large: true,
         answer: |_| AnswerForm::Text,
         ..carried!(Read, IntermediateCode(number: number))
+    },
+    Row {
+        routes: &[Route::get(
+            "/programs/{number}/path",
+            "The path of a program as it would run now, as far as it is planned: bytes, which the book describes.",
+        )
+        .answered(200, Content::Bytes)
+        .query(Query::Path)
+        .headers(Headers::Cached)
+        .refusals(&[400, 422])],
+        is_large: true,
+        answer: |_| AnswerForm::Path,
+        ..Row::new(Read, |incoming| Ok(Request::PlannedPath(incoming.number("number")?, read_path(&incoming)?)),
+            written!(Request::PlannedPath(number, query) => {
+                    let PathQuery { cs, tolerance, from, count } = query;
+                    let parts = RequestParts::default().with("number", number).query("from", from);
+                    parts.queried("cs", cs).queried("tolerance", tolerance).queried("count", count)
+                }),
+        )
+    },
+    Row {
+        routes: &[Route::get(
+            "/programs/{number}/rehearsal",
+            "What a run of a program does, as it would run now, as far as it is planned; of the run under way, the time left.",
+        )
+        .gives::<Rehearsal>()
+        .query(Query::RunBy)
+        .refusals(&[400, 422])],
+        answer: json_of::<Rehearsal>,
+        ..Row::new(Read, |incoming| Ok(Request::Rehearsal(incoming.number("number")?, incoming.query.cs)),
+            written!(Request::Rehearsal(number, cs) => RequestParts::default().with("number", number).queried("cs", cs)),
+        )
     },
 ];
 

@@ -14,6 +14,8 @@ pub enum Content {
     Text,
     /// Any JSON object: a document.
     Document,
+    /// Bytes of a form of their own.
+    Bytes,
 }
 
 /// What the query of a route says.
@@ -29,6 +31,10 @@ pub enum Query {
     Wait,
     /// `dialect`: of the program that is stored.
     Dialect,
+    /// `cs`: the coordinate system that runs a program.
+    RunBy,
+    /// The same, `tolerance`, `from` and `count`: a part of a planned path.
+    Path,
 }
 
 /// Headers that a route reads.

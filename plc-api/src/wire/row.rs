@@ -209,6 +209,10 @@ pub struct QueryValues {
     pub filter: JournalFilter,
     /// NC dialect of what is stored.
     pub dialect: Option<String>,
+    /// The coordinate system that runs a program.
+    pub cs: Option<CoordinateSystemNumber>,
+    /// How exact a path is to be, mm.
+    pub tolerance: Option<f64>,
 }
 
 /// How a request came in.
@@ -445,6 +449,14 @@ impl RequestParts {
     pub(super) fn query(mut self, name: &'static str, value: impl ToString) -> Self {
         self.query.push((name, value.to_string()));
         self
+    }
+
+    /// With a value of the query that may be left out.
+    pub(super) fn queried(self, name: &'static str, value: Option<impl ToString>) -> Self {
+        match value {
+            Some(value) => self.query(name, value),
+            None => self,
+        }
     }
 
     #[allow(

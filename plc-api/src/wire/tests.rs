@@ -16,6 +16,7 @@ use crate::types::machine::AlarmRaise;
 use crate::types::output::{
     Claim, HandledCode, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
+use crate::types::planned::PathQuery;
 use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use crate::types::state::{Lock, SpindleDirection};
@@ -69,6 +70,8 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::RemoveProgram(..)
         | Request::CheckProgram(_)
         | Request::IntermediateCode(_)
+        | Request::PlannedPath(..)
+        | Request::Rehearsal(..)
         | Request::Explain(_)
         | Request::AlarmHistory => &[Rest],
     }
@@ -307,7 +310,7 @@ fn of_programs() -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..9);
+    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..11);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::CheckProgram(number),
@@ -317,6 +320,8 @@ fn of_machine() -> impl Strategy<Value = Request> {
         5 => Request::Heartbeat(id, ClientHeartbeat { ttl_ms: u64::from(number), cs }),
         6 => Request::CommandStatus(text + "/ %?"),
         7 => Request::Explain(text + "/ %?"),
+        8 => Request::PlannedPath(number, PathQuery { cs, tolerance: online.then_some(0.25), from: number.into(), count: cs.map(Into::into) }),
+        9 => Request::Rehearsal(number, cs),
         _ => Request::Handlers,
     })
 }
@@ -422,6 +427,8 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
                 run: value("run"),
             },
             dialect: value("dialect"),
+            cs: value("cs").map(|cs| cs.parse().unwrap()),
+            tolerance: value("tolerance").map(|tolerance| tolerance.parse().unwrap()),
         },
         source: Source::Http(&Head(exchange.headers)),
     };

@@ -59,7 +59,10 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         None => None,
         Some(path) if arguments.files.is_empty() => {
             let mut lines = vec![format!("{}: the configuration is good", path.display())];
-            let notes = Servable::read(Some(path))?.machine.notes().into_iter();
+            let notes = Servable::read(Some(path), |_| Ok(()))?
+                .machine
+                .notes()
+                .into_iter();
             lines.extend(notes.map(|note| format!("  note: {note}")));
             let text = lines.join("\n");
             match arguments.format.write(&[], true) {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use plc_api::Plc;
 use tandem_gateway::{Gateway, GatewaySettings};
-use tandem_runtime::{ExternalBroker, Runtime, demo_sequence_program};
+use tandem_runtime::{Config, ExternalBroker, Runtime, demo_sequence_program};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::server_ends::Servable;
@@ -16,11 +16,41 @@ pub struct Arguments {
     /// Configuration file; without one the built-in demo machine runs
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Where the HMI and REST listen, in place of [http] listen
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Option<String>,
+    /// Where the embedded broker listens, in place of [mqtt] listen
+    #[arg(long, value_name = "ADDRESS")]
+    mqtt_listen: Option<String>,
+    /// Folder of what is kept, in place of that of the configuration
+    #[arg(long, value_name = "FOLDER")]
+    data_dir: Option<PathBuf>,
+    /// Runs the demo's handlers, also with a configuration of one's own
+    #[arg(long)]
+    demo: bool,
+}
+
+impl Arguments {
+    /// What they say in place of the configuration.
+    fn change(&self, config: &mut Config) -> anyhow::Result<()> {
+        if let Some(listen) = &self.listen {
+            config.http.listen.clone_from(listen);
+        }
+        if let Some(listen) = &self.mqtt_listen {
+            config.mqtt.listen = Some(listen.clone());
+        }
+        if let Some(folder) = &self.data_dir {
+            // from where the command was given, not from the folder of the configuration
+            config.machine.data_dir = std::path::absolute(folder)?;
+        }
+        config.is_demo |= self.demo;
+        Ok(())
+    }
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
     super::log::start();
-    let servable = Servable::read(arguments.config.as_deref())?;
+    let servable = Servable::read(arguments.config.as_deref(), |config| arguments.change(config))?;
     tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()

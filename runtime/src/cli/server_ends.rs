@@ -21,13 +21,18 @@ pub(super) struct Servable {
 }
 
 impl Servable {
-    /// Reads the configuration of a file, or the demo machine, with all files that it names. Nothing is written and no
-    /// port is opened.
+    /// Reads the configuration of a file, or the demo machine, with all files that it names, and changes it. Nothing is
+    /// written and no port is opened.
     ///
     /// # Errors
     /// All that is wrong, as text for people.
-    pub(super) fn read(path: Option<&Path>) -> anyhow::Result<Self> {
-        let (config, machine) = read_config(path)?;
+    pub(super) fn read(
+        path: Option<&Path>,
+        change: impl FnOnce(&mut Config) -> anyhow::Result<()>,
+    ) -> anyhow::Result<Self> {
+        let (mut config, _) = read_config(path)?;
+        change(&mut config)?;
+        let machine = config.resolve()?;
         let (settings, mut problems) = settings(&config);
         if let Some(folder) = &machine.data_dir
             && let Some(there) = folder.ancestors().find(|path| path.exists())

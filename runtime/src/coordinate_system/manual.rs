@@ -95,6 +95,7 @@ impl CoordinateSystem {
             main,
             programs,
             refused,
+            first_segment: self.pipeline.planner.last_segment() + 1,
             steps: Steps::default(),
             at_rest: AtRest::default(),
         }

@@ -49,7 +49,7 @@ use mailbox::Envelope;
 pub(crate) use mailbox::Mailbox;
 use open_outputs::Outputs;
 use pending_commands::{Awaiting, Commands, Deferred};
-use pipeline::Pipeline;
+pub(crate) use pipeline::Pipeline;
 use preparation::Share;
 pub(crate) use preparation::rest_refused;
 use publish::Published;
@@ -198,7 +198,13 @@ impl CoordinateSystem {
         match event {
             Event::Started { segment, origin, .. } => {
                 self.follow_changes(segment);
-                self.context.view.update(|place| place.executing = origin);
+                let in_run = segment.saturating_sub(self.run.as_ref().map_or(0, |run| run.first_segment - 1));
+                let since_s = self.context.now_s();
+                self.context.view.update(|place| {
+                    place.executing = origin;
+                    place.segment = in_run;
+                    place.since_s = since_s;
+                });
                 if self.pipeline.begins_block(segment) {
                     let block = Happened::Block {
                         program: origin.program,

@@ -20,6 +20,8 @@ pub(super) struct Outputs {
     pub ledger: Ledger,
     /// M number and block of each open output that was made, by `seq`, for alarms and the journal.
     pub made: BTreeMap<u64, (u16, Origin)>,
+    /// When each open output was made, seconds since the start.
+    pub since_s: BTreeMap<u64, f64>,
     /// What the stock sequence program works on.
     pub stock: Vec<StockWork>,
 }
@@ -37,6 +39,7 @@ impl Outputs {
         Self {
             ledger,
             made: BTreeMap::new(),
+            since_s: BTreeMap::new(),
             stock: Vec::new(),
         }
     }

@@ -46,7 +46,11 @@ impl CoordinateSystem {
 
     /// Puts out at a standstill; false when it has to wait for the reset of the same M number (D32), or for room.
     pub(super) fn put_out_after_motion(&mut self, output: Output) -> bool {
-        self.context.view.update(|place| place.executing = output.origin);
+        let since_s = self.context.now_s();
+        self.context.view.update(|place| {
+            place.executing = output.origin;
+            place.since_s = since_s;
+        });
         let Some(seq) = self.enqueue(output, Timing::AfterMotion) else {
             self.drive(RunEvent::Phase(Phase::Room(output)));
             return false;
@@ -173,6 +177,7 @@ impl CoordinateSystem {
             return;
         }
         self.outputs.made.insert(notice.seq, (notice.m, origin(notice)));
+        self.outputs.since_s.insert(notice.seq, self.context.now_s());
         if !self.context.shared.is_handled(self.context.number, notice.m) {
             self.without_handler(notice);
         }
@@ -261,8 +266,17 @@ impl CoordinateSystem {
 
     fn on_closed(&mut self, seq: u64, m: u16, how: Closed) {
         let origin = self.outputs.made.remove(&seq).map(|(_, origin)| origin);
+        let since_s = self.outputs.since_s.remove(&seq);
         match how {
-            Closed::Reset | Closed::Cancelled(_) => {}
+            Closed::Reset => {
+                if let Some(since_s) = since_s {
+                    let took_s = self.context.now_s() - since_s;
+                    self.context
+                        .shared
+                        .note_m_code_wait(self.context.number, m, took_s);
+                }
+            }
+            Closed::Cancelled(_) => {}
             Closed::Failed { alarm } => self.raise(alarm.number, alarm.text, origin),
             Closed::TimedOut => {
                 let timeout_ms = (self.context.m_code(m))

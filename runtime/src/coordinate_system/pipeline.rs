@@ -19,7 +19,7 @@ use crate::simulation::{OnPlan, Planned};
 
 /// The stages and what they have ready for the servo.
 #[derive(Debug)]
-pub(super) struct Pipeline {
+pub(crate) struct Pipeline {
     pub interpreter: Interpreter,
     pub path: PathStage,
     /// Items interpreted while the end point of a G31 is unknown, in order.
@@ -46,7 +46,7 @@ pub(super) struct Pipeline {
 
 /// What is in force from the segment after `after_segment` on.
 #[derive(Debug, Clone)]
-pub(super) struct Change {
+pub(crate) struct Change {
     pub after_segment: u64,
     pub modal: Modal,
     pub transform: Transform,
@@ -55,7 +55,7 @@ pub(super) struct Change {
 
 /// An item that the path stage has not been given yet.
 #[derive(Debug)]
-pub(super) struct SetAside {
+pub(crate) struct SetAside {
     block: Option<Block>,
     modal: Modal,
     stack: Arc<[CallSite]>,

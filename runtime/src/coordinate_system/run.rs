@@ -21,6 +21,8 @@ pub(super) struct Run {
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
     /// Programs that it may not call, and why.
     pub refused: BTreeMap<u16, String>,
+    /// The number of its first segment.
+    pub first_segment: u64,
     pub steps: Steps,
     pub at_rest: AtRest,
 }

@@ -9,7 +9,7 @@ use plc_api::types::heartbeat::Heartbeat;
 use plc_api::types::state::{CallSite, Position, ProgramPlace};
 use tandem_model::flow::Transform;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{AxisSet, AxisVector, Origin};
+use tandem_model::{AxisSet, AxisVector, MachinePosition, Origin};
 use tandem_path::work_position;
 use tandem_servo::Readings;
 
@@ -30,6 +30,10 @@ pub(super) struct Place {
     pub transform: Transform,
     pub stack: Arc<[CallSite]>,
     pub executing: Origin,
+    /// The segment that runs, by its number in the run.
+    pub segment: u64,
+    /// When the block that is executed began, seconds since the start.
+    pub since_s: f64,
     pub interpreted_line: u32,
     /// What runs or ran last without a number: manual data input.
     pub manual: Option<Arc<StoredProgram>>,
@@ -60,6 +64,7 @@ impl View {
                 program: program.unwrap_or_default(),
                 ..Origin::default()
             };
+            place.segment = 0;
             place.stack = Arc::default();
             place.interpreted_line = 0;
         });
@@ -68,6 +73,17 @@ impl View {
     /// From the programmed point to the machine position.
     pub fn transform(&self) -> Transform {
         self.place.lock().transform
+    }
+
+    /// The commanded position of the last servo cycle.
+    pub fn commanded(&self) -> MachinePosition {
+        self.readings.read().commanded
+    }
+
+    /// The segment that runs, by its number in the run, the block that is executed, and since when, seconds since the start.
+    pub fn segment(&self) -> (u64, Origin, f64) {
+        let place = self.place.lock();
+        (place.segment, place.executing, place.since_s)
     }
 
     /// Place of the block that is executed.

@@ -18,7 +18,7 @@ const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTE
 const _: () = assert!(M_CODE_MAX == plc_api::handlers::M_CODE_MAX);
 
 impl RuntimePort {
-    fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
+    pub(super) fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
         let store = &self.shared.store;
         let missing = || store.refuse_damaged(number).unwrap_or_else(|| no_program(number));
         store.get(number).ok_or_else(missing)

@@ -1,7 +1,7 @@
 //! One program of the store, parsed and checked.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use parking_lot::Mutex;
 use plc_api::types::program::{
@@ -74,6 +74,8 @@ pub struct StoredProgram {
     pub(crate) is_from_outside: bool,
     /// Byte offset of each line.
     line_starts: Vec<u32>,
+    /// It may name variables; found when first asked.
+    mentions_variables: OnceLock<bool>,
 }
 
 /// The programs of the store, to be called.
@@ -170,6 +172,7 @@ impl StoredProgram {
             signature: None,
             is_from_outside: false,
             line_starts: line_starts(text),
+            mentions_variables: OnceLock::new(),
         }
     }
 
@@ -244,6 +247,13 @@ impl StoredProgram {
         tandem_syntax::compile(&self.tree, header(self.number), self.dialect)
     }
 
+    /// True when its text may name P or Q variables, or values of the machine.
+    pub(crate) fn mentions_variables(&self) -> bool {
+        *self
+            .mentions_variables
+            .get_or_init(|| mentions_variables(self.text()))
+    }
+
     /// Text of a line, from 1; empty past the end.
     pub fn line(&self, line: u32) -> &str {
         let index = (line as usize).checked_sub(1);
@@ -305,6 +315,21 @@ impl StoredProgram {
             o_number: self.tree.number(),
         }
     }
+}
+
+/// True when a text may name P or Q variables, or values of the machine.
+pub(crate) fn mentions_variables(text: &str) -> bool {
+    let mut before = b' ';
+    let mut bytes = text.bytes().peekable();
+    while let Some(byte) = bytes.next() {
+        let next = bytes.peek().copied().unwrap_or(b' ');
+        let is_name = matches!(byte, b'P' | b'p' | b'Q' | b'q') && (next.is_ascii_digit() || next == b'[');
+        if byte == b'_' || is_name && !before.is_ascii_alphanumeric() {
+            return true;
+        }
+        before = byte;
+    }
+    false
 }
 
 /// Diagnostics with lines and columns instead of byte offsets.
@@ -376,6 +401,22 @@ mod tests {
 
     use super::*;
     use crate::program_store::tests::rules;
+
+    #[test]
+    fn texts_with_p_and_q_may_read_variables_and_others_do_not() {
+        for text in [
+            "X P1",
+            "P[P2] = 3",
+            "(Q17)",
+            "if (q3 > 1) {",
+            "X_CNC_CapturedPosition[1]",
+        ] {
+            assert!(mentions_variables(text), "{text}");
+        }
+        for text in ["G01 X10 F100", "L1 = 3", "// POCKET", "STOP 1"] {
+            assert!(!mentions_variables(text), "{text}");
+        }
+    }
 
     #[test]
     fn the_title_is_the_first_comment_behind_the_marks_of_the_beginning() {

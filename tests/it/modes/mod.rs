@@ -6,6 +6,7 @@ mod inputs;
 mod jog;
 mod manual;
 mod outputs;
+mod planned;
 mod replanning;
 mod rig;
 mod single_block;

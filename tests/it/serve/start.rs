@@ -65,6 +65,42 @@ fn only_loopback_is_listened_on_without_a_token_file() {
     assert!(output.contains("[http]"), "{output}");
 }
 
+#[test]
+fn the_command_line_chooses_addresses_folder_and_the_demos_handlers_in_place_of_the_configuration() {
+    let taken = [(); 2].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
+    let [http, mqtt] = taken
+        .each_ref()
+        .map(|listener| listener.local_addr().unwrap().to_string());
+    let machine = Machine::with_config(&with_ports(&http, &mqtt));
+    let free = "127.0.0.1:0";
+    let arguments = [
+        "--config",
+        "tandem.toml",
+        "--listen",
+        free,
+        "--mqtt-listen",
+        free,
+        "--data-dir",
+        "kept/here",
+        "--demo",
+    ];
+    let mut process = Process::start(tandem(), machine.folder(), &arguments);
+    process.line("the demo", |line| line.contains("Try it"));
+    assert!(
+        !process.output.contains(&http) && !process.output.contains(&mqtt),
+        "{}",
+        process.output
+    );
+    process.signal("TERM");
+    assert_eq!(
+        process.exit_code_within(Duration::from_secs(20)),
+        Some(0),
+        "{}",
+        process.output
+    );
+    assert!(machine.path("kept/here").is_dir());
+}
+
 #[tokio::test]
 async fn the_printed_addresses_answer() {
     let (_machine, served) = served();

@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
+use plc_api::types::planned::PATH_TOLERANCE_MM;
 use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Headers, Query, Route};
 
@@ -62,6 +63,7 @@ fn operation(route: &Route, right: Option<Right>) -> Value {
         Content::Text => {
             json!({"required": false, "content": {"text/plain": {"schema": {"type": "string"}}}})
         }
+        Content::Bytes => json!({"required": true, "content": {"application/octet-stream": {}}}),
     };
     operation["requestBody"] = body;
     operation
@@ -109,7 +111,13 @@ fn parameters(route: &Route) -> Vec<Value> {
     if route.query == Query::Journal {
         parameters.extend(of_journal());
     }
-    if route.method == "GET" && matches!(route.query, Query::Range | Query::Journal) {
+    if matches!(route.query, Query::Path | Query::RunBy) {
+        parameters.push(json!({"name": "cs", "in": "query", "schema": {"type": "integer", "minimum": 1, "maximum": 255}, "description": "The coordinate system that runs it; without it the first one in which it is loaded, or the first one of all."}));
+    }
+    if route.query == Query::Path {
+        parameters.push(json!({"name": "tolerance", "in": "query", "schema": {"type": "number", "minimum": PATH_TOLERANCE_MM}, "description": "How far a point of the path may be from the lines, mm: levels of detail that are finer than needed are left out."}));
+    }
+    if route.method == "GET" && matches!(route.query, Query::Range | Query::Journal | Query::Path) {
         for (name, minimum) in [("from", 0), ("count", 1)] {
             parameters.push(
                 json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
@@ -199,6 +207,9 @@ fn responses(route: &Route, right: Option<Right>) -> Value {
             Content::Json(form) => Some(json!({"application/json": {"schema": reference(&(form.name)())}})),
             Content::Document => Some(json!({"application/json": {"schema": {"type": "object"}}})),
             Content::Text => Some(json!({"text/plain": {"schema": {"type": "string"}}})),
+            Content::Bytes => Some(
+                json!({"application/octet-stream": {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}}}),
+            ),
         };
         let description = match status {
             101 => "The connection is a WebSocket.",

@@ -3,6 +3,7 @@
 mod body;
 mod documents;
 mod login;
+mod query;
 mod requests;
 mod states;
 

@@ -5,26 +5,25 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{FromRequestParts, Query, RawPathParams, Request as HttpRequest};
+use axum::extract::{FromRequestParts, RawPathParams, Request as HttpRequest};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use plc_api::server::ServerTransport;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::data::JournalFilter;
 use plc_api::types::message::Payload;
-use plc_api::types::program::PROGRAM_BYTES_MAX;
+use plc_api::types::planned::PlannedPath;
+use plc_api::types::program::{PROGRAM_BYTES_MAX, ProgramText};
 use plc_api::types::request::{Answer, Request};
 use plc_api::types::topic::Topic;
 use plc_api::wire::answer::{AnswerForm, Reply};
 use plc_api::wire::percent_encoded;
 use plc_api::wire::route::{self, Content, Route};
-use plc_api::wire::row::{Fault, IF_NONE_MATCH, IncomingRequest, QueryValues, Row, Sender, Source, number};
+use plc_api::wire::row::{Fault, IF_NONE_MATCH, IncomingRequest, Row, Sender, Source, number};
 use plc_api::wire::tag;
-use serde::Deserialize;
 use tokio::sync::SemaphorePermit;
 use tokio::time::timeout;
 
-use super::{body, json_response, nothing_at, params};
+use super::{body, json_response, nothing_at, params, query};
 use crate::access::User;
 use crate::contract::routes::API;
 use crate::machine::{Authorized, Caller};
@@ -55,7 +54,7 @@ pub(super) async fn serve(
     for fixed in route.fixed() {
         params.push(fixed);
     }
-    let query = query(route, &head.uri)?;
+    let query = query::read(route, &head.uri)?;
     if matches!(route.body, Content::Text) {
         body::check_text(&head.headers)?;
     }
@@ -67,7 +66,7 @@ pub(super) async fn serve(
     let bytes = match route.body {
         Content::Text => body::read(body, PROGRAM_BYTES_MAX).await?,
         Content::Json(_) => body::json(&head.headers, body).await?,
-        Content::Nothing | Content::Document => Vec::new(),
+        Content::Nothing | Content::Document | Content::Bytes => Vec::new(),
     };
     let cs = match params.iter().find(|(name, _)| *name == "id") {
         Some((_, id)) if route.headers == route::Headers::Command => {
@@ -107,10 +106,19 @@ pub(super) async fn serve(
         _ => form.encode(shared.ask(authorized).await?)?,
     };
     drop(permit);
-    Ok(match reply {
-        Reply::Program(program) if has(&head.headers, &program.hash) => not_modified(&program.hash),
+    Ok(unless_had(&head.headers, reply))
+}
+
+/// The answer, or that the client has it already.
+fn unless_had(headers: &HeaderMap, reply: Reply) -> Response {
+    match reply {
+        Reply::Program(ProgramText { hash: tag, .. }) | Reply::Bytes(PlannedPath { tag, .. })
+            if has(headers, &tag) =>
+        {
+            not_modified(&tag)
+        }
         reply => response(reply),
-    })
+    }
 }
 
 /// True when the client has the program already.
@@ -139,73 +147,6 @@ async fn large_place(shared: &Shared) -> Result<SemaphorePermit<'_>, Problem> {
             format!("{LARGE_REQUESTS_MAX} programs are on their way, which is the limit; send it again");
         Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
     })
-}
-
-/// The query of a URL; others are 400.
-fn query(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Range {
-        #[serde(default)]
-        from: u32,
-        count: Option<u32>,
-    }
-    #[derive(Deserialize)]
-    struct Wait {
-        wait: Option<String>,
-    }
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Lines {
-        #[serde(default)]
-        from: u32,
-        count: Option<u32>,
-        since: Option<String>,
-        until: Option<String>,
-        cs: Option<CoordinateSystemNumber>,
-        m: Option<u16>,
-        user: Option<String>,
-        run: Option<String>,
-    }
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Upload {
-        dialect: Option<String>,
-    }
-    let read = match route.query {
-        route::Query::Nothing => return Ok(QueryValues::default()),
-        route::Query::Range => {
-            Query::<Range>::try_from_uri(uri).map(|Query(Range { from, count })| QueryValues {
-                from,
-                count,
-                ..QueryValues::default()
-            })
-        }
-        route::Query::Journal => Query::<Lines>::try_from_uri(uri).map(|Query(lines)| QueryValues {
-            from: lines.from,
-            count: lines.count,
-            filter: JournalFilter {
-                since: lines.since,
-                until: lines.until,
-                cs: lines.cs,
-                m: lines.m,
-                user: lines.user,
-                run: lines.run,
-            },
-            ..QueryValues::default()
-        }),
-        route::Query::Wait => Query::<Wait>::try_from_uri(uri).map(|Query(Wait { wait })| QueryValues {
-            wait,
-            ..QueryValues::default()
-        }),
-        route::Query::Dialect => {
-            Query::<Upload>::try_from_uri(uri).map(|Query(Upload { dialect })| QueryValues {
-                dialect,
-                ..QueryValues::default()
-            })
-        }
-    };
-    read.map_err(|refusal| Problem::invalid(refusal.body_text()))
 }
 
 struct HttpSender<'a> {
@@ -299,6 +240,13 @@ fn response(reply: Reply) -> Response {
         Reply::Stored(status, text, hash) => tagged(json(status, text), &hash),
         Reply::Text(text) => plain(text),
         Reply::Program(program) => tagged(plain(program.text), &program.hash),
+        Reply::Bytes(path) => {
+            let kind = HeaderValue::from_static("application/octet-stream");
+            tagged(
+                ([(header::CONTENT_TYPE, kind)], path.bytes).into_response(),
+                &path.tag,
+            )
+        }
         Reply::Accepted(id, hash) => {
             let mut response =
                 json_response(StatusCode::ACCEPTED, Reply::accepted_body(&id, hash.as_deref()));

@@ -1,6 +1,7 @@
 //! Programs over REST, and which one a client has, and means: `ETag`, `If-None-Match`, `If-Match`.
 
 use plc_api::types::command::Expect;
+use plc_api::types::planned::{PathQuery, PlannedPath};
 use plc_api::types::program::{ProgramCheck, ProgramText};
 use plc_api::types::upload::{Hashes, ProgramCondition, ProgramUpload};
 
@@ -143,4 +144,36 @@ async fn a_change_and_a_command_carry_the_condition_that_the_headers_say() {
         ..Expect::default()
     };
     assert_eq!(meta.expect, Some(expect));
+}
+
+#[tokio::test]
+async fn a_planned_path_is_bytes_with_an_etag_and_its_query_says_which_part() {
+    let port = StubPort::with(|request| {
+        Ok(match request {
+            Request::PlannedPath(..) => Answer::Path(PlannedPath {
+                tag: "a-1-all".into(),
+                bytes: vec![0x54, 0xff, 0x00],
+            }),
+            _ => Answer::Done,
+        })
+    });
+    let path = format!("{PATH}/path?cs=2&tolerance=0.5&from=3&count=4");
+    let response = call(&port, "GET", &path, &[], "").await;
+    assert_eq!(response.headers()["content-type"], "application/octet-stream");
+    assert_eq!(response.headers()["etag"], "\"a-1-all\"");
+    let bytes = axum::body::to_bytes(response.into_body(), 100).await.unwrap();
+    assert_eq!(*bytes, [0x54, 0xff, 0x00]);
+    let query = PathQuery {
+        cs: Some(2),
+        tolerance: Some(0.5),
+        from: 3,
+        count: Some(4),
+    };
+    assert_eq!(port.asked().pop(), Some(Request::PlannedPath(7, query)));
+    let had = [("if-none-match", "\"a-1-all\"")];
+    assert_eq!(call(&port, "GET", &path, &had, "").await.status(), 304);
+    for query in ["tolerance=0.001", "tolerance=NaN", "cs=x", "level=1"] {
+        let response = call(&port, "GET", &format!("{PATH}/path?{query}"), &[], "").await;
+        assert_eq!(response.status(), 400, "{query}");
+    }
 }

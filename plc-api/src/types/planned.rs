@@ -1,0 +1,189 @@
+//! What the runtime knows of a program before it runs: its path, and its rehearsal.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::CoordinateSystemNumber;
+
+/// Largest distance between the path and what is answered where none is named, mm; a finer one is not answered.
+pub const PATH_TOLERANCE_MM: f64 = 0.01;
+
+/// Which part of the planned path of a program is asked for, and how exactly.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PathQuery {
+    /// The coordinate system that runs it; `None`: the first one in which it is loaded, or the first one of all.
+    pub cs: Option<CoordinateSystemNumber>,
+    /// How far a point of the path may be from the lines, mm; `None`: as exactly as it is kept.
+    pub tolerance: Option<f64>,
+    /// First chunk whose lines are answered.
+    pub from: u32,
+    /// How many chunks; `None`: all.
+    pub count: Option<u32>,
+}
+
+/// A planned path as bytes, which the page on the planned path describes.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct PlannedPath {
+    /// What it was made with, and how far it has come: the hash of the program and a revision.
+    pub tag: String,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// What a run of a program does, as it was planned with the tools, offsets, variables and inputs of now. Times are those at
+/// 100 percent overrides.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Rehearsal {
+    /// Program number.
+    pub program: u16,
+    /// The coordinate system that runs it.
+    pub cs: CoordinateSystemNumber,
+    /// Which program that is, by its hash.
+    pub hash: String,
+    /// What it was made with, and how far it has come: as the `ETag` of the path.
+    pub revision: String,
+    /// How far planning is.
+    pub outcome: RehearsalOutcome,
+    /// The alarm that ends the run, or why no more is planned; empty with `planning` and `completed`.
+    pub text: String,
+    /// Where that is: program and line; null without.
+    pub at: Option<PlannedPlace>,
+    /// From start to end, waits included, s.
+    pub cycle_time_s: f64,
+    /// Of that, at feedrate, s.
+    pub feed_s: f64,
+    /// Of that, G00, s.
+    pub rapid_s: f64,
+    /// Of that, dwells, threads and what motors need to come into position, s.
+    pub fixed_s: f64,
+    /// Of that, waiting for M codes, as far as runs since the start of the runtime have shown how long they take, s.
+    pub wait_s: f64,
+    /// From where on the path depends on what happens while the program runs; null: it does not.
+    pub depends: Option<RunTimeDependence>,
+    /// The M codes in their order, at most 1000.
+    pub m_codes: Vec<RehearsedMCode>,
+    /// How many M codes there are.
+    pub m_code_count: u64,
+    /// Lowest and highest machine position of each axis, by letter.
+    pub axes: BTreeMap<String, RehearsedAxis>,
+    /// When blocks begin, ascending; of many blocks some, evenly spread. The path tells the time of every line.
+    pub lines: Vec<RehearsedLine>,
+    /// The run of this program that is under way; null: there is none.
+    pub run: Option<RehearsedRun>,
+}
+
+/// How far planning is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum RehearsalOutcome {
+    /// It goes on; what is known so far is here.
+    #[default]
+    Planning,
+    /// The program comes to its end.
+    Completed,
+    /// An alarm ends the run before its end.
+    Alarm,
+    /// It is longer than what is planned ahead.
+    TooLong,
+}
+
+/// A block of a program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct PlannedPlace {
+    /// Program number, main or subprogram.
+    pub program: u16,
+    /// From 1.
+    pub line: u32,
+}
+
+/// From where on a path depends on what happens while the program runs.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RunTimeDependence {
+    /// Program number.
+    pub program: u16,
+    /// Line of the first block that does.
+    pub line: u32,
+    /// When it begins, s.
+    pub at_s: f64,
+    /// On what.
+    pub why: String,
+}
+
+/// An M code of a planned run.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RehearsedMCode {
+    /// M number.
+    pub m: u16,
+    /// Program number.
+    pub program: u16,
+    /// Its line.
+    pub line: u32,
+    /// When it is put out, s.
+    pub at_s: f64,
+    /// True: the program waits for its reset.
+    pub waits: bool,
+    /// How long the program waits for it, as earlier runs have shown, s; null: nobody knows yet.
+    pub wait_s: Option<f64>,
+}
+
+/// An axis of a planned run.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RehearsedAxis {
+    /// CNC motor number.
+    pub motor: u16,
+    /// Lowest machine position, mm or degrees.
+    pub lowest: f64,
+    /// Highest machine position.
+    pub highest: f64,
+    /// Soft limits; null: none.
+    pub soft_limits: Option<[f64; 2]>,
+    /// Highest speed, per second, and where.
+    pub velocity: RehearsedPeak,
+    /// Highest acceleration, per second squared, and where.
+    pub acceleration: RehearsedPeak,
+}
+
+/// The most of something, its limit, and the block that causes it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RehearsedPeak {
+    /// The most.
+    pub value: f64,
+    /// The motor's limit.
+    pub limit: f64,
+    /// Program number.
+    pub program: u16,
+    /// Line.
+    pub line: u32,
+}
+
+/// When a block begins.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RehearsedLine {
+    /// Program number.
+    pub program: u16,
+    /// Line.
+    pub line: u32,
+    /// When, s.
+    pub at_s: f64,
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RehearsedRun {
+    /// The planned time of what runs now, s.
+    pub at_s: f64,
+    /// Time to the end with the overrides of now, s, without holds and other waits that are not known.
+    pub left_s: f64,
+    /// Share of the planned time that is done, 0 to 1.
+    pub progress: f64,
+}

@@ -1,0 +1,155 @@
+//! What a plan is made with: the machine as it is when it is made.
+
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::message::Payload;
+use plc_api::types::state::{Captured, State};
+use plc_api::types::topic::{CsTopic, Topic};
+use tandem_model::settings::{Tool, WorkOffsets};
+use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, VariableArray};
+use tandem_model::{AXES_MAX, MachinePosition, Variables};
+use tandem_syntax::NcProgram;
+
+use crate::config::CoordinateSystem as Configured;
+use crate::coordinate_system::View;
+use crate::program_store::StoredProgram;
+use crate::shared::Shared;
+
+/// The program with those that it may call, and all that it reads.
+#[derive(Debug)]
+pub(super) struct Conditions {
+    pub main: Arc<StoredProgram>,
+    pub programs: BTreeMap<u16, Arc<NcProgram>>,
+    pub texts: BTreeMap<u16, Arc<StoredProgram>>,
+    pub configured: Configured,
+    pub at: MachinePosition,
+    pub tool: Option<u16>,
+    pub tools: BTreeMap<u16, Tool>,
+    pub work_offsets: WorkOffsets,
+    pub optional_skip: u32,
+    pub dry_run: bool,
+    pub captured: [f64; AXES_MAX],
+    /// A copy: the plan changes them as the program does.
+    pub variables: Variables,
+    /// Differs when any of them differs.
+    pub revision: u64,
+}
+
+impl Conditions {
+    /// As they are now.
+    pub fn now(shared: &Shared, view: &View, configured: &Configured, main: Arc<StoredProgram>) -> Self {
+        let cs = configured.settings.number;
+        let state = state_of(shared, cs).unwrap_or_default();
+        let skips = state.optional_skip.iter();
+        let optional_skip = skips.filter_map(|n| 1_u32.checked_shl(u32::from(n.checked_sub(1)?)));
+        let all = shared.store.all();
+        let called = crate::program_store::called_by(&all, main.number);
+        let texts = all.iter().filter(|(number, program)| {
+            called.contains(number) && program.dialect.name == configured.dialect.name
+        });
+        let mut texts: BTreeMap<_, _> = texts
+            .map(|(number, program)| (*number, Arc::clone(program)))
+            .collect();
+        texts.insert(main.number, Arc::clone(&main));
+        let tool = match shared
+            .hub
+            .read(&Topic::cs(cs, CsTopic::Tool))
+            .map(|last| last.payload.clone())
+        {
+            Some(Payload::Tool(tool)) => Some(tool.id),
+            _ => None,
+        };
+        let reads_variables = texts.values().any(|program| program.mentions_variables());
+        let (tools, work_offsets, variables) = {
+            let tables = shared.tables.read();
+            let variables = copied(&shared.tables.variables(cs), reads_variables);
+            (tables.tools().clone(), *tables.work_offsets(cs), variables)
+        };
+        let mut conditions = Self {
+            programs: texts
+                .iter()
+                .map(|(number, program)| (*number, Arc::clone(&program.tree)))
+                .collect(),
+            main,
+            texts,
+            configured: configured.clone(),
+            at: view.commanded(),
+            tool,
+            tools,
+            work_offsets,
+            optional_skip: optional_skip.fold(0, |bits, bit| bits | bit),
+            dry_run: state.dry_run,
+            captured: captured(shared, configured),
+            variables,
+            revision: 0,
+        };
+        conditions.revision = conditions.digest(reads_variables);
+        conditions
+    }
+
+    fn digest(&self, reads_variables: bool) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        for (number, program) in &self.texts {
+            (number, program.sum()).hash(&mut hasher);
+        }
+        // positions are compared to the nanometre: rounding of a sum is no change
+        let at = self.at.0.0.map(|at| ((at * 1e6).round() + 0.0).to_bits());
+        (at, self.tool, self.optional_skip, self.dry_run).hash(&mut hasher);
+        for (id, tool) in &self.tools {
+            (id, tool.length.to_bits(), tool.radius.to_bits()).hash(&mut hasher);
+        }
+        for offset in &self.work_offsets.0 {
+            offset.0.map(f64::to_bits).hash(&mut hasher);
+        }
+        if reads_variables {
+            self.captured.map(f64::to_bits).hash(&mut hasher);
+            for array in [&self.variables.global, &self.variables.coordinate_system] {
+                for value in (0..array.len()).filter_map(|i| array.get(i)) {
+                    value.to_bits().hash(&mut hasher);
+                }
+            }
+        }
+        hasher.finish()
+    }
+}
+
+/// The state of a coordinate system.
+pub(super) fn state_of(shared: &Shared, cs: CoordinateSystemNumber) -> Option<State> {
+    match &shared.hub.read(&Topic::cs(cs, CsTopic::State))?.payload {
+        Payload::State(state) => Some(state.clone()),
+        _ => None,
+    }
+}
+
+/// What `_CNC_CapturedPosition<n>` reads.
+fn captured(shared: &Shared, configured: &Configured) -> [f64; AXES_MAX] {
+    let cs = configured.settings.number;
+    let mut values = [0.0; AXES_MAX];
+    let last = shared.hub.read(&Topic::cs(cs, CsTopic::Captured));
+    if let Some(Payload::Captured(Captured { positions, .. })) = last.map(|last| last.payload.clone()) {
+        for (value, position) in values.iter_mut().zip(positions) {
+            *value = position;
+        }
+    }
+    values
+}
+
+fn copied(variables: &Variables, is_read: bool) -> Variables {
+    let copy = Variables {
+        global: VariableArray::new(variables.global.len()),
+        coordinate_system: VariableArray::new(COORDINATE_SYSTEM_VARIABLES),
+    };
+    let arrays = [
+        (&variables.global, &copy.global),
+        (&variables.coordinate_system, &copy.coordinate_system),
+    ];
+    for (from, to) in arrays.into_iter().filter(|_| is_read) {
+        for i in 0..from.len() {
+            to.set(i, from.get(i).unwrap_or_default());
+        }
+    }
+    copy
+}

@@ -1,0 +1,362 @@
+//! Plans a program from its head to its end: the stages of a run, and behind them a tracer in place of the servo.
+
+use std::sync::Arc;
+
+use plc_api::types::output::Timing;
+use plc_api::types::planned::{PlannedPlace, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
+use tandem_interp::Inputs;
+use tandem_interp::dialect::MCodeTime;
+use tandem_model::flow::{Item, Output};
+use tandem_model::profile::Law;
+use tandem_model::settings::Tool;
+use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
+
+use super::plan::{Content, Plan};
+use super::tracer::Tracer;
+use crate::config::{MCodeSettings, Stock, Unhandled};
+use crate::coordinate_system::{Pipeline, rest_refused};
+use crate::program_store::mentions_variables;
+use crate::sequence::stock;
+use crate::shared::Shared;
+
+/// Items that are planned ahead at the most. Reason: a program may repeat itself for ever.
+const ITEMS_MAX: u64 = 20_000_000;
+
+/// Time that is planned ahead at the most, s: a week.
+const TIME_MAX_S: f64 = 7.0 * 86_400.0;
+
+/// M codes that are told one by one.
+const M_CODES_MAX: usize = 1000;
+
+/// Items between two looks at whether the plan is still wanted.
+const ITEMS_PER_LOOK: u64 = 256;
+
+/// Why no more is planned.
+enum Stop {
+    Completed,
+    Alarm(Alarm),
+    TooLong,
+    Cancelled,
+}
+
+/// Plans it, telling what is known from time to time; `told` is called then.
+pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, told: &dyn Fn()) {
+    let conditions = &plan.conditions;
+    let settings = &conditions.configured.settings;
+    let mut pipeline = Pipeline::new(settings, conditions.configured.dialect, conditions.at);
+    pipeline.path.set_dry_run(conditions.dry_run);
+    let main = Arc::clone(&conditions.main.tree);
+    pipeline.start(main, conditions.main.number, 0, false);
+    let mut planning = Planning {
+        shared,
+        plan,
+        pipeline,
+        tracer: Tracer::new(settings, conditions.main.number, conditions.at),
+        content: Content::default(),
+        captured: conditions.captured,
+        tool: conditions.tool,
+        has_put_out: false,
+    };
+    let stop = planning.run(is_wanted, told);
+    planning.end(stop);
+    told();
+}
+
+struct Planning<'a> {
+    shared: &'a Shared,
+    plan: &'a Plan,
+    pipeline: Pipeline,
+    tracer: Tracer,
+    content: Content,
+    captured: [f64; tandem_model::AXES_MAX],
+    /// Number of the tool in the spindle; `None`: it is lost.
+    tool: Option<u16>,
+    /// An M code was put out: what its handler has set since is not known.
+    has_put_out: bool,
+}
+
+impl Planning<'_> {
+    fn run(&mut self, is_wanted: &dyn Fn() -> bool, told: &dyn Fn()) -> Stop {
+        for items in 0..ITEMS_MAX {
+            if items % ITEMS_PER_LOOK == 0 {
+                if self.plan.is_cancelled() || !is_wanted() {
+                    return Stop::Cancelled;
+                }
+                if self.take_chunks() {
+                    self.publish();
+                    told();
+                }
+            }
+            let item = self.next().and_then(|item| self.judge(item));
+            let done = match item {
+                Ok(Item::Block(_) | Item::Warning(..)) => Ok(()),
+                Ok(Item::Output(output)) => self.put_out(&output),
+                Ok(Item::Stop(_) | Item::NeedsStandstill(_)) => self.pipeline.flush(),
+                Ok(Item::End(_)) => {
+                    let ended = self.pipeline.flush();
+                    self.follow();
+                    return ended.map_or_else(Stop::Alarm, |()| Stop::Completed);
+                }
+                Err(alarm) => Err(alarm),
+            };
+            self.follow();
+            if let Err(alarm) = done {
+                // what was given out before it runs to its end
+                let _ = self.pipeline.finish();
+                self.follow();
+                return Stop::Alarm(alarm);
+            }
+            if self.tracer.times().total > TIME_MAX_S {
+                return Stop::TooLong;
+            }
+        }
+        Stop::TooLong
+    }
+
+    fn next(&mut self) -> Result<Item, Alarm> {
+        let conditions = &self.plan.conditions;
+        let tool = match self.tool {
+            Some(id) => conditions.tools.get(&id).copied(),
+            None => Some(Tool::LOST),
+        };
+        let is_behind_skip = self.pipeline.is_behind_skip();
+        let inputs = Inputs {
+            programs: &conditions.programs,
+            optional_skip: conditions.optional_skip,
+            work_offsets: &conditions.work_offsets,
+            variables: &conditions.variables,
+            tool,
+            tools: &conditions.tools,
+            captured: (!is_behind_skip).then_some(self.captured),
+            position: self.pipeline.counts_from().map(|position| position.0),
+        };
+        let item = self.pipeline.next(&inputs);
+        if self.has_put_out && self.content.depends.is_none() {
+            self.look_at_block();
+        }
+        item
+    }
+
+    /// Within cutter compensation a program neither waits nor ends.
+    fn judge(&self, item: Item) -> Result<Item, Alarm> {
+        let is_at_once = matches!(&item, Item::Output(output) if self.is_put_out_at_once(output));
+        match rest_refused(&item).filter(|_| self.pipeline.is_compensating() && !is_at_once) {
+            Some(alarm) => Err(alarm),
+            None => Ok(item),
+        }
+    }
+
+    fn is_put_out_at_once(&self, output: &Output) -> bool {
+        let configured = &self.plan.conditions.configured;
+        let settings = self.shared.machine.m_codes.get(&output.m);
+        let before_motion = configured.dialect.policy.m_code == MCodeTime::BeforeMotion;
+        configured.timing(output, settings) == Timing::WithMotion
+            && (!before_motion || self.pipeline.is_compensating())
+    }
+
+    /// The tracer follows what is planned.
+    fn follow(&mut self) {
+        while let Some(profile) = self.pipeline.ready.pop_front() {
+            self.tracer.follow(&profile);
+            if let Law::Skip { to, .. } = &profile.law {
+                self.depend(profile.origin, "the skip input decides where it ends");
+                self.end_skip(*to);
+            }
+        }
+        if self.pipeline.is_behind_skip() && self.pipeline.ready.is_empty() {
+            let at = self.pipeline.path.position();
+            self.end_skip(at.0);
+        }
+    }
+
+    /// A skip that goes all its way.
+    fn end_skip(&mut self, at: AxisVector) {
+        self.pipeline.path.skipped_to(MachinePosition(at));
+        let motors = &self.plan.conditions.configured.settings.motors;
+        let mut motors: Vec<(u16, f64)> = (motors.iter().zip(at.0))
+            .filter_map(|(motor, at)| Some((motor.as_ref()?.number, at)))
+            .collect();
+        motors.sort_by_key(|(number, _)| *number);
+        for (value, (_, at)) in self.captured.iter_mut().zip(motors) {
+            *value = at;
+        }
+        while let Some(planned) = self.pipeline.next_set_aside() {
+            if planned.is_err() {
+                break;
+            }
+        }
+    }
+
+    fn put_out(&mut self, output: &Output) -> Result<(), Alarm> {
+        let configured = &self.plan.conditions.configured;
+        let settings = self.shared.machine.m_codes.get(&output.m);
+        let is_with_motion = configured.timing(output, settings) == Timing::WithMotion;
+        if !self.is_put_out_at_once(output) {
+            self.pipeline.flush()?;
+            self.follow();
+        }
+        self.select_tool(output, settings);
+        self.content.m_code_count += 1;
+        let at_s = self.tracer.times().total;
+        let waits = !is_with_motion;
+        let wait_s = if waits {
+            self.wait_of(output.m, settings)
+        } else {
+            None
+        };
+        if self.content.m_codes.len() < M_CODES_MAX {
+            self.content.m_codes.push(RehearsedMCode {
+                m: output.m,
+                program: output.origin.program,
+                line: output.origin.line,
+                at_s,
+                waits,
+                wait_s,
+            });
+        }
+        if waits {
+            let segment = self.pipeline.planner.last_segment();
+            self.tracer
+                .wait(output.origin, segment, wait_s.unwrap_or_default());
+        }
+        Ok(())
+    }
+
+    /// The stock sequence program selects the tool that is known; what a handler does is not.
+    fn select_tool(&mut self, output: &Output, settings: Option<&MCodeSettings>) {
+        let is_stock = settings.is_some_and(|settings| settings.stock == Some(Stock::SelectTool));
+        if is_stock
+            && !self
+                .shared
+                .is_handled(self.plan.conditions.configured.settings.number, output.m)
+            && let Ok(id) = stock::selected_tool(output.m, output.params[0])
+        {
+            self.tool = Some(id);
+        } else {
+            self.has_put_out = true;
+        }
+    }
+
+    /// How long a program waits for an M code; `None`: nobody knows.
+    fn wait_of(&self, m: u16, settings: Option<&MCodeSettings>) -> Option<f64> {
+        let configured = &self.plan.conditions.configured;
+        let cs = configured.settings.number;
+        if let Some(measured_s) = self.shared.m_code_wait(cs, m) {
+            return Some(measured_s);
+        }
+        if self.shared.is_handled(cs, m) {
+            return None;
+        }
+        if let Some(settings) = settings.filter(|settings| settings.stock.is_some()) {
+            return Some(settings.simulated_s);
+        }
+        let unhandled = settings.and_then(|settings| settings.unhandled);
+        let unhandled = unhandled.unwrap_or(self.shared.machine.unhandled);
+        let has_spindle = configured.settings.spindle.is_some();
+        let is_at_once = unhandled == Unhandled::AutoReset || has_spindle && stock::is_spindle_code(m);
+        is_at_once.then_some(0.0)
+    }
+
+    /// Notes a block that may read what a handler has set.
+    fn look_at_block(&mut self) {
+        let Some(began) = self.pipeline.interpreter.began() else {
+            return;
+        };
+        let text = self
+            .plan
+            .conditions
+            .texts
+            .get(&began.program)
+            .map(|program| program.line(began.line));
+        let text = text.unwrap_or_default();
+        let text = text.split("//").next().unwrap_or_default();
+        if mentions_variables(text) {
+            self.depend(
+                began,
+                "it reads a variable that the handler of an M code before it may set",
+            );
+        } else if takes_tool(text) {
+            self.depend(
+                began,
+                "it takes the tool that the handler of an M code before it selects",
+            );
+        }
+    }
+
+    fn depend(&mut self, origin: Origin, why: &str) {
+        if self.content.depends.is_none() {
+            self.content.depends = Some(RunTimeDependence {
+                program: origin.program,
+                line: origin.line,
+                at_s: self.tracer.times().total,
+                why: why.to_owned(),
+            });
+        }
+    }
+
+    fn take_chunks(&mut self) -> bool {
+        let is_new = !self.tracer.chunks.is_empty();
+        self.content
+            .chunks
+            .extend(self.tracer.chunks.drain(..).map(Arc::new));
+        is_new
+    }
+
+    fn publish(&mut self) {
+        self.content.palette.clone_from(&self.tracer.palette.0);
+        self.content.times = self.tracer.times();
+        self.content.axes = self.tracer.axes().copied().collect();
+        self.content.marks.clone_from(&self.tracer.marks);
+        self.content.is_cut = self.tracer.is_cut();
+        self.plan.publish(self.content.clone());
+    }
+
+    fn end(&mut self, stop: Stop) {
+        self.tracer.end();
+        self.take_chunks();
+        let last = self.tracer.marks.last().map(|mark| mark.origin);
+        let (outcome, text, at) = match stop {
+            Stop::Cancelled => return,
+            Stop::Completed => (RehearsalOutcome::Completed, String::new(), None),
+            Stop::Alarm(alarm) => {
+                let text = format!("{}: {}", alarm.entry.title, alarm.text);
+                (RehearsalOutcome::Alarm, text, alarm.origin)
+            }
+            Stop::TooLong => {
+                let text = format!(
+                    "planning ends here: a program of more than {ITEMS_MAX} blocks, or of a week, may have no end"
+                );
+                (RehearsalOutcome::TooLong, text, last)
+            }
+        };
+        self.content.outcome = outcome;
+        self.content.text = text;
+        self.content.at = at.map(|Origin { program, line, .. }| PlannedPlace { program, line });
+        self.publish();
+    }
+}
+
+/// True for a block with a word that reads the tool in the spindle.
+fn takes_tool(text: &str) -> bool {
+    let text = text.to_ascii_uppercase();
+    let mut words = text.split('G').skip(1);
+    words.any(|word| {
+        let digits = word.len() - word.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+        matches!(&word[..digits], "41" | "42" | "43" | "44")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::takes_tool;
+
+    #[test]
+    fn blocks_with_g41_to_g44_take_the_tool() {
+        for text in ["G43 Z5", "g01g41X1", "N5 G42"] {
+            assert!(takes_tool(text), "{text}");
+        }
+        for text in ["G40", "G01 X43", "G410", ""] {
+            assert!(!takes_tool(text), "{text}");
+        }
+    }
+}

@@ -1,0 +1,413 @@
+//! Follows profiles as the servo does, one setpoint each period at 100 percent, and notes where, when and how fast.
+
+use tandem_model::profile::{Law, Profile, TimeBase};
+use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
+use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
+
+use super::chunk::{CHUNK_LINES, Chunk, Palette, Vertex, single};
+use super::sleeve::Sleeve;
+
+/// Vertices of one path at the most: some 50 MB with all levels. The picture ends there, the rehearsal goes on.
+pub(super) const VERTICES_MAX: usize = 1 << 21;
+
+/// A profile has ended when less than this share of a servo period is left, as for the servo.
+const END_TOLERANCE: f64 = 1e-6;
+
+/// In a profile longer than this its middle is followed in longer steps, s: it has one speed there.
+const LONG_S: f64 = 60.0;
+
+/// Periods of a long profile.
+const STEPS_OF_LONG: f64 = 50_000.0;
+
+/// Marks kept; of more every second one is dropped.
+const MARKS_MAX: usize = 8192;
+
+/// Time so far by what it is spent with, s.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Times {
+    pub total: f64,
+    pub feed: f64,
+    pub rapid: f64,
+    pub fixed: f64,
+    pub wait: f64,
+}
+
+impl Times {
+    /// The same between two marks.
+    pub fn between(&self, other: &Self, share: f64) -> Self {
+        let part = |a: f64, b: f64| a + (b - a) * share;
+        Self {
+            total: part(self.total, other.total),
+            feed: part(self.feed, other.feed),
+            rapid: part(self.rapid, other.rapid),
+            fixed: part(self.fixed, other.fixed),
+            wait: part(self.wait, other.wait),
+        }
+    }
+}
+
+/// A block begins, or an M code is put out.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Mark {
+    /// Number of the segment in the run.
+    pub segment: u64,
+    pub origin: Origin,
+    pub times: Times,
+    /// The program waits behind that segment: for an M code.
+    pub waits: bool,
+}
+
+/// The most of something, and the block that causes it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Peak {
+    pub value: f64,
+    pub origin: Origin,
+}
+
+/// What an axis does.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AxisTrace {
+    pub axis: Axis,
+    pub lowest: f64,
+    pub highest: f64,
+    pub velocity: Peak,
+    pub acceleration: Peak,
+}
+
+/// An axis with the drive that follows it.
+#[derive(Debug, Clone, Copy)]
+struct Followed {
+    trace: AxisTrace,
+    last: f64,
+    velocity: f64,
+    /// Following error of the drive, and what is left of it after a period.
+    error: f64,
+    lag_periods: f64,
+    decay: f64,
+    in_position: f64,
+    timeout_s: f64,
+}
+
+impl Followed {
+    fn new(axis: Axis, motor: &MotorSettings, at: f64, period_s: f64) -> Self {
+        let lag_periods = (motor.lag_ms / 1000.0 / period_s).max(0.0);
+        let trace = AxisTrace {
+            axis,
+            lowest: at,
+            highest: at,
+            velocity: Peak::default(),
+            acceleration: Peak::default(),
+        };
+        Self {
+            trace,
+            last: at,
+            velocity: 0.0,
+            error: 0.0,
+            lag_periods,
+            decay: if lag_periods > 0.0 {
+                (-1.0 / lag_periods).exp()
+            } else {
+                0.0
+            },
+            in_position: motor.in_position,
+            timeout_s: motor.in_position_timeout_ms / 1000.0,
+        }
+    }
+
+    /// The next setpoint, so many periods later.
+    fn go_to(&mut self, at: f64, periods: f64, period_s: f64, origin: Origin) {
+        let step = at - self.last;
+        let velocity = step / (periods * period_s);
+        let acceleration = (velocity - self.velocity) / period_s;
+        let trace = &mut self.trace;
+        trace.lowest = trace.lowest.min(at);
+        trace.highest = trace.highest.max(at);
+        for (peak, value) in [
+            (&mut trace.velocity, velocity),
+            (&mut trace.acceleration, acceleration),
+        ] {
+            if value.abs() > peak.value * (1.0 + 1e-6) {
+                *peak = Peak {
+                    value: value.abs(),
+                    origin,
+                };
+            }
+        }
+        let settled = step / periods * self.lag_periods;
+        self.error = settled + (self.error - settled) * self.decay.powf(periods);
+        (self.last, self.velocity) = (at, velocity);
+    }
+
+    fn is_in_position(&self) -> bool {
+        self.error.abs() <= self.in_position
+    }
+}
+
+/// The run so far.
+#[derive(Debug)]
+pub(super) struct Tracer {
+    period_s: f64,
+    axes: Vec<Followed>,
+    times: Times,
+    /// Profile time of the next setpoint; `None`: the machine rests.
+    phase_s: Option<f64>,
+    origin: Origin,
+    base: TimeBase,
+    sleeve: Sleeve,
+    at: AxisVector,
+    pub palette: Palette,
+    vertices: Vec<Vertex>,
+    /// Chunks that are full, to be taken.
+    pub chunks: Vec<Chunk>,
+    vertex_count: usize,
+    pub marks: Vec<Mark>,
+    /// Blocks between two marks.
+    stride: u32,
+    unmarked: u32,
+}
+
+impl Tracer {
+    /// Of this program, with the machine at rest at this position.
+    pub fn new(settings: &CoordinateSystemSettings, program: u16, at: MachinePosition) -> Self {
+        let period_s = settings.servo_period_s;
+        let motor = |axis: Axis| settings.motors[axis.index()].as_ref();
+        let axes = settings
+            .axes()
+            .iter()
+            .filter_map(|axis| Some((axis, motor(axis)?)));
+        let tolerance = super::chunk::TOLERANCES_MM[0];
+        let mut tracer = Self {
+            period_s,
+            axes: axes
+                .map(|(axis, motor)| Followed::new(axis, motor, at.0[axis], period_s))
+                .collect(),
+            times: Times::default(),
+            phase_s: None,
+            origin: Origin {
+                program,
+                ..Origin::default()
+            },
+            base: TimeBase::Fixed,
+            sleeve: Sleeve::new(tolerance, (place(at.0), 0.0)),
+            at: at.0,
+            palette: Palette::default(),
+            vertices: Vec::new(),
+            chunks: Vec::new(),
+            vertex_count: 0,
+            marks: Vec::new(),
+            stride: 1,
+            unmarked: 0,
+        };
+        tracer.vertex((place(at.0), 0.0));
+        tracer
+    }
+
+    /// Time so far.
+    pub fn times(&self) -> Times {
+        self.times
+    }
+
+    /// True when the path has more vertices than are kept.
+    pub fn is_cut(&self) -> bool {
+        self.vertex_count >= VERTICES_MAX
+    }
+
+    /// What each axis does.
+    pub fn axes(&self) -> impl Iterator<Item = &AxisTrace> {
+        self.axes.iter().map(|followed| &followed.trace)
+    }
+
+    /// Another block begins, with this segment.
+    pub fn begin(&mut self, origin: Origin, segment: u64) {
+        if self.origin == origin && !self.marks.is_empty() {
+            return;
+        }
+        self.cut();
+        self.origin = origin;
+        self.unmarked += 1;
+        if self.unmarked < self.stride {
+            return;
+        }
+        self.unmarked = 0;
+        self.mark(origin, segment, false);
+    }
+
+    /// The time of now is kept.
+    fn mark(&mut self, origin: Origin, segment: u64, waits: bool) {
+        if self.marks.len() >= MARKS_MAX {
+            let mut i = 0;
+            self.marks.retain(|_| {
+                i += 1;
+                i % 2 == 1
+            });
+            self.stride *= 2;
+        }
+        let times = self.times;
+        self.marks.push(Mark {
+            segment,
+            origin,
+            times,
+            waits,
+        });
+    }
+
+    /// The program waits behind this segment.
+    pub fn wait(&mut self, origin: Origin, segment: u64, time_s: f64) {
+        self.cut();
+        self.origin = origin;
+        self.mark(origin, segment, true);
+        self.rest(time_s, true);
+    }
+
+    /// Follows a profile to its end.
+    pub fn follow(&mut self, profile: &Profile) {
+        self.begin(profile.origin, profile.segment);
+        let base = profile.law.time_base();
+        if self.base != base {
+            self.cut();
+            self.base = base;
+        }
+        if let Law::Rest { .. } = &profile.law {
+            self.rest(profile.duration_s, false);
+            return;
+        }
+        let (mut first_s, mut k) = (self.phase_s.unwrap_or(0.0), 0.0);
+        let end_s = profile.duration_s;
+        let stride = (end_s / STEPS_OF_LONG / self.period_s).ceil().max(1.0);
+        loop {
+            let t_s = first_s + k * self.period_s;
+            if end_s - t_s <= END_TOLERANCE * self.period_s {
+                first_s = t_s - end_s;
+                break;
+            }
+            self.setpoint(profile.position(t_s), 1.0);
+            let is_middle = end_s > LONG_S && t_s > LONG_S / 10.0 && end_s - t_s > LONG_S / 10.0;
+            if is_middle && stride > 1.0 {
+                k += stride - 1.0;
+                self.setpoint(profile.position(first_s + k * self.period_s), stride - 1.0);
+            }
+            k += 1.0;
+        }
+        if profile.exact_stop {
+            self.setpoint(profile.end(), 1.0);
+            self.come_into_position();
+            self.phase_s = None;
+        } else {
+            self.phase_s = Some(first_s);
+        }
+    }
+
+    fn setpoint(&mut self, at: AxisVector, periods: f64) {
+        for axis in &mut self.axes {
+            axis.go_to(at[axis.trace.axis], periods, self.period_s, self.origin);
+        }
+        self.at = at;
+        self.pass(periods);
+        if let Some(vertex) = self.sleeve.push((place(at), self.times.total)) {
+            self.vertex(vertex);
+        }
+    }
+
+    fn pass(&mut self, periods: f64) {
+        let time_s = periods * self.period_s;
+        self.times.total += time_s;
+        match self.base {
+            TimeBase::Feed => self.times.feed += time_s,
+            TimeBase::Rapid => self.times.rapid += time_s,
+            TimeBase::Fixed => self.times.fixed += time_s,
+        }
+    }
+
+    /// The drives' errors become small at rest.
+    fn come_into_position(&mut self) {
+        let mut waited_s = 0.0;
+        while self
+            .axes
+            .iter()
+            .any(|axis| !axis.is_in_position() && waited_s < axis.timeout_s)
+        {
+            for axis in &mut self.axes {
+                axis.go_to(axis.last, 1.0, self.period_s, self.origin);
+            }
+            waited_s += self.period_s;
+        }
+        self.times.total += waited_s;
+        self.times.fixed += waited_s;
+        for axis in &mut self.axes {
+            axis.velocity = 0.0;
+        }
+        self.rested();
+    }
+
+    /// The machine rests: a dwell, or the program waits.
+    fn rest(&mut self, time_s: f64, is_wait: bool) {
+        let periods = (time_s / self.period_s - END_TOLERANCE).ceil().max(0.0);
+        // a dwell has a first setpoint, and one at its end
+        let time_s = if is_wait { periods } else { periods + 1.0 } * self.period_s;
+        self.times.total += time_s;
+        if is_wait {
+            self.times.wait += time_s;
+        } else {
+            self.times.fixed += time_s;
+        }
+        self.phase_s = None;
+        self.rested();
+    }
+
+    /// The path stands: it goes on from here at the time of now.
+    fn rested(&mut self) {
+        self.cut();
+        let (at, since_s) = self.sleeve.end();
+        self.sleeve.rest(self.times.total);
+        if self.times.total - since_s > 2.0 * self.period_s {
+            self.vertex((at, self.times.total));
+        }
+    }
+
+    fn cut(&mut self) {
+        if let Some(vertex) = self.sleeve.cut() {
+            self.vertex(vertex);
+        }
+    }
+
+    fn vertex(&mut self, (at, time_s): ([f64; 3], f64)) {
+        if self.is_cut() {
+            return;
+        }
+        let word = self.palette.word(self.origin, self.base == TimeBase::Rapid);
+        let vertex = Vertex {
+            at: at.map(single),
+            word,
+            time_s: single(time_s),
+        };
+        if let [.., before, last] = self.vertices.as_mut_slice()
+            && [before.at, last.at]
+                .iter()
+                .all(|at| at.map(f32::to_bits) == vertex.at.map(f32::to_bits))
+        {
+            // one rest behind another
+            *last = vertex;
+            return;
+        }
+        self.vertices.push(vertex);
+        self.vertex_count += 1;
+        if self.vertices.len() > CHUNK_LINES {
+            let full = std::mem::replace(&mut self.vertices, vec![vertex]);
+            self.chunks.push(Chunk::new(full));
+        }
+    }
+
+    /// Nothing follows: what is left becomes a chunk.
+    pub fn end(&mut self) {
+        self.cut();
+        let left = std::mem::take(&mut self.vertices);
+        if left.len() > 1 || self.chunks.is_empty() {
+            self.chunks.push(Chunk::new(left));
+        }
+    }
+}
+
+/// Where a machine position is in the picture.
+fn place(at: AxisVector) -> [f64; 3] {
+    Axis::ORTHOGONAL.map(|axis| at[axis])
+}

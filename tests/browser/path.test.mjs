@@ -1,0 +1,182 @@
+// The planned path on the real runtime: drawn before anything moves, followed while it runs, chosen by a click.
+
+import assert from "node:assert/strict";
+import { mkdir } from "node:fs/promises";
+import { after, afterEach, before, beforeEach, test } from "node:test";
+
+import { launch, openPage } from "./browser.mjs";
+import { Runtime } from "./runtime.mjs";
+import { Screen, until } from "./screen.mjs";
+
+const OUT = new URL("out/", import.meta.url).pathname;
+/** Rounded corners, a helix, a pocket: something to look at. */
+const PART = `// Part
+G54 G90 G00 X0 Y0 Z5
+G01 Z-2 F1200
+G64 X60 F3000
+G03 X80 Y20 R20
+G01 Y60
+G03 X60 Y80 R20
+G01 X0
+G03 X-20 Y60 R20
+G01 Y20
+G03 X0 Y0 R20
+G00 Z5
+X30 Y40
+G02 X30 Y40 I10 J0 Z-1 F2000
+G02 I10 J0 Z-2
+G02 I10 J0
+G00 Z20
+M30
+`;
+
+let browser;
+let runtime;
+let page;
+let errors;
+let close;
+let screen;
+
+const statistics = () => page.evaluate(() => document.querySelector(".path-lines").statistics());
+const put = (path, body, type = "application/json") =>
+  fetch(`${runtime.url}/api/v1${path}`, { method: "PUT", body, headers: { "Content-Type": type } });
+
+before(async () => {
+  await mkdir(OUT, { recursive: true });
+  runtime = await Runtime.create();
+  await runtime.start();
+  await put("/programs/5", PART, "text/plain");
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await runtime?.remove();
+});
+
+async function open(options) {
+  ({ page, errors, close } = await openPage(browser, options));
+  screen = new Screen(page);
+  await page.goto(runtime.url);
+  await page.getByText("Connected", { exact: true }).waitFor();
+}
+
+beforeEach(() => open());
+
+afterEach(async () => {
+  await close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors, and all is of its form");
+});
+
+async function ready(program) {
+  await screen.command("Stop").click();
+  await page.locator('.status:is([data-execution="STOPPED"], [data-execution="READY"], [data-execution="PROGRAM_COMPLETED"])').waitFor();
+  if (await page.locator('.status[data-execution="STOPPED"]').count()) await screen.command("Reset").click();
+  await screen.load(program);
+  await screen.sees("READY");
+  // the part, and around it the limits, the zero and the tool
+  await until(statistics, ({ calls, lines }) => calls >= 4 && lines > 90, "what is drawn of a loaded program");
+}
+
+test("the whole path is there before anything moves, and nothing is uploaded while it runs", async () => {
+  await ready("O0005");
+  await page.getByText(/^Cycle \d+\.\d s$/).waitFor();
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await page.getByText(/\d+ %, .* left of/).waitFor();
+  const first = await statistics();
+  await page.waitForTimeout(1500);
+  const later = await statistics();
+  assert.ok(later.frames - first.frames > 20, `${later.frames - first.frames} frames in 1.5 s`);
+  assert.equal(later.uploaded, first.uploaded, "bytes uploaded while the program runs");
+  assert.ok(later.calls <= 6, `${later.calls} draw calls`);
+  assert.ok(later.tookMs < 4, `${later.tookMs} ms of script`);
+  await screen.sees("PROGRAM_COMPLETED");
+});
+
+test("a click on the path shows the line, a click on a line marks its piece", async () => {
+  await ready("O0005");
+  await page.getByRole("button", { name: "XY", exact: true }).click();
+  const box = await page.locator(".path-lines").boundingBox();
+  // the long line at the bottom: all of the picture is scanned for it
+  let found = null;
+  for (let y = 0.95; y > 0.4 && !found; y -= 0.02) {
+    await page.mouse.click(box.x + box.width / 2, box.y + box.height * y);
+    await page.waitForTimeout(60);
+    if (await page.locator(".line[data-chosen]").count()) found = await page.locator(".line[data-chosen] .line-number").textContent();
+  }
+  assert.ok(found, "a line of the program is marked");
+  await page.locator(".line", { hasText: "G03 X80 Y20 R20" }).locator(".line-number").click();
+  await page.locator(".line[data-chosen]", { hasText: "G03 X80 Y20 R20" }).waitFor();
+});
+
+test("views of planes and in space, fit, orbit, pan and zoom by mouse and keys", async () => {
+  await ready("O0005");
+  for (const name of ["XY", "XZ", "YZ", "ISO"]) {
+    await page.getByRole("button", { name, exact: true }).click();
+    await page.getByRole("button", { name, exact: true, pressed: true }).waitFor();
+  }
+  const frames = async (act) => {
+    const { frames: before } = await statistics();
+    await act();
+    await until(async () => (await statistics()).frames, (after) => after > before, "frames drawn");
+  };
+  const box = await page.locator(".path-lines").boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  await page.mouse.move(x, y);
+  await frames(() => page.mouse.wheel(0, -300));
+  await frames(async () => {
+    await page.mouse.down();
+    await page.mouse.move(x + 60, y + 30, { steps: 5 });
+    await page.mouse.up();
+  });
+  await page.getByRole("button", { name: "ISO", exact: true, pressed: false }).waitFor();
+  await page.locator(".path-lines").focus();
+  for (const key of ["ArrowLeft", "+", "-", "0"]) await frames(() => page.keyboard.press(key));
+  await frames(() => page.getByRole("button", { name: "Fit", exact: true }).click());
+});
+
+test("a rehearsal moves the tool along by a slider, and tells times and ranges", async () => {
+  await ready("O0005");
+  await page.getByRole("button", { name: "Rehearse", exact: true }).click();
+  const slider = page.getByRole("slider", { name: "Planned time shown" });
+  const { frames } = await statistics();
+  await slider.fill("3");
+  await page.getByText(/^3\.00 s, line \d+$/).waitFor();
+  await until(async () => (await statistics()).frames, (now) => now > frames, "frames drawn");
+  await page.getByRole("button", { name: "Times" }).click();
+  const dialog = page.getByRole("dialog");
+  await dialog.getByText(/At 100 percent: .* at feedrate/).waitFor();
+  await dialog.getByRole("cell", { name: "X", exact: true }).waitFor();
+  await dialog.getByText(/^\d+ parts? completed in the last/).waitFor();
+  await page.screenshot({ path: `${OUT}rehearsal.png` });
+  await dialog.getByRole("button", { name: "Close" }).click();
+});
+
+test("the plan follows offsets, and says from where on it depends on the run", async () => {
+  await ready("O0005");
+  const before = await statistics();
+  await put("/cs/1/work_offsets", JSON.stringify({ work_offsets: { G54: { X: 60 } } }));
+  await until(async () => (await statistics()).uploaded, (uploaded) => uploaded > before.uploaded, "bytes of another plan");
+  await put("/programs/6", "G90 G00 X10\nG31 X40\nG01 X0 F2000\nM30\n", "text/plain");
+  await page.reload();
+  await screen.load("O0006");
+  await page.getByText(/Dashed from line 2 on: the skip input decides where it ends\./).waitFor();
+});
+
+test("pictures at every size in both schemes", async () => {
+  await ready("O0005");
+  await close();
+  for (const [width, height] of [[390, 844], [820, 1180], [1280, 800], [1920, 1080]]) {
+    for (const colorScheme of ["light", "dark"]) {
+      await open({ viewport: { width, height }, colorScheme });
+      await until(statistics, ({ calls, lines }) => calls >= 4 && lines > 90, "what is drawn");
+      await page.getByText(/^Cycle/).waitFor();
+      await page.screenshot({ path: `${OUT}path-${width}-${colorScheme}.png` });
+      const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      assert.ok(overflow <= 0, `${overflow} px too wide at ${width}`);
+      await close();
+    }
+  }
+  await open();
+});

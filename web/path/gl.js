@@ -1,0 +1,184 @@
+// Lines on the graphics card: each is a rectangle as wide as its kind says, made of two vertices as the runtime sent them. What is
+// done, selected or depends on run time is compared in the shader, so nothing is uploaded while the machine moves.
+
+import { PLACE_MASK, VERTEX_BYTES } from "./bytes.js";
+
+const VERTEX = `#version 300 es
+layout(location=0) in vec3 from; layout(location=1) in float fromTime;
+layout(location=2) in vec3 to; layout(location=3) in uint word; layout(location=4) in float toTime;
+uniform mat4 matrix; uniform vec3 shift; uniform vec2 size; uniform float halfWidth;
+out float time; out float side; out float along; flat out uint place;
+void main() {
+  vec4 a = matrix * vec4(from + shift, 1.0); vec4 b = matrix * vec4(to + shift, 1.0);
+  vec2 way = (b.xy - a.xy) * size * 0.5; float length_ = length(way);
+  vec2 ahead = length_ > 0.0 ? way / length_ : vec2(1.0, 0.0);
+  float end = float(gl_VertexID >> 1); float left = float(gl_VertexID & 1) * 2.0 - 1.0;
+  vec2 beside = vec2(-ahead.y, ahead.x) * left * halfWidth + ahead * (end * 2.0 - 1.0) * 0.5;
+  gl_Position = mix(a, b, end) + vec4(beside * 2.0 / size, 0.0, 0.0);
+  time = mix(fromTime, toTime, end); side = left * halfWidth; along = end * length_; place = word;
+}`;
+
+const FRAGMENT = `#version 300 es
+precision highp float; precision highp int;
+in float time; in float side; in float along; flat in uint place;
+uniform float now; uniform float dependsAt; uniform uint selected;
+uniform vec4 done; uniform vec4 rest; uniform vec4 rapid; uniform vec4 picked; uniform vec4 widths;
+out vec4 colour;
+void main() {
+  bool isRapid = (place >> 31) == 1u; bool isPicked = (place & 0x7fffffffu) == selected;
+  bool isDone = time <= now; float off = abs(side);
+  float width = isPicked ? widths.w : isRapid ? widths.z : isDone ? widths.x : widths.y;
+  if (off > width) discard;
+  if (isRapid && mod(along, 9.0) > 5.0) discard;
+  if (!isRapid && !isDone && time > dependsAt && mod(along, 6.0) > 3.5) discard;
+  vec4 own = isPicked ? picked : isRapid ? rapid : isDone ? done : rest;
+  colour = isRapid && !isDone && !isPicked ? vec4(own.rgb, own.a * 0.75) : own;
+  colour.a *= clamp(width - off + 0.5, 0.0, 1.0); colour.rgb *= colour.a;
+}`;
+
+/** Half widths of lines, px: done, to come, rapid, selected. */
+const WIDTHS = [1.5, 0.8, 0.7, 2.6];
+
+/**
+ * @typedef {object} Look
+ * @property {number} now what is reached by then is done, s
+ * @property {number} dependsAt s
+ * @property {number} selected place of a word; 0: none
+ * @property {Record<"done" | "rest" | "rapid" | "picked", number[]>} colours
+ */
+
+const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "halfWidth", "now", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
+
+export class Lines {
+  /** What the last frame took, and all bytes uploaded so far. */
+  drawn = { calls: 0, lines: 0 };
+  uploaded = 0;
+  #gl;
+  /** @type {Record<string, WebGLUniformLocation | null>} */
+  #at = {};
+  /** @type {WeakMap<ArrayBuffer, WebGLBuffer>} */
+  #buffers = new WeakMap();
+  /** @type {Set<WebGLBuffer>} */
+  #kept = new Set();
+
+  /** @param {WebGL2RenderingContext} gl */
+  constructor(gl) {
+    this.#gl = gl;
+    const program = link(gl);
+    gl.useProgram(program);
+    for (const name of UNIFORMS) this.#at[name] = gl.getUniformLocation(program, name);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    for (let i = 0; i < 5; i += 1) {
+      gl.enableVertexAttribArray(i);
+      gl.vertexAttribDivisor(i, 1);
+    }
+  }
+
+  /** @param {import("./camera.js").Camera} camera @param {number} ratio pixels of the canvas per px @param {Look} look */
+  begin(camera, ratio, look) {
+    const gl = this.#gl;
+    this.drawn = { calls: 0, lines: 0 };
+    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    const at = (/** @type {string} */ name) => this.#at[name] ?? null;
+    gl.uniformMatrix4fv(at("matrix"), false, camera.matrix);
+    gl.uniform2f(at("size"), camera.width * ratio, camera.height * ratio);
+    gl.uniform4fv(at("widths"), WIDTHS.map((width) => width * ratio));
+    gl.uniform1f(at("halfWidth"), Math.max(...WIDTHS) * ratio + 1);
+    gl.uniform1f(at("now"), look.now);
+    gl.uniform1f(at("dependsAt"), look.dependsAt);
+    gl.uniform1ui(at("selected"), (look.selected & PLACE_MASK) >>> 0);
+    this.colours(look);
+    gl.uniform4fv(at("picked"), look.colours.picked);
+  }
+
+  /** What follows is where it is, and has the colours of the path. @param {Look} look */
+  colours({ colours }) {
+    this.place([0, 0, 0]);
+    for (const name of /** @type {const} */ (["done", "rest", "rapid"])) this.#gl.uniform4fv(this.#at[name] ?? null, colours[name]);
+  }
+
+  /** What follows is moved there, and of this colour if there is one. @param {ArrayLike<number>} shift @param {number[]} [colour] */
+  place(shift, colour) {
+    const gl = this.#gl;
+    gl.uniform3f(this.#at.shift ?? null, shift[0] ?? 0, shift[1] ?? 0, shift[2] ?? 0);
+    if (!colour) return;
+    for (const name of ["done", "rest", "rapid"]) gl.uniform4fv(this.#at[name] ?? null, colour);
+  }
+
+  /** @param {{bytes: ArrayBuffer, offset: number, count: number}} piece */
+  draw({ bytes, offset, count }) {
+    if (count < 2) return;
+    const gl = this.#gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#buffer(bytes));
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, VERTEX_BYTES, offset);
+    gl.vertexAttribPointer(1, 1, gl.FLOAT, false, VERTEX_BYTES, offset + 16);
+    gl.vertexAttribPointer(2, 3, gl.FLOAT, false, VERTEX_BYTES, offset + VERTEX_BYTES);
+    gl.vertexAttribIPointer(3, 1, gl.UNSIGNED_INT, VERTEX_BYTES, offset + VERTEX_BYTES + 12);
+    gl.vertexAttribPointer(4, 1, gl.FLOAT, false, VERTEX_BYTES, offset + VERTEX_BYTES + 16);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count - 1);
+    this.drawn.calls += 1;
+    this.drawn.lines += count - 1;
+  }
+
+  /** Gives back what is not among these answers. @param {Set<ArrayBuffer>} used */
+  keepOnly(used) {
+    const kept = new Set([...used].map((bytes) => this.#buffers.get(bytes)));
+    for (const buffer of this.#kept) {
+      if (kept.has(buffer)) continue;
+      this.#gl.deleteBuffer(buffer);
+      this.#kept.delete(buffer);
+    }
+  }
+
+  /** Each answer goes to the card once, as it came. @param {ArrayBuffer} bytes */
+  #buffer(bytes) {
+    const known = this.#buffers.get(bytes);
+    if (known && this.#kept.has(known)) return known;
+    const gl = this.#gl;
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
+    this.uploaded += bytes.byteLength;
+    this.#buffers.set(bytes, buffer);
+    this.#kept.add(buffer);
+    return buffer;
+  }
+}
+
+/** @param {WebGL2RenderingContext} gl */
+function link(gl) {
+  const program = gl.createProgram();
+  for (const [type, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
+    const shader = gl.createShader(type);
+    if (!shader) throw new Error("WebGL gives no shader");
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    gl.attachShader(program, shader);
+  }
+  gl.linkProgram(program);
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+    const logs = (gl.getAttachedShaders(program) ?? []).map((shader) => gl.getShaderInfoLog(shader));
+    throw new Error(`WebGL does not take the shaders: ${logs.join(" ")} ${gl.getProgramInfoLog(program)}`);
+  }
+  return program;
+}
+
+/**
+ * Lines of one's own in the form of the runtime's.
+ * @param {ArrayLike<number>[]} points x y z
+ * @param {(i: number) => number} [word] of the line that ends there
+ * @param {number} [time] wide from then on, s
+ */
+export function ownLines(points, word = () => 0, time = 0) {
+  const bytes = new ArrayBuffer(points.length * VERTEX_BYTES);
+  const [floats, words] = [new Float32Array(bytes), new Uint32Array(bytes)];
+  points.forEach((at, i) => {
+    for (let k = 0; k < 3; k += 1) floats[5 * i + k] = at[k] ?? 0;
+    words[5 * i + 3] = word(i);
+    floats[5 * i + 4] = time;
+  });
+  return { bytes, offset: 0, count: points.length };
+}

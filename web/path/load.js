@@ -1,0 +1,151 @@
+// Reads the planned path of a program: the coarsest level first, the finer ones of the chunks that are looked at when they are.
+
+import { authorization } from "../token.js";
+import { readPath } from "./bytes.js";
+
+/** Chunks asked for at once: less than a megabyte. */
+const CHUNKS_AT_ONCE = 8;
+/** A path of so few chunks is read as a whole. */
+const CHUNKS_OF_SHORT = 8;
+/** How often an incomplete plan is looked at again, ms. */
+const AGAIN_MS = 400;
+/** How often a complete one is: it is made anew when what it was made with changes. */
+const STILL_MS = 2000;
+const COARSEST_MM = 0.64;
+
+/** @typedef {import("./bytes.js").Answer} Answer */
+/** @typedef {import("./bytes.js").Chunk} Chunk */
+
+export class PathLoader {
+  /** @type {Answer | null} */
+  path = null;
+  /** Why there is none. */
+  error = "";
+  /** Grows when another path, or more of it, is there. */
+  revision = 0;
+  #program = 0;
+  #cs = 0;
+  #tag = "";
+  #timer = 0;
+  /** Which request counts. */
+  #turn = 0;
+  /** @type {Set<number>} chunks whose finer levels are on their way */
+  #asked = new Set();
+  /** @type {() => void} */
+  #changed;
+
+  /** @param {() => void} changed */
+  constructor(changed) {
+    this.#changed = changed;
+  }
+
+  /** Shows the path of this program; 0: of none. @param {number} program @param {number} cs */
+  show(program, cs) {
+    if (program === this.#program && cs === this.#cs) return;
+    this.#program = program;
+    this.#cs = cs;
+    this.#forget();
+    this.error = "";
+    if (program) void this.#read();
+  }
+
+  /** Looks again at once: something has changed. */
+  again() {
+    if (this.#program) void this.#read();
+  }
+
+  /** Finer levels of a chunk are needed. @param {number} index */
+  refine(index) {
+    const { path } = this;
+    if (!path?.complete || this.#asked.has(index)) return;
+    const from = index - (index % CHUNKS_AT_ONCE);
+    for (let i = from; i < from + CHUNKS_AT_ONCE; i += 1) this.#asked.add(i);
+    void this.#fetch(`from=${from}&count=${CHUNKS_AT_ONCE}`, "").then((answer) => {
+      if (!answer || this.path !== path || identity(answer.tag) !== identity(this.#tag)) return;
+      this.#take(readPath(answer.bytes), path);
+      this.revision += 1;
+      this.#changed();
+    }).catch(() => {
+      for (let i = from; i < from + CHUNKS_AT_ONCE; i += 1) this.#asked.delete(i);
+    });
+  }
+
+  #forget() {
+    this.path = null;
+    this.#tag = "";
+    this.#asked.clear();
+    this.revision += 1;
+    this.#changed();
+  }
+
+  async #read() {
+    clearTimeout(this.#timer);
+    this.#turn += 1;
+    const turn = this.#turn;
+    try {
+      const known = this.path && !this.path.complete ? this.path.chunks.length : 0;
+      const answer = await this.#fetch(`tolerance=${COARSEST_MM}&from=${known}`, this.#tag);
+      if (turn !== this.#turn) return;
+      this.error = "";
+      if (answer) this.#accept(answer, known);
+    } catch (error) {
+      if (turn !== this.#turn) return;
+      const text = error instanceof Error ? error.message : String(error);
+      if (this.error !== text || this.path) {
+        this.#forget();
+        this.error = text;
+        this.#changed();
+      }
+    }
+    this.#timer = setTimeout(() => void this.#read(), this.path && !this.path.complete ? AGAIN_MS : STILL_MS);
+  }
+
+  /** @param {{bytes: ArrayBuffer, tag: string}} answer @param {number} known chunks that were not asked for again */
+  #accept({ bytes, tag }, known) {
+    const path = readPath(bytes);
+    const isSame = identity(tag) === identity(this.#tag);
+    if (!isSame && known > 0) {
+      // another plan has begun: all of it
+      this.#tag = "";
+      this.path = null;
+      void this.#read();
+      return;
+    }
+    if (isSame && this.path) this.#take(this.path, path);
+    if (!isSame) this.#asked.clear();
+    this.#tag = tag;
+    this.path = path;
+    this.revision += 1;
+    this.#changed();
+    if (path.complete && path.chunks.length <= CHUNKS_OF_SHORT) this.refine(0);
+  }
+
+  /** What one answer has is in the other one, too. @param {Answer} from @param {Answer} to */
+  #take(from, to) {
+    from.chunks.forEach((chunk, i) => {
+      const known = to.chunks[i];
+      if (!known || known.to < chunk.to) return;
+      chunk.levels.forEach((piece, level) => {
+        if (piece) known.levels[level] ??= piece;
+      });
+    });
+  }
+
+  /** Null: it is as the tag says. @param {string} query @param {string} tag @returns {Promise<{bytes: ArrayBuffer, tag: string} | null>} */
+  async #fetch(query, tag) {
+    /** @type {Record<string, string>} */
+    const headers = { ...authorization(), ...(tag && { "If-None-Match": tag }) };
+    const response = await fetch(`/api/v1/programs/${this.#program}/path?cs=${this.#cs}&${query}`, { headers, cache: "no-store" });
+    if (response.status === 304) return null;
+    if (!response.ok) {
+      const problem = await response.json().catch(() => ({}));
+      throw new Error(problem.detail ?? `refused with status ${response.status}`);
+    }
+    return { bytes: await response.arrayBuffer(), tag: response.headers.get("ETag") ?? "" };
+  }
+}
+
+/** What the plan was made of, without how far it is. @param {string} tag */
+function identity(tag) {
+  return tag.replaceAll('"', "").split("-").slice(0, 2).join("-");
+}

@@ -1,0 +1,148 @@
+// What stands around a path: grid, soft limits, work zero, tool, the way travelled without a plan. Lines of one's own, in the form of
+// the runtime's, made anew only when they change.
+
+import { ownLines } from "./gl.js";
+
+/** @typedef {[number, number, number]} Point */
+/** @typedef {{bytes: ArrayBuffer, offset: number, count: number}} Drawn */
+
+/** Smallest distance between grid lines, px. */
+const GRID_MIN_PX = 56;
+/** Length of the axes of the work zero, px. */
+const ZERO_PX = 22;
+/** Radius of the sign of a tool without a diameter, px. */
+const TOOL_PX = 6;
+const CIRCLE = 48;
+const RAPID_FLAG = 0x80000000;
+/** Later than anything: a line that is never done is thin. */
+const THIN = 1e30;
+
+/** 1, 2 or 5 times a power of ten, so that lines are at least GRID_MIN_PX apart. @param {number} scale px per mm */
+export function gridStep(scale) {
+  const least = GRID_MIN_PX / scale;
+  const power = 10 ** Math.floor(Math.log10(least));
+  return power * ([1, 2, 5, 10].find((n) => n * power >= least) ?? 10);
+}
+
+/** A circle of radius 1 in the plane of X and Y, and a cross. */
+export const TOOL = ownLines([
+  ...Array.from({ length: CIRCLE + 1 }, (_, i) => [Math.cos((2 * Math.PI * i) / CIRCLE), Math.sin((2 * Math.PI * i) / CIRCLE), 0]),
+  [-1, 0, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0], [0, -1, 0],
+]);
+
+/** Edges of a box, one behind another. @param {Point} low @param {Point} high */
+export function boxLines(low, high) {
+  const corner = (/** @type {number} */ n) => [0, 1, 2].map((i) => /** @type {number} */ ((n >> i) & 1 ? high[i] : low[i]));
+  return ownLines([0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2].map(corner), () => 0, THIN);
+}
+
+/** The way travelled. @param {{at: Record<string, number>, rapid: boolean}[]} points */
+export function trailLines(points) {
+  const at = points.map(({ at: { X = 0, Y = 0, Z = 0 } }) => [X, Y, Z]);
+  return ownLines(at, (i) => (points[i]?.rapid ? RAPID_FLAG : 0));
+}
+
+/** A tool of this radius in mm, or of a size in the picture, around the origin. @param {number} radius @param {import("./camera.js").Camera} camera */
+export function toolLines(radius, camera) {
+  const inPlane = radius > 0;
+  const size = Math.max(radius, TOOL_PX / camera.scale);
+  const [right, up] = inPlane && camera.tilt > 0.3 ? [[1, 0, 0], [0, 1, 0]] : camera.axes;
+  const floats = new Float32Array(TOOL.bytes);
+  const points = Array.from({ length: TOOL.count }, (_, i) => {
+    const [x, y] = [/** @type {number} */ (floats[5 * i]) * size, /** @type {number} */ (floats[5 * i + 1]) * size];
+    return [0, 1, 2].map((k) => /** @type {number} */ (right[k]) * x + /** @type {number} */ (up[k]) * y);
+  });
+  return ownLines(points);
+}
+
+/** Axes of the work zero, around the origin. @param {import("./camera.js").Camera} camera */
+export function zeroLines(camera) {
+  const length = ZERO_PX / camera.scale;
+  return ownLines([[length, 0, 0], [0, 0, 0], [0, length, 0], [0, 0, 0], [0, 0, length]]);
+}
+
+/** Draws lines of the grid and names of the axes on the canvas that lies below the path. */
+export class Backdrop {
+  #context;
+  /** @param {HTMLCanvasElement} canvas */
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.#context = canvas.getContext("2d");
+  }
+
+  /** @param {import("./camera.js").Camera} camera @param {number} ratio @param {Record<string, string>} colours */
+  draw(camera, ratio, colours) {
+    const c = this.#context;
+    if (!c) return;
+    const { width, height } = camera;
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.clearRect(0, 0, width, height);
+    c.font = `11px ${colours.font}`;
+    c.fillStyle = colours.text ?? "";
+    const plane = { XY: [0, 1], XZ: [0, 2], YZ: [1, 2] }[/** @type {"XY"} */ (camera.view)];
+    if (plane) this.#grid(camera, colours, /** @type {[number, number]} */ (plane));
+    else this.#scale(camera, colours);
+  }
+
+  /** @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours @param {[number, number]} plane */
+  #grid({ centre, scale, width, height }, colours, [h, v]) {
+    const c = /** @type {CanvasRenderingContext2D} */ (this.#context);
+    const step = gridStep(scale);
+    const decimals = Math.max(0, -Math.floor(Math.log10(step)));
+    const label = (/** @type {number} */ n) => (n * step + 0).toFixed(decimals);
+    const line = (/** @type {number} */ n, /** @type {number[]} */ [xa = 0, ya = 0, xb = 0, yb = 0]) => {
+      c.strokeStyle = (n === 0 ? colours.axis : colours.grid) ?? "";
+      c.beginPath();
+      c.moveTo(xa, ya);
+      c.lineTo(xb, yb);
+      c.stroke();
+    };
+    c.lineWidth = 1;
+    c.textAlign = "center";
+    c.textBaseline = "bottom";
+    const [left, low] = [(centre[h] ?? 0) - width / 2 / scale, (centre[v] ?? 0) - height / 2 / scale];
+    for (let n = Math.ceil(left / step); n * step <= left + width / scale; n += 1) {
+      const x = Math.round((n * step - left) * scale) + 0.5;
+      line(n, [x, 0, x, height]);
+      if (x > 44 && x < width - 60) c.fillText(label(n), x, height - 4);
+    }
+    c.textAlign = "left";
+    c.textBaseline = "middle";
+    for (let n = Math.ceil(low / step); n * step <= low + height / scale; n += 1) {
+      const y = Math.round(height - (n * step - low) * scale) + 0.5;
+      line(n, [0, y, width, y]);
+      if (y > 60 && y < height - 24) c.fillText(label(n), 5, y - 7);
+    }
+    c.textBaseline = "bottom";
+    c.textAlign = "right";
+    c.fillText(`${"XYZ"[h]} mm`, width - 6, height - 4);
+  }
+
+  /** In a view without a grid: the axes, and how long something is. @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours */
+  #scale({ scale, height, axes: [right, up] }, colours) {
+    const c = /** @type {CanvasRenderingContext2D} */ (this.#context);
+    const step = gridStep(scale);
+    c.strokeStyle = colours.text ?? "";
+    c.lineWidth = 1.5;
+    c.beginPath();
+    c.moveTo(8, height - 12);
+    c.lineTo(8, height - 8);
+    c.lineTo(8 + step * scale, height - 8);
+    c.lineTo(8 + step * scale, height - 12);
+    c.stroke();
+    c.textAlign = "left";
+    c.textBaseline = "bottom";
+    c.fillText(`${step} mm`, 12, height - 11);
+    c.textAlign = "center";
+    c.textBaseline = "middle";
+    const [x, y, length] = [46, height - 66, 26];
+    for (let i = 0; i < 3; i += 1) {
+      const [dx, dy] = [/** @type {number} */ (right[i]) * length, -(/** @type {number} */ (up[i])) * length];
+      c.beginPath();
+      c.moveTo(x, y);
+      c.lineTo(x + dx, y + dy);
+      c.stroke();
+      c.fillText("XYZ".charAt(i), x + dx * 1.35, y + dy * 1.35);
+    }
+  }
+}

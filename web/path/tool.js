@@ -1,0 +1,29 @@
+// The radius of the tool in the spindle, read from the tool table when another tool is there.
+
+import { authorization } from "../token.js";
+
+let known = { key: "", radius: 0 };
+
+/** mm; 0 as long as it is not known. @param {import("../main.js").App} app @param {import("../model.js").CoordinateSystem} system */
+export function toolRadius({ model, invalidate }, { info, modal, state }) {
+  const id = modal?.tool ?? 0;
+  const key = [model.bootId, info.number, id, state?.run_id].join();
+  if (key !== known.key) {
+    const asked = { key, radius: known.radius };
+    known = asked;
+    void readRadius(id).then((radius) => {
+      asked.radius = radius;
+      invalidate();
+    });
+  }
+  return known.radius;
+}
+
+/** @param {number} id */
+async function readRadius(id) {
+  if (!id) return 0;
+  const response = await fetch("/api/v1/tools", { headers: authorization(), cache: "no-store" }).catch(() => null);
+  /** @type {import("../types.d.ts").ToolTable} */
+  const table = response?.ok ? await response.json() : { tools: [] };
+  return table.tools.find((tool) => tool.id === id)?.radius ?? 0;
+}
