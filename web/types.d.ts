@@ -170,9 +170,14 @@ export interface Limits {
   open_outputs_max: number; program_bytes_max: number;
 }
 
-/** Payload of an input that says why it is on. */
+/** Payload of `input/interlock/state` and `input/start_lock/state`: an input that says why it is on. */
 export interface LockMessage {
-  boot_id: BootId; rev?: number; text: string; ts: string; v: 1; value: boolean;
+  boot_id: BootId; rev?: number; sources: LockSource[]; text: string; ts: string; v: 1; value: boolean;
+}
+
+/** One source of an interlock or start lock. */
+export interface LockSource {
+  forced_by?: string; handler_id: string | null; lost: boolean; source: string; text: string; value: boolean;
 }
 
 /** A token for some hours. */

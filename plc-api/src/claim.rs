@@ -1,7 +1,5 @@
 //! Claims and resets of an output, each repeated until the machine has answered.
 
-use std::time::Duration;
-
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::plc::Plc;
@@ -13,8 +11,7 @@ use crate::types::refusal::RefusalCode;
 use crate::types::request::{TypedRequest, typed};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// Pause before a claim, reset, presence or question that could not be delivered is sent again.
-pub(crate) const RETRY: Duration = Duration::from_secs(1);
+pub(crate) use crate::port::RETRY;
 
 /// Identifies an output across boots.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::hub::Filter;
+use crate::levels::LockKind;
 use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta, CommandStatus};
@@ -15,7 +16,7 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed;
 use crate::types::request::{Input, OverrideChange, SpindleCommand};
 use crate::types::state::{
-    Captured, Execution, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle,
+    Captured, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle,
     SpindleDirection, State, Tool,
 };
 use crate::types::topic::{CsTopic, Topic};
@@ -159,11 +160,23 @@ calls! {
     /// Sets dry run: blocks interpreted from now on move at the dry run feedrate instead of F, except threads.
     set_dry_run(value: bool) => set(Input::DryRun(value));
 
-    /// Sets the interlock: while it is on, motion is held and none starts; `text` is the reason.
-    set_interlock(value: bool, text: impl Into<String>) => set(Input::Interlock(Lock { value, text: text.into() }));
+    /// Sets source `default` of the interlock: while any source is on, motion is held and none starts; `text` is the
+    /// reason. While a [`SequenceProgram`](crate::SequenceProgram) serves this machine, the source is that program's: it is
+    /// written again on every connection and at every boot, nobody else clears it, and the machine is waited for if it
+    /// cannot be reached.
+    set_interlock(value: bool, text: impl Into<String>) => set_lock((LockKind::Interlock, LockSet::new(value, text)));
 
-    /// Sets the start lock: while it is on, no program starts; `text` is the reason.
-    set_start_lock(value: bool, text: impl Into<String>) => set(Input::StartLock(Lock { value, text: text.into() }));
+    /// The same for a source by its name, such as one of `[input.interlock.source.NAME]`.
+    set_interlock_source(source: &str, value: bool, text: impl Into<String>) =>
+        set_lock((LockKind::Interlock, LockSet::new(value, text).of_source(source))), "The source is another handler's.";
+
+    /// Sets source `default` of the start lock: while any source is on, no program starts; `text` is the reason. It is
+    /// owned as [`set_interlock`](Self::set_interlock) says.
+    set_start_lock(value: bool, text: impl Into<String>) => set_lock((LockKind::StartLock, LockSet::new(value, text)));
+
+    /// The same for a source by its name, such as one of `[input.start_lock.source.NAME]`.
+    set_start_lock_source(source: &str, value: bool, text: impl Into<String>) =>
+        set_lock((LockKind::StartLock, LockSet::new(value, text).of_source(source))), "The source is another handler's.";
 
     /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; `None` leaves one unchanged.
     set_overrides(change: OverrideChange) => set(Input::Override(change)), "A value out of range.";
@@ -281,6 +294,10 @@ impl CoordinateSystem {
 
     async fn set(&self, input: Input) -> Result<()> {
         self.plc.request(typed::Input(self.number, input)).await
+    }
+
+    async fn set_lock(&self, (kind, set): (LockKind, LockSet)) -> Result<()> {
+        self.plc.set_lock(self.number, kind, set).await
     }
 
     fn no_value(&self, what: &str) -> Error {

@@ -15,6 +15,16 @@ pub enum Error {
         /// What is wrong with it, and what to write.
         reason: String,
     },
+    /// The address is of a transport that this build of plc-api leaves out.
+    #[error(
+        "this build of plc-api has no {feature}, which {address} needs: add the feature {feature} to plc-api in Cargo.toml"
+    )]
+    Feature {
+        /// As given, without a password.
+        address: String,
+        /// The feature that is missing.
+        feature: &'static str,
+    },
     /// The machine cannot be reached.
     #[error("no connection to {address}: {reason}")]
     Connect {
@@ -54,6 +64,19 @@ pub enum Error {
         /// The answer.
         status: crate::types::output::HandshakeStatus,
     },
+}
+
+#[cfg(not(all(feature = "mqtt", feature = "rest")))]
+impl Error {
+    pub(crate) fn without_feature(address: &str, feature: &'static str) -> Self {
+        // what stands before @ may hold a password
+        let (scheme, rest) = address.split_once("://").unwrap_or_default();
+        let host = rest.rsplit_once('@').map_or(rest, |(_, host)| host);
+        Error::Feature {
+            address: format!("{scheme}://{host}"),
+            feature,
+        }
+    }
 }
 
 /// Result of the crate.

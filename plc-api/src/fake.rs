@@ -239,6 +239,14 @@ impl FakePort {
     /// Breaks the connection of a handler: its claims are released.
     pub fn lose_handler(&self, handler_id: &str) {
         self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id));
+        let mut inner = lock(&self.inner);
+        let numbers: Vec<_> = inner.systems.keys().copied().collect();
+        for cs in numbers {
+            if let Some(system) = inner.systems.get_mut(&cs) {
+                system.lose_owner(handler_id);
+            }
+            self.publish_system(&mut inner, cs);
+        }
     }
 
     /// Decides as the operator about an output whose handler was lost.

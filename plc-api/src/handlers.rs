@@ -3,6 +3,7 @@
 //! A handler receives the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an
 //! alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
 
+mod followed;
 mod output;
 mod run;
 mod table;
@@ -20,15 +21,18 @@ use std::sync::Arc;
 
 use futures_util::FutureExt;
 use futures_util::stream::{FuturesUnordered, StreamExt};
+use tokio::sync::watch;
 
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
+use crate::levels::LockKind;
 use crate::names::mistake_in_id;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{Params, Redelivery};
 
+use followed::Followed;
 use table::{Check, Table};
 
 /// Scope of handlers for every coordinate system.
@@ -197,6 +201,68 @@ impl SequenceProgram {
         build: impl FnOnce(InCoordinateSystem) -> InCoordinateSystem,
     ) -> Self {
         build(self.within(Some(number))).within(None)
+    }
+
+    /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its path and none
+    /// starts, with `text` as the reason. The level belongs to this program, which writes it again on every connection and
+    /// at every boot of the machine; nobody else clears it. When the program or the sender of the level has gone, it has
+    /// the value of `on_loss` in `[input.interlock]`, or is on.
+    ///
+    /// ```
+    /// # use plc_api::{SequenceProgram, fake::FakePort};
+    /// # use tokio::sync::watch;
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # let fake = FakePort::new([1]);
+    /// # let plc = fake.plc();
+    /// let (door, is_open) = watch::channel(true);
+    /// let program = SequenceProgram::new().interlock(1, "door", is_open, "the door is open");
+    /// # tokio::spawn(async move { program.run(&plc).await });
+    /// # fake.settle().await;
+    /// # assert_eq!(fake.plc().coordinate_system(1).interlock().await?.text, "the door is open");
+    /// door.send_replace(false);
+    /// # fake.settle().await;
+    /// # assert!(!fake.plc().coordinate_system(1).interlock().await?.value);
+    /// # Ok(()) }
+    /// ```
+    #[must_use]
+    pub fn interlock(
+        self,
+        cs: CoordinateSystemNumber,
+        source: impl Into<String>,
+        level: watch::Receiver<bool>,
+        text: impl Into<String>,
+    ) -> Self {
+        self.follow(LockKind::Interlock, (cs, source.into()), level, text.into())
+    }
+
+    /// Refuses starts in a coordinate system while a level is true, by a source of its start lock; otherwise as
+    /// [`SequenceProgram::interlock`].
+    #[must_use]
+    pub fn start_lock(
+        self,
+        cs: CoordinateSystemNumber,
+        source: impl Into<String>,
+        level: watch::Receiver<bool>,
+        text: impl Into<String>,
+    ) -> Self {
+        self.follow(LockKind::StartLock, (cs, source.into()), level, text.into())
+    }
+
+    fn follow(
+        self,
+        kind: LockKind,
+        (cs, source): (CoordinateSystemNumber, String),
+        level: watch::Receiver<bool>,
+        text: String,
+    ) -> Self {
+        let followed = Followed {
+            cs,
+            kind,
+            source,
+            level,
+            text,
+        };
+        self.beside(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
     /// What happens with an output whose handler died or lost its connection before the reset. Default

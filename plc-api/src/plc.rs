@@ -8,6 +8,7 @@ use futures_util::FutureExt;
 
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
+use crate::levels::{Levels, LockKind};
 use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 #[cfg(any(feature = "mqtt", feature = "rest"))]
@@ -15,6 +16,7 @@ use crate::transport::options::MqttOptions;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::data::JournalFilter;
+use crate::types::lock::LockSet;
 use crate::types::machine::{AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
 use crate::types::program::ProgramInfo;
@@ -40,6 +42,8 @@ pub struct Plc {
     handler_id: Option<Arc<str>>,
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
+    /// Interlocks and start locks that it has set.
+    levels: Arc<Levels>,
     /// The runtime that drives its connection.
     runtime: Option<tokio::runtime::Handle>,
 }
@@ -61,6 +65,7 @@ impl Plc {
             handler_id: None,
             user: None,
             commands: Arc::default(),
+            levels: Arc::default(),
             runtime: None,
         }
     }
@@ -96,11 +101,11 @@ impl Plc {
             #[cfg(feature = "mqtt")]
             Some(("mqtt" | "mqtts", _)) => Self::connect_with(address, MqttOptions::default()).await,
             #[cfg(not(feature = "mqtt"))]
-            Some(("mqtt" | "mqtts", _)) => Err(wrong("plc-api was built without its feature mqtt")),
+            Some(("mqtt" | "mqtts", _)) => Err(Error::without_feature(address, "mqtt")),
             #[cfg(feature = "rest")]
             Some(("http" | "https", _)) => Self::connect_with(address, MqttOptions::default()).await,
             #[cfg(not(feature = "rest"))]
-            Some(("http" | "https", _)) => Err(wrong("plc-api was built without its feature rest")),
+            Some(("http" | "https", _)) => Err(Error::without_feature(address, "rest")),
             _ => Err(wrong("write mqtt://host:port/machine or http://host:port")),
         }
     }
@@ -240,12 +245,37 @@ impl Plc {
         self.user.as_deref()
     }
 
-    /// The same machine, in the name of a handler.
+    /// The same machine, in the name of a handler. The first one owns the locks that this program has set beside it.
     pub(crate) fn of_handler(&self, handler_id: &str) -> Self {
+        let levels = if self.levels.has_owner() {
+            Arc::default()
+        } else {
+            Arc::clone(&self.levels)
+        };
         Self {
             handler_id: Some(handler_id.into()),
+            levels,
             ..self.clone()
         }
+    }
+
+    /// Sets a source of an interlock or start lock.
+    pub(crate) async fn set_lock(
+        &self,
+        cs: CoordinateSystemNumber,
+        kind: LockKind,
+        set: LockSet,
+    ) -> Result<()> {
+        self.levels.set((&*self.port, self.name()), cs, kind, set).await
+    }
+
+    /// Writes again what was set, since the machine has been told anew who is there.
+    pub(crate) async fn write_locks(&self) {
+        self.levels.write_all((&*self.port, self.name())).await;
+    }
+
+    pub(crate) fn levels(&self) -> &Levels {
+        &self.levels
     }
 
     /// By which name the journal tells of what is asked.

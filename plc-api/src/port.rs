@@ -15,6 +15,9 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Answer, Request, TypedRequest};
 use crate::types::topic::Topic;
 
+/// Pause before a claim, reset, presence, lock or question that could not be delivered is sent again.
+pub(crate) const RETRY: Duration = Duration::from_secs(1);
+
 /// A boxed future, so that [`Port`] is dyn compatible.
 pub type BoxFuture<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 

@@ -36,6 +36,7 @@ pub(crate) struct Offline {
 impl Drop for Offline {
     fn drop(&mut self) {
         let request = Request::Handler(self.handler_id.to_string(), HandlerPresence::default());
+        self.plc.levels().end();
         let what_if_not = "the machine was not told that the handlers have gone";
         self.plc.send_without_waiting(request, what_if_not);
     }
@@ -137,6 +138,7 @@ pub(crate) struct Presence {
 
 impl Presence {
     pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, codes: BTreeSet<ServedCode>, validates: bool) -> Self {
+        plc.levels().begin(&handler_id);
         Self {
             plc: plc.clone(),
             handler_id,
@@ -204,6 +206,11 @@ impl Presence {
         match event {
             Event::Message(..) => {}
             Event::Announced => {
+                let plc = self.plc.clone();
+                self.requests.push(Box::pin(async move {
+                    plc.write_locks().await;
+                    Ok(None)
+                }));
                 if replace(&mut self.announced, Announcement::Done) == Announcement::PendingAgain {
                     self.announce();
                 }

@@ -38,6 +38,11 @@ impl Handlers {
         self.0.clone()
     }
 
+    /// True while a handler is there.
+    pub fn is_online(&self, id: &str) -> bool {
+        self.0.get(id).is_some_and(|handler| handler.online)
+    }
+
     /// True when a handler that is there serves this M code.
     pub fn serve(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         let mut handlers = self.0.values().filter(|handler| handler.online);
@@ -66,7 +71,7 @@ mod tests {
         assert!(handlers.serve(1, 100));
         assert!(!handlers.serve(2, 100) && !handlers.serve(1, 101));
         handlers.set("gripper", presence(false)).unwrap();
-        assert!(!handlers.serve(1, 100));
+        assert!(!handlers.serve(1, 100) && !handlers.is_online("gripper") && !handlers.is_online("x"));
         assert_eq!(handlers.all().len(), 1);
     }
 

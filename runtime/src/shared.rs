@@ -267,6 +267,11 @@ impl Shared {
         self.handlers.lock().all()
     }
 
+    /// True while a handler is there.
+    pub fn is_online(&self, id: &str) -> bool {
+        self.handlers.lock().is_online(id)
+    }
+
     /// True when a handler that is there serves this M code.
     pub fn is_handled(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         self.handlers.lock().serve(cs, m)

@@ -11,6 +11,7 @@ mod identity;
 mod kept;
 mod late;
 mod life;
+mod locks;
 mod lost_values;
 mod modes;
 mod programs;
@@ -36,7 +37,12 @@ fn machine() -> Machine {
 }
 
 fn served() -> (Machine, Served) {
-    let machine = machine();
+    served_with("")
+}
+
+/// With more in its configuration.
+fn served_with(more: &str) -> (Machine, Served) {
+    let machine = Machine::new(&format!("{M_CODES}{FREE_PORTS}{more}"));
     let served = Served::start(&machine);
     (machine, served)
 }

@@ -99,8 +99,10 @@ impl FakePort {
     }
 
     fn input(&self, cs: CoordinateSystemNumber, input: Input) -> Result<Answer, Refusal> {
+        let handlers = self.handlers();
+        let is_there = |id: &str| handlers.get(id).is_some_and(|presence| presence.online);
         let mut inner = lock(&self.inner);
-        inner.system(cs)?.set_input(input);
+        inner.system(cs)?.set_input(input, is_there)?;
         self.publish_system(&mut inner, cs);
         Ok(Answer::Done)
     }

@@ -4,12 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::execution::Situation;
 use crate::handshake::{Closed, Ledger, OpenOutput};
+use crate::lock_input::{LockInput, LockRules};
 use crate::types::Timestamp;
 use crate::types::command::{Command, Verb};
 use crate::types::message::Payload;
 use crate::types::output::CancelReason;
 use crate::types::request::{Input, Refusal, RefusalCode};
-use crate::types::state::{Execution, Lock, OptionalSkip, Overrides, Reason, State, Switch, WaitingOn};
+use crate::types::state::{Execution, OptionalSkip, Overrides, Reason, State, Switch, WaitingOn};
 use crate::types::topic::CsTopic;
 
 use super::{OPEN_OUTPUTS_MAX, boot_id};
@@ -28,8 +29,8 @@ pub(super) struct System {
     idle: Word,
     /// The published state, without the fields that [`System::state`] adds.
     shown: State,
-    interlock: Lock,
-    start_lock: Lock,
+    interlock: LockInput,
+    start_lock: LockInput,
     overrides: Overrides,
 }
 
@@ -53,8 +54,8 @@ impl System {
                 program: Some(1),
                 ..State::default()
             },
-            interlock: Lock::default(),
-            start_lock: Lock::default(),
+            interlock: LockInput::new("interlock", LockRules::default()),
+            start_lock: LockInput::new("start lock", LockRules::default()),
             overrides: Overrides::default(),
         }
     }
@@ -189,7 +190,9 @@ impl System {
         }
     }
 
-    pub(super) fn set_input(&mut self, input: Input) {
+    /// # Errors
+    /// A source of a lock is another's. `is_there`: whether a handler is online.
+    pub(super) fn set_input(&mut self, input: Input, is_there: impl Fn(&str) -> bool) -> Result<(), Refusal> {
         let shown = &mut self.shown;
         match input {
             Input::OptionalSkip(numbers) => {
@@ -201,19 +204,31 @@ impl System {
             Input::OptionalStop(value) => shown.optional_stop = value,
             Input::SingleBlock(value) => shown.single_block = value,
             Input::DryRun(value) => shown.dry_run = value,
-            Input::StartLock(lock) => self.start_lock = lock,
+            Input::StartLock(set) => self.start_lock.set(set, is_there)?,
             Input::Override(change) => {
                 let overrides = &mut self.overrides;
                 overrides.feed = change.feed.unwrap_or(overrides.feed);
                 overrides.rapid = change.rapid.unwrap_or(overrides.rapid);
                 overrides.spindle = change.spindle.unwrap_or(overrides.spindle);
             }
-            Input::Interlock(lock) => {
-                if lock.value {
-                    self.hold((Execution::Interrupted, Some(Reason::Interlock)));
-                }
-                self.interlock = lock;
+            Input::Interlock(set) => {
+                self.interlock.set(set, is_there)?;
+                self.follow_interlock();
             }
+        }
+        Ok(())
+    }
+
+    /// A handler is not there any more.
+    pub(super) fn lose_owner(&mut self, handler_id: &str) {
+        self.interlock.lose(handler_id);
+        self.start_lock.lose(handler_id);
+        self.follow_interlock();
+    }
+
+    fn follow_interlock(&mut self) {
+        if self.interlock.is_on() {
+            self.hold((Execution::Interrupted, Some(Reason::Interlock)));
         }
     }
 
@@ -236,8 +251,8 @@ impl System {
             (CsTopic::OptionalStop, switch(self.shown.optional_stop)),
             (CsTopic::SingleBlock, switch(self.shown.single_block)),
             (CsTopic::DryRun, switch(self.shown.dry_run)),
-            (CsTopic::Interlock, Payload::Lock(self.interlock.clone())),
-            (CsTopic::StartLock, Payload::Lock(self.start_lock.clone())),
+            (CsTopic::Interlock, Payload::Lock(self.interlock.state())),
+            (CsTopic::StartLock, Payload::Lock(self.start_lock.state())),
             (CsTopic::Override, Payload::Override(self.overrides)),
         ]
     }
@@ -246,14 +261,14 @@ impl System {
     fn judge_locks(&self, verb: Verb) -> Result<(), Refusal> {
         let begins = matches!(verb, Verb::Start | Verb::Mdi);
         let moves = begins || matches!(verb, Verb::Resume | Verb::Jog | Verb::Home);
-        let (what, lock) = if begins && self.start_lock.value {
+        let (what, lock) = if begins && self.start_lock.is_on() {
             ("the start lock", &self.start_lock)
-        } else if moves && self.interlock.value {
+        } else if moves && self.interlock.is_on() {
             ("the interlock", &self.interlock)
         } else {
             return Ok(());
         };
-        let text = format!("{what} is on: {}", lock.text);
+        let text = format!("{what} is on: {}", lock.text());
         Err(Refusal::new(RefusalCode::StartLocked, text))
     }
 }

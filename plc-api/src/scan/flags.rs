@@ -1,5 +1,6 @@
 //! M codes that are on for a scan program.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use tokio::sync::oneshot;
@@ -8,6 +9,12 @@ use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::lock::lock;
 use crate::types::CoordinateSystemNumber;
+
+/// Coordinate system and M number of a flag.
+pub(super) type FlagPlace = (CoordinateSystemNumber, u16);
+
+/// Sequence numbers of the outputs that were on in an image.
+pub(super) type Shown = BTreeMap<FlagPlace, u64>;
 
 /// Outputs that are on, with the receivers of their answers.
 #[derive(Clone, Default)]
@@ -34,9 +41,16 @@ impl Flags {
         }
     }
 
-    /// The outputs that are on, oldest first.
-    pub(super) fn outputs(&self) -> Vec<AuxOutput> {
-        self.on_now().iter().map(|flag| flag.output.clone()).collect()
+    /// The outputs that are on, by coordinate system and M number: of several with the same number the oldest. Another one
+    /// than in the image `before` comes into the next image only: a flag is off in between.
+    pub(super) fn outputs(&self, before: &Shown) -> BTreeMap<FlagPlace, AuxOutput> {
+        let mut on = BTreeMap::new();
+        for Flag { output, .. } in self.on_now().iter() {
+            on.entry((output.coordinate_system(), output.m()))
+                .or_insert_with(|| output.clone());
+        }
+        on.retain(|place, output| before.get(place).is_none_or(|seq| *seq == output.seq()));
+        on
     }
 
     /// Answers an output of the image, and no other.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use futures_util::future::{join, join_all};
 
-use super::flags::Flags;
+use super::flags::{Flags, Shown};
 use super::writes::{Writes, put};
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
@@ -20,7 +20,8 @@ use crate::types::output::Params;
 use crate::types::request::typed::ReadVariables;
 use crate::types::request::{Input, OverrideChange, Refusal, Request, SpindleCommand};
 use crate::types::state::{
-    Captured, Execution, Lock, Modal, OptionalSkip, Overrides, Position, Spindle, SpindleDirection, State,
+    Captured, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, Spindle, SpindleDirection,
+    State,
 };
 use crate::types::topic::{CsTopic, Topic};
 
@@ -136,7 +137,8 @@ impl Image {
         &self.refusals
     }
 
-    /// True while an M code is put out and not answered. Only codes of this scan program are ever on.
+    /// True while an M code is put out and not answered. Only codes of this scan program are ever on. Between two outputs
+    /// of the same number it is off for at least one scan, so that each has a rising edge.
     pub fn is_on(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         self.output(cs, m).is_some()
     }
@@ -285,14 +287,12 @@ impl Image {
 
     /// Sets the interlock: while it is on, motion is held and none starts; `text` is the reason.
     pub fn set_interlock(&mut self, cs: CoordinateSystemNumber, value: bool, text: impl Into<String>) {
-        let text = text.into();
-        self.set_input(cs, Input::Interlock(Lock { value, text }));
+        self.set_input(cs, Input::Interlock(LockSet::new(value, text)));
     }
 
     /// Sets the start lock: while it is on, no program starts; `text` is the reason.
     pub fn set_start_lock(&mut self, cs: CoordinateSystemNumber, value: bool, text: impl Into<String>) {
-        let text = text.into();
-        self.set_input(cs, Input::StartLock(Lock { value, text }));
+        self.set_input(cs, Input::StartLock(LockSet::new(value, text)));
     }
 
     /// Sets overrides, percent; `None` leaves one unchanged.
@@ -342,6 +342,8 @@ pub(super) struct Camera {
     reads: Reads,
     subscription: Subscription,
     states: Arc<States>,
+    /// Outputs of the image before.
+    shown: Shown,
 }
 
 impl Camera {
@@ -351,6 +353,7 @@ impl Camera {
             reads,
             subscription: plc.port().subscribe(Filter::All),
             states: Arc::default(),
+            shown: Shown::new(),
         }
     }
 
@@ -371,11 +374,9 @@ impl Camera {
         self.take_messages();
         image.states = Arc::clone(&self.states);
         image.time_s = self.plc.now_s();
-        for output in flags.outputs() {
-            let place = (output.coordinate_system(), output.m());
-            // of several outputs with the same M number the oldest is answered first
-            image.on.entry(place).or_insert(output);
-        }
+        image.on = flags.outputs(&self.shown);
+        let shown = image.on.iter().map(|(place, output)| (*place, output.seq()));
+        self.shown = shown.collect();
         image
     }
 

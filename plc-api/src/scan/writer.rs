@@ -9,6 +9,7 @@ use super::writes::put;
 use crate::plc::Plc;
 use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
 use crate::types::request::{Input, Refusal, Request};
+use crate::types::state::{Lock, LockSet};
 
 /// Carries out writes of one scan after the other.
 #[derive(Debug, Default)]
@@ -36,6 +37,8 @@ impl Writer {
             self.request(plc, request, &image).await;
         }
         for flag in writes.flags {
+            // written in the next scan, when the machine knows whose it is
+            let Some(flag) = owned(flag, plc) else { continue };
             if self.written.contains(&flag) && is_so(&flag, &image) {
                 continue;
             }
@@ -70,6 +73,26 @@ impl Writer {
     }
 }
 
+/// A source of a lock belongs to the handler of the scan program; `None` until the machine knows it.
+fn owned(mut flag: Request, plc: &Plc) -> Option<Request> {
+    if let Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) = &mut flag {
+        set.handler_id = Some(plc.levels().owner()?.to_string());
+    }
+    Some(flag)
+}
+
+/// True if an input shows a source as it was set; one that is off is shown while it has an owner.
+fn shows(input: Option<&Lock>, set: &LockSet) -> bool {
+    let mut sources = input.iter().flat_map(|input| &input.sources);
+    let own = sources.find(|shown| shown.source == set.source() && shown.handler_id == set.handler_id);
+    match own {
+        Some(shown) => {
+            (shown.value, &shown.text) == (set.value, &set.text) && !shown.lost && shown.forced_by.is_none()
+        }
+        None => !set.value && set.handler_id.is_none(),
+    }
+}
+
 /// True if the machine shows the written value; skip inputs are not shown.
 fn is_so(flag: &Request, image: &Image) -> bool {
     let is_same = |wanted: f64, now: f64| wanted.total_cmp(&now).is_eq();
@@ -82,8 +105,8 @@ fn is_so(flag: &Request, image: &Image) -> bool {
             Input::OptionalStop(value) => image.is_optional_stop(*cs) == *value,
             Input::SingleBlock(value) => image.is_single_block(*cs) == *value,
             Input::DryRun(value) => image.is_dry_run(*cs) == *value,
-            Input::Interlock(lock) => image.interlock(*cs) == Some(lock),
-            Input::StartLock(lock) => image.start_lock(*cs) == Some(lock),
+            Input::Interlock(set) => shows(image.interlock(*cs), set),
+            Input::StartLock(set) => shows(image.start_lock(*cs), set),
             Input::Override(change) => image.overrides(*cs).is_some_and(|now| {
                 let is_so = |wanted: Option<f64>, now| wanted.is_none_or(|wanted| is_same(wanted, now));
                 is_so(change.feed, now.feed)

@@ -8,6 +8,7 @@ pub mod form;
 pub mod heartbeat;
 pub mod ids;
 pub mod lease;
+pub mod lock;
 pub mod machine;
 pub mod message;
 pub mod output;

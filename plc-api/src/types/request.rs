@@ -16,7 +16,7 @@ use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
 use super::planned::{self, PathQuery};
 use super::program::{ProgramCheck, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
-use super::state::{Lock, SpindleDirection};
+use super::state::{LockSet, SpindleDirection};
 use super::upload::{ProgramCondition, ProgramUpload};
 
 pub use super::refusal::{Refusal, RefusalCode};
@@ -380,9 +380,9 @@ pub enum Input {
     /// Dry run.
     DryRun(bool),
     /// Interlock: motion is held on its path while it is on, and nothing that moves begins or goes on.
-    Interlock(Lock),
+    Interlock(LockSet),
     /// Start lock: a start of a program or of manual data input is refused while it is on.
-    StartLock(Lock),
+    StartLock(LockSet),
     /// Overrides, percent; `None` stays.
     Override(OverrideChange),
 }

@@ -10,6 +10,7 @@ use super::output::Progress;
 use super::question::Question;
 
 pub use super::execution::{Execution, Reason};
+pub use super::lock::{Lock, LockSet, LockSource};
 
 explained! {
     "way to another state"
@@ -197,17 +198,6 @@ pub struct OptionalSkip {
 pub struct Switch {
     /// On or off.
     pub value: bool,
-}
-
-/// Payload of an input that says why it is on.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Lock {
-    /// On or off.
-    pub value: bool,
-    /// Why, in the operator's words.
-    #[serde(default)]
-    pub text: String,
 }
 
 /// Payload of `override/state`, percent.

@@ -14,7 +14,7 @@ use crate::types::data::{JournalFilter, Number, VariableArea, VariableKind};
 use crate::types::lease::{LeaseRelease, LeaseRequest};
 use crate::types::planned::{PATH_TOLERANCE_MM, PathQuery};
 use crate::types::request::{Input, Request};
-use crate::types::state::{Lock, Switch};
+use crate::types::state::{LockSet, Switch};
 use crate::types::upload::ProgramUpload;
 
 /// Optional block skips: numbers from 1 to this.
@@ -70,7 +70,7 @@ pub(super) struct Skips {
 #[serde(untagged)]
 pub(super) enum InputSet {
     Switch(Switch),
-    Lock(Lock),
+    Lock(LockSet),
     Skips(Skips),
 }
 

@@ -10,7 +10,7 @@ use super::payloads::{
     command_answer, handshake, lease, of_area, read_command, read_input, read_path, read_variables, release,
     remove_program, store_program, switch, upload, variables, with_filter, write_input, write_variables,
 };
-use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set};
+use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set, SetInput};
 use super::route::{Content, Headers, Query, Route};
 use super::row::Fault;
 use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, ParsedRequest, QueryValues, RequestParts, Row, Topic};
@@ -26,7 +26,7 @@ use crate::types::planned::{PathQuery, Rehearsal};
 use crate::types::program::ProgramCheck;
 use crate::types::question::{self, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
-use crate::types::state::{Lock, Switch, Tool};
+use crate::types::state::{LockSet, Switch, Tool};
 use crate::types::upload::ProgramUpload;
 
 /// Lines of the journal where no number is named.
@@ -148,14 +148,14 @@ pub static ROWS: [Row; 40] = [
             input::<Switch>("/cs/{cs}/inputs/{input=optional_stop}", "Sets the optional stop input."),
             input::<Switch>("/cs/{cs}/inputs/{input=single_block}", "Sets the single block input."),
             input::<Switch>("/cs/{cs}/inputs/{input=dry_run}", "Sets the dry run input."),
-            input::<Lock>("/cs/{cs}/inputs/{input=interlock}", "Sets the interlock input."),
-            input::<Lock>("/cs/{cs}/inputs/{input=start_lock}", "Sets the start lock input."),
+            input::<LockSet>("/cs/{cs}/inputs/{input=interlock}", "Sets a source of the interlock."),
+            input::<LockSet>("/cs/{cs}/inputs/{input=start_lock}", "Sets a source of the start lock."),
         ],
         topic: Some(Topic::new::<InputSet>(
             "cs/{cs}/input/{input}/set",
             "Sets an input: optional_skip (numbers 1 to 31), optional_stop, single_block, dry_run, interlock or start_lock.",
         )),
-        ..Row::new(Operate, |incoming| Ok(Request::Input(incoming.cs()?, read_input(&incoming)?)),
+        ..Row::new(SetInput, |incoming| Ok(Request::Input(incoming.cs()?, read_input(&incoming)?)),
             |request| match request {
                 Request::Input(cs, input) => write_input(cs, input),
                 other => Err(other),

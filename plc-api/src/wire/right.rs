@@ -14,6 +14,8 @@ pub enum Right {
     /// To select a tool, set the spindle and write variables: an operator anywhere, a handler in a coordinate system in
     /// which it serves an M code.
     Set,
+    /// To set inputs: an operator any, a handler its own sources of interlock and start lock.
+    SetInput,
     /// To stop a machine by an alarm.
     Raise,
     /// To change what the machine keeps: its programs.
@@ -35,6 +37,7 @@ impl Right {
             Right::Handle => "handle",
             Right::Reset => "reset",
             Right::Set => "set",
+            Right::SetInput => "set_input",
             Right::Raise => "raise",
             Right::Administrate => "administrate",
         }

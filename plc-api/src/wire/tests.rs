@@ -19,7 +19,7 @@ use crate::types::output::{
 use crate::types::planned::PathQuery;
 use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
-use crate::types::state::{Lock, SpindleDirection};
+use crate::types::state::{LockSet, SpindleDirection};
 use crate::types::upload::{Hashes, ProgramCondition, ProgramUpload};
 use crate::types::{BootId, Timestamp};
 
@@ -199,7 +199,13 @@ fn of_inputs(transport: Transport) -> impl Strategy<Value = Request> {
         0..10,
     );
     common.prop_map(|(cs, number, value, text, skips, speed, which)| {
-        let lock = Lock { value, text };
+        let lock = LockSet {
+            value,
+            text,
+            source: value.then(|| "door".to_owned()),
+            handler_id: (number > 9).then(|| "h".to_owned()),
+            force: (number == 3).then_some(true),
+        };
         let change = OverrideChange {
             feed: Some(speed),
             rapid: None,

@@ -43,7 +43,7 @@ use broker_address::BrokerAddress;
 use machine::Machine;
 use server::LimitedListener;
 use settings::{HTTP_LISTEN, bind};
-use shared::Shared;
+use shared::{MqttServer, Shared};
 
 pub use access::{
     NewToken, Role, TokenError, Tokens, certificate_entry, mosquitto_acl, new_token, pin_entry,
@@ -122,6 +122,7 @@ impl Gateway {
             machine.clone(),
             http_addr,
             if tls.is_some() { "https" } else { "http" },
+            MqttServer::new(broker.as_ref().map(Broker::addr), &settings.mqtt, tls.is_some()),
             Access::new(users),
             position_interval,
             stop.clone(),
@@ -138,10 +139,9 @@ impl Gateway {
             refused,
             metrics: Arc::clone(&shared.metrics),
         });
-        let router = http::router(Arc::clone(&shared));
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),
-            router,
+            http::router(Arc::clone(&shared)),
             tls,
             stop,
             server::HEADER_MAX,

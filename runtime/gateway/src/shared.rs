@@ -18,6 +18,7 @@ use crate::access::http::Access;
 use crate::machine::{Authorized, Machine};
 use crate::metrics::Metrics;
 use crate::problem::Problem;
+use crate::settings::MqttSettings;
 
 /// Concurrent requests that carry a whole program; more wait. Reason: each may hold 64 MiB.
 pub(crate) const LARGE_REQUESTS_MAX: usize = 4;
@@ -31,12 +32,41 @@ const URGENT_COMMANDS_MAX: usize = 64;
 /// Open `WebSocket` connections; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
+/// The MQTT broker, as others reach it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct MqttServer {
+    /// `None`: the embedded one, at the host of HTTP.
+    pub(crate) host: Option<String>,
+    pub(crate) port: u16,
+    /// Over TLS.
+    pub(crate) is_private: bool,
+}
+
+impl MqttServer {
+    /// The embedded broker at this address, or the external one of the settings.
+    pub(crate) fn new(embedded: Option<SocketAddr>, settings: &MqttSettings, is_private: bool) -> Self {
+        match embedded {
+            Some(address) => Self {
+                host: None,
+                port: address.port(),
+                is_private,
+            },
+            None => Self {
+                host: Some(settings.host.clone()),
+                port: settings.port,
+                is_private: settings.tls.is_some(),
+            },
+        }
+    }
+}
+
 /// State shared by all HTTP handlers.
 pub(crate) struct Shared {
     pub(crate) machine: Machine,
     pub(crate) http_addr: SocketAddr,
     /// `http`, or `https` with a certificate.
     pub(crate) scheme: &'static str,
+    pub(crate) mqtt_server: MqttServer,
     pub(crate) access: Access,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) position_interval: Duration,
@@ -54,6 +84,7 @@ impl Shared {
         machine: Machine,
         http_addr: SocketAddr,
         scheme: &'static str,
+        mqtt_server: MqttServer,
         access: Access,
         position_interval: Duration,
         stop: CancellationToken,
@@ -62,6 +93,7 @@ impl Shared {
             machine,
             http_addr,
             scheme,
+            mqtt_server,
             access,
             metrics: Arc::default(),
             position_interval,

@@ -25,6 +25,79 @@ const NAME: &str = "my-machine";
 /// Characters of a name: that of an MQTT topic level.
 const NAME_MAX: usize = 32;
 
+/// Names that a package cannot have: words of Rust, its own crates, what cargo makes beside it, and what the project uses.
+const TAKEN: &[&str] = &[
+    "abstract",
+    "alloc",
+    "as",
+    "async",
+    "await",
+    "become",
+    "bin",
+    "box",
+    "break",
+    "build",
+    "const",
+    "continue",
+    "core",
+    "crate",
+    "deps",
+    "do",
+    "dyn",
+    "else",
+    "enum",
+    "examples",
+    "extern",
+    "false",
+    "final",
+    "fn",
+    "for",
+    "gen",
+    "if",
+    "impl",
+    "in",
+    "incremental",
+    "let",
+    "loop",
+    "macro",
+    "main",
+    "match",
+    "mod",
+    "move",
+    "mut",
+    "override",
+    "plc-api",
+    "priv",
+    "proc-macro",
+    "program",
+    "pub",
+    "ref",
+    "return",
+    "self",
+    "static",
+    "std",
+    "struct",
+    "super",
+    "tandem-runtime",
+    "target",
+    "test",
+    "tokio",
+    "trait",
+    "true",
+    "try",
+    "tracing",
+    "type",
+    "typeof",
+    "union",
+    "unsafe",
+    "unsized",
+    "use",
+    "virtual",
+    "where",
+    "while",
+    "yield",
+];
+
 /// What is where in the folder.
 const CONTENT: &str = "  \
   tandem.toml       motors, axes, M codes
@@ -58,7 +131,8 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     if !is_empty {
         bail!("{} is not empty; name a new folder", dir.display());
     }
-    let name = name_of(dir);
+    let wanted = file_name_of(dir);
+    let name = name_of(&wanted)?;
     let dependency = |folder: &str| match &checkout {
         Some(checkout) => {
             let path = checkout.join(folder).display().to_string();
@@ -91,6 +165,11 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             env!("CARGO_PKG_VERSION")
         ),
     };
+    if name != wanted {
+        say(format!(
+            "The machine and its package are called {name}: a name has the letters a to z, digits and hyphens."
+        ));
+    }
     say(format!(
         "{} holds a machine:\n{CONTENT}{crates}\n{NEXT}",
         dir.display()
@@ -116,19 +195,70 @@ fn is_checkout(folder: &Path) -> bool {
         .all(|file| folder.join(file).is_file())
 }
 
-/// The folder's name as a name of a package and of a machine: `[a-z0-9-]`, a letter first.
-fn name_of(dir: &Path) -> String {
+/// The name of the folder itself.
+fn file_name_of(dir: &Path) -> String {
     let absolute = std::path::absolute(dir).unwrap_or_else(|_| dir.to_owned());
-    let file_name = absolute.file_name().unwrap_or_default().to_string_lossy();
-    let name = file_name.to_lowercase();
-    let name = name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-");
+    absolute
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// The folder's name as a name of a package and of a machine: `[a-z0-9-]`, a letter first.
+///
+/// # Errors
+/// A name that cargo or Rust does not take for a package.
+fn name_of(file_name: &str) -> anyhow::Result<String> {
+    let name: String = file_name.to_lowercase().chars().map(plain).collect();
     let name = name.trim_start_matches(|letter: char| !letter.is_ascii_lowercase());
     let name: String = name.chars().take(NAME_MAX).collect();
     let name = name.trim_end_matches('-');
-    match name {
-        "" | "test" => NAME.to_owned(),
-        name => name.to_owned(),
+    if name.is_empty() {
+        return Ok(NAME.to_owned());
     }
+    if TAKEN.contains(&name) {
+        bail!(
+            "a package cannot be called {name}, which means something else to Rust; name another folder, such as \
+             {name}-machine"
+        );
+    }
+    Ok(name.to_owned())
+}
+
+/// What stands for a letter: those with marks lose them.
+fn plain(letter: char) -> &'static str {
+    const PLAIN: &[(&str, &str)] = &[
+        ("ä", "ae"),
+        ("ö", "oe"),
+        ("ü", "ue"),
+        ("ß", "ss"),
+        ("æ", "ae"),
+        ("œ", "oe"),
+        ("ø", "o"),
+        ("å", "a"),
+        ("àáâãā", "a"),
+        ("èéêëě", "e"),
+        ("ìíîï", "i"),
+        ("òóôõ", "o"),
+        ("ùúûů", "u"),
+        ("çčć", "c"),
+        ("ñň", "n"),
+        ("šś", "s"),
+        ("žźż", "z"),
+        ("ř", "r"),
+        ("ýÿ", "y"),
+        ("ł", "l"),
+        ("ďð", "d"),
+        ("ťþ", "t"),
+        ("ğ", "g"),
+    ];
+    const ASCII: &str = "abcdefghijklmnopqrstuvwxyz0123456789";
+    if let Some(place) = ASCII.find(letter) {
+        return &ASCII[place..=place];
+    }
+    let known = PLAIN.iter().find(|(letters, _)| letters.contains(letter));
+    known.map_or("-", |(_, plain)| plain)
 }
 
 #[cfg(test)]
@@ -137,10 +267,19 @@ mod tests {
 
     #[test]
     fn the_name_is_one_of_a_package_and_of_a_machine() {
-        let name = |dir: &str| name_of(Path::new(dir));
+        let name = |dir: &str| name_of(&file_name_of(Path::new(dir))).unwrap();
         assert_eq!(name("Mill 1"), "mill-1");
         assert_eq!(name("a/5-axis_mill"), "axis-mill");
         assert_eq!(name("42"), NAME);
+        assert_eq!(name("Mühle"), "muehle");
         assert_eq!(name("x".repeat(50).as_str()), "x".repeat(32));
+    }
+
+    #[test]
+    fn a_name_that_rust_keeps_for_itself_is_refused_with_another() {
+        for taken in ["self", "core", "std", "Test", "async", "plc-api"] {
+            let refusal = name_of(taken).unwrap_err().to_string();
+            assert!(refusal.contains("-machine"), "{refusal}");
+        }
     }
 }

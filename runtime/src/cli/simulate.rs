@@ -218,6 +218,7 @@ impl Plan {
             machine = config.resolve()?;
         }
         machine.unhandled = Unhandled::AutoReset;
+        machine.forget_locks();
         if config.is_demo {
             for system in &mut machine.coordinate_systems {
                 system.programs.clear();

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use plc_api::lock_input::LockRules;
 use plc_api::types::output::Timing;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -58,6 +59,8 @@ pub struct CoordinateSystem {
     pub pre_read_blocks: usize,
     /// Outputs open at the same time.
     pub open_outputs_max: usize,
+    /// Interlock and start lock: what they are while owners of their sources are not there.
+    pub locks: [LockRules; 2],
 }
 
 impl CoordinateSystem {
@@ -140,6 +143,13 @@ impl Machine {
     /// Servo period.
     pub fn servo_period(&self) -> Duration {
         Duration::from_micros(self.servo_period_us)
+    }
+
+    /// Nobody is there to say what the interlocks and start locks are: all of them are off.
+    pub fn forget_locks(&mut self) {
+        for system in &mut self.coordinate_systems {
+            system.locks = Default::default();
+        }
     }
 
     /// Servo cycles that may be left out in motion.

@@ -7,6 +7,7 @@ mod broker;
 mod demo;
 mod dgshape;
 mod error;
+mod input;
 mod machine;
 mod reference;
 mod resolve;
@@ -25,6 +26,7 @@ use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, U
 pub use broker::{Broker, ExternalBroker};
 pub use dgshape::DgshapeConfig;
 pub use error::ConfigError;
+pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 pub use reference::{ConfigKey, ConfigWord};
 pub use words::OnBusLoss;
@@ -61,6 +63,9 @@ pub struct Config {
     /// `[m_code.N]`
     #[serde(default)]
     pub m_code: BTreeMap<String, MCodeConfig>,
+    /// `[input]`
+    #[serde(default)]
+    pub input: InputConfig,
     /// `[[simulated_skip]]`
     #[serde(default)]
     pub simulated_skip: Vec<SimulatedSkipConfig>,

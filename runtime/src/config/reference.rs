@@ -6,8 +6,8 @@ use serde_json::Value;
 
 use super::error::known;
 use super::{
-    Config, CoordinateSystemConfig, HttpConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig,
-    ProgramsConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
+    Config, CoordinateSystemConfig, HttpConfig, LockConfig, LockSourceConfig, MCodeConfig, MachineConfig,
+    MotorConfig, MqttConfig, ProgramsConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -88,6 +88,9 @@ impl Config {
             ("coordinate_system", order_of::<CoordinateSystemConfig>()),
             ("tool", order_of::<ToolConfig>()),
             ("m_code", order_of::<MCodeConfig>()),
+            ("input.interlock", order_of::<LockConfig>()),
+            ("input.start_lock", order_of::<LockConfig>()),
+            ("input.interlock.source", order_of::<LockSourceConfig>()),
             ("simulated_skip", order_of::<SimulatedSkipConfig>()),
             ("mqtt", order_of::<MqttConfig>()),
             ("http", order_of::<HttpConfig>()),
@@ -96,10 +99,13 @@ impl Config {
         ];
         let mut keys = Vec::new();
         for (name, order) in tables {
-            let schema = &config.as_value()["properties"][name];
-            let of_many = [&schema["items"], &schema["additionalProperties"]];
-            let table = of_many.into_iter().find(|table| table.is_object());
-            let table = table.unwrap_or(schema);
+            let (mut schema, mut table) = (config.as_value(), config.as_value());
+            for step in name.split('.') {
+                schema = &table["properties"][step];
+                let of_many = [&schema["items"], &schema["additionalProperties"]];
+                let many = of_many.into_iter().find(|table| table.is_object());
+                table = many.unwrap_or(schema);
+            }
             let needed = table["required"].as_array().map_or(&[][..], Vec::as_slice);
             let of_table = keys.len();
             keys.extend(order.iter().map(|key| {
@@ -119,9 +125,10 @@ fn order_of<T: DeserializeOwned>() -> Vec<String> {
     known(message).map(str::to_owned).collect()
 }
 
-/// Lowest and highest value of a number, or of each number of a list; infinite where that is open.
+/// Lowest and highest value of a number, or of each of so many numbers; infinite where that is open.
 pub(super) fn range(schema: &Value) -> (f64, f64) {
-    let bound = |name: &str| schema[name].as_f64().or_else(|| schema["items"][name].as_f64());
+    let items = Some(&schema["items"]).filter(|_| schema["minItems"].is_number());
+    let bound = |name: &str| schema[name].as_f64().or_else(|| items?[name].as_f64());
     (
         bound("minimum").unwrap_or(f64::NEG_INFINITY),
         bound("maximum").unwrap_or(f64::INFINITY),
@@ -152,7 +159,10 @@ fn kind(schema: &Value, is_word: bool) -> String {
         Some("integer") => "whole number",
         Some("string") => "text",
         Some("object") => "table",
-        Some("array") => return format!("{} numbers", schema["minItems"]),
+        Some("array") => match &schema["minItems"] {
+            Value::Null => return format!("list of {}s", kind(&schema["items"], false)),
+            count => return format!("{count} numbers"),
+        },
         other => other.unwrap_or_default(),
     };
     word.to_owned()

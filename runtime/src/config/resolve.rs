@@ -1,6 +1,7 @@
 //! From the values of the configuration to the settings that the stages take; all faults are reported together.
 
 mod coordinate_system;
+mod input;
 mod motor;
 mod mqtt;
 
@@ -101,6 +102,7 @@ impl Config {
     pub(super) fn resolve_into(&self, problems: &mut Problems<'_>) -> Machine {
         self.machine.check(&mut problems.of("machine", "[machine] "));
         self.mqtt.check(&mut problems.of("mqtt", "[mqtt] "));
+        self.input.check(&self.coordinate_system, problems);
         let signers = self.signers(problems);
         let tools = self.tools(problems);
         let motors = self.motors(problems);
@@ -224,6 +226,7 @@ impl Config {
                 programs: self.programs(config, &mut checked),
                 pre_read_blocks: config.pre_read_blocks,
                 open_outputs_max: config.open_outputs_max,
+                locks: self.input.rules(config.number),
             };
             if systems.insert(config.number, system).is_some() {
                 checked.problem("number", "the number stands twice");

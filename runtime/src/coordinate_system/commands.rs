@@ -171,8 +171,8 @@ impl CoordinateSystem {
         if verb.moves() {
             self.judge_interlock()?;
         }
-        if matches!(verb, Verb::Start | Verb::Mdi) && self.inputs.start_lock.value {
-            let why = &self.inputs.start_lock.text;
+        if matches!(verb, Verb::Start | Verb::Mdi) && self.inputs.start_lock.is_on() {
+            let why = self.inputs.start_lock.text();
             return Err(Refusal::new(
                 RefusalCode::StartLocked,
                 format!("the start lock is on: {why}"),

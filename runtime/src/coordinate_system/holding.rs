@@ -4,14 +4,14 @@
 //! path: the motion is held at the end point of each block if it stops there, otherwise on the path just behind its joint.
 
 use plc_api::types::request::{Refusal, RefusalCode};
-use plc_api::types::state::{Lock, Reason, Transition};
+use plc_api::types::state::{Reason, Transition};
 use tandem_interp::Modal;
 use tandem_model::alarm::{COMPENSATION_REFUSED, SERVO_LATE};
 use tandem_servo::Control;
 
-use super::CoordinateSystem;
 use super::run::Kind;
 use super::run_state::{Cause, End, Phase, RunEvent, Then};
+use super::{CoordinateSystem, InputValues};
 use crate::journal::Event;
 
 impl CoordinateSystem {
@@ -68,19 +68,32 @@ impl CoordinateSystem {
         self.drive(RunEvent::ServoHeld { behind_block });
     }
 
-    pub(super) fn set_interlock(&mut self, lock: Lock) {
-        self.inputs.interlock = lock;
-        if self.inputs.interlock.value {
+    /// The interlock has been set: motion is held while it is on.
+    pub(super) fn follow_interlock(&mut self) {
+        if self.inputs.interlock.is_on() {
             self.hold(Cause::Interlock);
+        }
+    }
+
+    /// A handler is not there any more, and what it has locked follows its `on_loss`.
+    pub(super) fn lose_owner(&mut self, handler_id: &str) {
+        let InputValues {
+            interlock,
+            start_lock,
+            ..
+        } = &mut self.inputs;
+        if interlock.lose(handler_id) | start_lock.lose(handler_id) {
+            self.follow_interlock();
+            self.publish_inputs();
         }
     }
 
     /// Refuses what would move while the interlock is on.
     pub(super) fn judge_interlock(&self) -> Result<(), Refusal> {
-        if !self.inputs.interlock.value {
+        if !self.inputs.interlock.is_on() {
             return Ok(());
         }
-        let why = &self.inputs.interlock.text;
+        let why = self.inputs.interlock.text();
         let text = format!("the interlock is on: {why}");
         Err(Refusal::new(RefusalCode::StartLocked, text))
     }

@@ -31,10 +31,11 @@ mod watched_clients;
 use std::sync::Arc;
 
 use plc_api::handshake::Ledger;
+use plc_api::lock_input::LockInput;
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::CancelReason;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Input, Refusal, RefusalCode};
-use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection};
+use plc_api::types::state::{Execution, Overrides, Reason, SpindleDirection};
 use tandem_model::MachinePosition;
 use tandem_model::flow::Transform;
 use tandem_servo::{ChannelHandle, Control, Event};
@@ -88,8 +89,8 @@ struct InputValues {
     effective_from_line: u32,
     optional_stop: bool,
     single_block: bool,
-    interlock: Lock,
-    start_lock: Lock,
+    interlock: LockInput,
+    start_lock: LockInput,
     overrides: Overrides,
     spindle: (SpindleDirection, f64),
     /// It turns by M03 or M04 of the stock sequence program: a change of S from this segment on is newer than that.
@@ -115,6 +116,7 @@ impl CoordinateSystem {
         tool: Option<u16>,
     ) -> Self {
         let number = configured.settings.number;
+        let [interlock, start_lock] = configured.locks.clone();
         let ledger = Ledger::new(shared.boot_id.clone(), configured.open_outputs_max);
         let at = handle.readings.read().commanded;
         let mut pipeline = Pipeline::new(&configured.settings, configured.dialect, at);
@@ -138,6 +140,8 @@ impl CoordinateSystem {
             past: PastRuns::default(),
             inputs: InputValues {
                 tool,
+                interlock: LockInput::new("interlock", interlock),
+                start_lock: LockInput::new("start lock", start_lock),
                 ..InputValues::default()
             },
             outputs: Outputs::new(ledger),
@@ -400,6 +404,9 @@ impl CoordinateSystem {
             }
             CoordinateSystemRequest::Handler(id, presence) => {
                 self.outputs.on_handler_changed(&self.context, &id, &presence);
+                if !presence.online {
+                    self.lose_owner(&id);
+                }
                 Ok(Answer::Done)
             }
             CoordinateSystemRequest::SkipInput(motor, value) => {
@@ -440,11 +447,18 @@ impl CoordinateSystem {
                 }
             }
             Input::OptionalStop(on) => self.inputs.optional_stop = on,
-            Input::StartLock(lock) => self.inputs.start_lock = lock,
+            Input::StartLock(set) => {
+                let Self { inputs, context, .. } = self;
+                inputs.start_lock.set(set, |id| context.shared.is_online(id))?;
+            }
             Input::Override(change) => self.set_overrides(change)?,
             Input::SingleBlock(on) => self.set_single_block(on)?,
             Input::DryRun(on) => self.pipeline.path.set_dry_run(on),
-            Input::Interlock(lock) => self.set_interlock(lock),
+            Input::Interlock(set) => {
+                let Self { inputs, context, .. } = self;
+                inputs.interlock.set(set, |id| context.shared.is_online(id))?;
+                self.follow_interlock();
+            }
         }
         self.publish_inputs();
         Ok(())

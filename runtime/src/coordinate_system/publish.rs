@@ -203,7 +203,7 @@ impl CoordinateSystem {
             (CsTopic::StartLock, &self.inputs.start_lock),
         ];
         for (topic, lock) in locks {
-            self.context.publish(topic, Payload::Lock(lock.clone()));
+            self.context.publish(topic, Payload::Lock(lock.state()));
         }
         self.context
             .publish(CsTopic::Override, Payload::Override(self.inputs.overrides));

@@ -5,7 +5,7 @@ use plc_api::types::command::{CommandReply, CommandStatus, Expect, Verb};
 use plc_api::types::output::HandledCode;
 use plc_api::types::question::ValidateResult;
 use plc_api::types::request::{Input, typed};
-use plc_api::types::state::{Lock, ProgramPlace};
+use plc_api::types::state::{LockSet, ProgramPlace};
 
 use super::*;
 use crate::Config;
@@ -162,10 +162,7 @@ fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
 #[test]
 fn a_refusal_that_comes_from_a_lock_says_the_state_and_what_it_leaves_allowed() {
     with_machine(async move |port| {
-        let interlock = Lock {
-            value: true,
-            text: "the door is open".into(),
-        };
+        let interlock = LockSet::new(true, "the door is open");
         port.ask(typed::Input(1, Input::Interlock(interlock)))
             .await
             .unwrap();

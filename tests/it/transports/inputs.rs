@@ -70,13 +70,10 @@ async fn locks_are_set_and_read_back_with_their_words(system: &CoordinateSystem)
     within("start lock", system.set_start_lock(true, "no pressure"))
         .await
         .expect("start lock");
-    let lock = |text: &str| Lock {
-        value: true,
-        text: text.to_owned(),
-    };
+    let is_on = |lock: &Lock, text: &str| lock.value && lock.text == text;
     until("the locks are on, with their words", async || {
-        let interlock = system.interlock().await.ok()? == lock("the door is open");
-        (interlock && system.start_lock().await.ok()? == lock("no pressure")).then_some(())
+        let interlock = is_on(&system.interlock().await.ok()?, "the door is open");
+        (interlock && is_on(&system.start_lock().await.ok()?, "no pressure")).then_some(())
     })
     .await;
     within("interlock", system.set_interlock(false, ""))

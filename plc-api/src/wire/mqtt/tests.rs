@@ -8,7 +8,7 @@ use crate::types::output::{
     Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
 use crate::types::request::{Input, OverrideChange, SpindleCommand};
-use crate::types::state::{Lock, SpindleDirection};
+use crate::types::state::{LockSet, SpindleDirection};
 
 use super::super::requests::parsed;
 use super::*;
@@ -159,10 +159,7 @@ fn what_is_asked_of_the_control_lease_comes_in_or_is_rejected_with_words() {
 #[test]
 fn inputs_and_settings_come_in() {
     let input = |name: &str, payload: &str| ask(&format!("cs/1/{name}/set"), payload);
-    let lock = Lock {
-        value: true,
-        text: "door".into(),
-    };
+    let lock = LockSet::new(true, "door");
     assert_eq!(
         input("input/optional_skip", r#"{"set":{"3":true,"31":false}}"#),
         Request::Input(1, Input::OptionalSkip([(3, true), (31, false)].into()))

@@ -41,8 +41,9 @@ pub enum Role {
     Operate,
     /// May do everything, including changes of the program store.
     Admin,
-    /// A sequence program: claims, resets, reports progress and presence, in its own name only, raises alarms, and sets tool,
-    /// spindle and variables in a coordinate system in which it serves an M code.
+    /// A sequence program: claims, resets, reports progress and presence, in its own name only, raises alarms, sets
+    /// sources of its own of interlock and start lock, and tool, spindle and variables in a coordinate system in which it
+    /// serves an M code.
     Handler,
 }
 
@@ -121,14 +122,18 @@ mod tests {
             Right::Handle,
             Right::Reset,
             Right::Set,
+            Right::SetInput,
             Right::Raise,
             Right::Administrate,
         ];
         let table = [
-            (Role::View, [true, false, false, false, false, false, false]),
-            (Role::Operate, [true, true, false, true, true, true, false]),
-            (Role::Handler, [true, false, true, true, true, true, false]),
-            (Role::Admin, [true; 7]),
+            (
+                Role::View,
+                [true, false, false, false, false, false, false, false],
+            ),
+            (Role::Operate, [true, true, false, true, true, true, true, false]),
+            (Role::Handler, [true, false, true, true, true, true, true, false]),
+            (Role::Admin, [true; 8]),
         ];
         for (role, expected) in table {
             assert_eq!(rights.map(|right| role.has(right)), expected, "{role:?}");

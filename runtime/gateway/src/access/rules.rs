@@ -1,7 +1,7 @@
 //! What a user may ask, decided on the request that is carried out. Pure: no I/O.
 
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::request::Request;
+use plc_api::types::request::{Input, Request};
 use plc_api::wire::right::Right;
 use plc_api::wire::row::ParsedRequest;
 
@@ -53,6 +53,9 @@ fn check_handler(
     if matches!(request, Request::Reset(_, _, reset) if reset.force.unwrap_or(false)) {
         return Err("a reset by force needs role operate or admin".to_owned());
     }
+    if parsed.right() == Right::SetInput {
+        return check_lock(name, request);
+    }
     if parsed.right() != Right::Set {
         return Ok(());
     }
@@ -70,6 +73,21 @@ fn check_handler(
     ))
 }
 
+/// Of the inputs a handler sets sources of its own, never those of others.
+fn check_lock(name: &str, request: &Request) -> Result<(), String> {
+    match request {
+        Request::Input(_, Input::Interlock(set) | Input::StartLock(set))
+            if set.handler_id.as_deref() == Some(name) && set.force != Some(true) =>
+        {
+            Ok(())
+        }
+        _ => Err(format!(
+            "the token of {name} has role handler: of the inputs it sets sources of interlock and start lock only, with \
+             handler_id {name} and without force"
+        )),
+    }
+}
+
 /// The handler in whose name a request is made.
 fn spoken_for(request: &Request) -> Option<&str> {
     match request {
@@ -78,6 +96,7 @@ fn spoken_for(request: &Request) -> Option<&str> {
         Request::Progress(_, _, report) => Some(&report.handler_id),
         Request::Ask(_, _, ask) => Some(&ask.handler_id),
         Request::ValidateResult(_, _, result) => Some(&result.handler_id),
+        Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => set.handler_id.as_deref(),
         Request::Handler(id, _) | Request::Heartbeat(id, _) => Some(id),
         _ => None,
     }

@@ -56,7 +56,7 @@ mod tests {
             ("alarm/raise", [false, true, true, true]),
             ("alarm/active", [false; 4]),
             ("cs/1/command/start", [false, true, false, true]),
-            ("cs/1/input/dry_run/set", [false, true, false, true]),
+            ("cs/1/input/interlock/set", [false, true, true, true]),
             ("cs/1/override/set", [false, true, false, true]),
             ("cs/1/tool/set", [false, true, true, true]),
             ("cs/1/lease/take", [false, true, false, true]),

@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
-use axum::Router;
-use axum::http::{HeaderValue, header};
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use axum::{Json, Router};
+use serde_json::{Value, json};
 
-use crate::shared::Shared;
+use crate::problem::Problem;
+use crate::shared::{Shared, unexpected};
 
 const OPENAPI: &str = include_str!("../../api/openapi.json");
 const ASYNCAPI: &str = include_str!("../../api/asyncapi.json");
@@ -15,10 +18,51 @@ const ASYNCAPI: &str = include_str!("../../api/asyncapi.json");
 pub(super) fn routes() -> Router<Arc<Shared>> {
     Router::new()
         .route("/openapi.json", get(|| async { document(OPENAPI) }))
-        .route("/asyncapi.json", get(|| async { document(ASYNCAPI) }))
+        .route("/asyncapi.json", get(asyncapi))
 }
 
 fn document(text: &'static str) -> Response {
     let kind = HeaderValue::from_static("application/json");
     ([(header::CONTENT_TYPE, kind)], text).into_response()
+}
+
+/// The document of MQTT, with the servers by which whoever asks reaches this machine.
+async fn asyncapi(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Value>, Problem> {
+    let mut document: Value = serde_json::from_str(ASYNCAPI).map_err(|_| unexpected())?;
+    let asked = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let here = asked.map_or_else(|| shared.http_addr.to_string(), str::to_owned);
+    let websocket = if shared.scheme == "https" { "wss" } else { "ws" };
+    let mqtt = &shared.mqtt_server;
+    let host = mqtt.host.as_deref().unwrap_or_else(|| without_port(&here));
+    let protocol = if mqtt.is_private { "mqtts" } else { "mqtt" };
+    document["servers"] = json!({
+        "machine": {"host": format!("{host}:{}", mqtt.port), "protocol": protocol},
+        "websocket": {"host": here, "protocol": websocket},
+    });
+    Ok(Json(document))
+}
+
+/// The host of `host:port`; an IPv6 address stands in brackets.
+fn without_port(host: &str) -> &str {
+    match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|digit| digit.is_ascii_digit()) && !name.is_empty() => name,
+        _ => host,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_host_of_an_address_is_what_stands_before_its_port() {
+        for (host, name) in [
+            ("mill:8080", "mill"),
+            ("mill", "mill"),
+            ("[::1]:8080", "[::1]"),
+            ("[::1]", "[::1]"),
+        ] {
+            assert_eq!(without_port(host), name, "{host}");
+        }
+    }
 }

@@ -256,6 +256,11 @@ pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>
         crate::machine::Machine::new(port),
         "127.0.0.1:8080".parse().unwrap(),
         "http",
+        crate::shared::MqttServer {
+            host: None,
+            port: 1883,
+            is_private: false,
+        },
         Access::new(tokens.map(|tokens| crate::access::Users::new(crate::access::LiveTokens::fixed(tokens)))),
         Duration::from_millis(20),
         CancellationToken::new(),

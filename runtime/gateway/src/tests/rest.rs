@@ -9,7 +9,7 @@ use plc_api::types::machine::{ActiveAlarms, AlarmRecord};
 use plc_api::types::output::{HandshakeResult, HandshakeStatus, Pending};
 use plc_api::types::program::ProgramInfo;
 use plc_api::types::request::{Input, OverrideChange};
-use plc_api::types::state::{Captured, Lock, Modal, Overrides, ProgramPlace, Spindle, Tool};
+use plc_api::types::state::{Captured, LockSet, Modal, Overrides, ProgramPlace, Spindle, Tool};
 use serde_json::{Value, json};
 use tower::ServiceExt;
 
@@ -259,10 +259,7 @@ async fn commands_and_lists_are_answered() {
 #[tokio::test]
 async fn inputs_overrides_spindle_and_tool_are_set() {
     let port = StubPort::new();
-    let lock = Lock {
-        value: true,
-        text: "door".into(),
-    };
+    let lock = LockSet::new(true, "door");
     let change = OverrideChange {
         feed: Some(80.0),
         ..OverrideChange::default()
@@ -548,6 +545,15 @@ async fn the_documents_and_their_page_are_served_from_here_alone() {
         let (status, document) = get(&port, &format!("/api/v1/{path}.json")).await;
         assert_eq!((status, &document[path]), (200, &json!(key)));
     }
+    let (_, document) = get(&port, "/api/v1/asyncapi.json").await;
+    assert_eq!(
+        document["servers"],
+        json!({
+            "machine": {"host": "127.0.0.1:1883", "protocol": "mqtt"},
+            "websocket": {"host": "127.0.0.1:8080", "protocol": "ws"},
+        }),
+        "where this machine is"
+    );
     let response = call(&port, "GET", "/api", &[], "").await;
     assert_eq!(response.headers()["content-type"], "text/html; charset=utf-8");
     let page = text(response).await;

@@ -1,0 +1,43 @@
+//! Levels that a sequence program follows.
+
+use tokio::sync::watch;
+
+use crate::error::Result;
+use crate::levels::LockKind;
+use crate::plc::Plc;
+use crate::types::CoordinateSystemNumber;
+use crate::types::lock::LockSet;
+
+/// A level that a sequence program follows with a source of its own.
+#[derive(Debug, Clone)]
+pub(super) struct Followed {
+    pub(super) cs: CoordinateSystemNumber,
+    pub(super) kind: LockKind,
+    pub(super) source: String,
+    pub(super) level: watch::Receiver<bool>,
+    pub(super) text: String,
+}
+
+impl Followed {
+    /// Follows it for ever. Once nobody sends it any more, it is on: nobody knows it then.
+    ///
+    /// # Errors
+    /// The machine refuses it.
+    pub(super) async fn run(mut self, plc: Plc) -> Result<()> {
+        loop {
+            let value = *self.level.borrow_and_update();
+            let text = if value { self.text.clone() } else { String::new() };
+            self.set(&plc, value, text).await?;
+            if self.level.changed().await.is_err() {
+                let text = format!("{}, or nobody watches it any more", self.text);
+                self.set(&plc, true, text).await?;
+                return std::future::pending().await;
+            }
+        }
+    }
+
+    async fn set(&self, plc: &Plc, value: bool, text: String) -> Result<()> {
+        let set = LockSet::new(value, text).of_source(&self.source);
+        plc.set_lock(self.cs, self.kind, set).await
+    }
+}

@@ -1,0 +1,144 @@
+//! Interlocks and start locks that a program has set: while it serves the machine they are its handler's, and written again
+//! whenever the machine has been told anew who is there.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+use tokio::sync::watch;
+
+use crate::error::Result;
+use crate::lock::lock;
+use crate::port::{Port, RETRY};
+use crate::types::CoordinateSystemNumber;
+use crate::types::lock::LockSet;
+use crate::types::refusal::RefusalCode;
+use crate::types::request::{Input, typed};
+
+/// Which of the two inputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum LockKind {
+    Interlock,
+    StartLock,
+}
+
+impl LockKind {
+    fn input(self, set: LockSet) -> Input {
+        match self {
+            LockKind::Interlock => Input::Interlock(set),
+            LockKind::StartLock => Input::StartLock(set),
+        }
+    }
+}
+
+/// The machine, and in whose name it is asked.
+type Asking<'a> = (&'a dyn Port, &'a str);
+
+/// One source of an input of a coordinate system.
+type Place = (CoordinateSystemNumber, LockKind, String);
+
+/// The handler of a program that serves the machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Owner {
+    handler_id: Arc<str>,
+    /// The machine has been told of it.
+    is_announced: bool,
+}
+
+/// What a program has set.
+#[derive(Debug, Default)]
+pub(crate) struct Levels {
+    set: Mutex<BTreeMap<Place, LockSet>>,
+    owner: watch::Sender<Option<Owner>>,
+    /// One is written at a time, with the value that counts then.
+    turn: tokio::sync::Mutex<()>,
+}
+
+impl Levels {
+    /// True while a program serves the machine.
+    pub(crate) fn has_owner(&self) -> bool {
+        self.owner.borrow().is_some()
+    }
+
+    /// A handler begins to serve the machine, and owns what is set from now on.
+    pub(crate) fn begin(&self, handler_id: &Arc<str>) {
+        self.owner.send_replace(Some(Owner {
+            handler_id: Arc::clone(handler_id),
+            is_announced: false,
+        }));
+    }
+
+    /// It has ended.
+    pub(crate) fn end(&self) {
+        self.owner.send_replace(None);
+    }
+
+    /// The handler that owns a source, once the machine knows it.
+    pub(crate) fn owner(&self) -> Option<Arc<str>> {
+        let owner = self.owner.borrow();
+        let known = owner.as_ref().filter(|owner| owner.is_announced);
+        known.map(|owner| Arc::clone(&owner.handler_id))
+    }
+
+    /// The machine has been told who is there: it is told the levels, too.
+    pub(crate) async fn write_all(&self, asking: Asking<'_>) {
+        self.owner.send_modify(|owner| {
+            if let Some(owner) = owner {
+                owner.is_announced = true;
+            }
+        });
+        let places: Vec<_> = lock(&self.set).keys().cloned().collect();
+        for place in places {
+            if let Err(error) = self.write(asking, &place).await {
+                tracing::warn!(%error, cs = place.0, source = place.2, "a lock was not written again");
+            }
+        }
+    }
+
+    /// Sets a source.
+    ///
+    /// # Errors
+    /// The machine refuses it. While a program serves the machine, one that cannot be reached is waited for.
+    pub(crate) async fn set(
+        &self,
+        asking: Asking<'_>,
+        cs: CoordinateSystemNumber,
+        kind: LockKind,
+        set: LockSet,
+    ) -> Result<()> {
+        let place = (cs, kind, set.source().to_owned());
+        lock(&self.set).insert(place.clone(), set);
+        let written = self.write(asking, &place).await;
+        if written.is_err() {
+            lock(&self.set).remove(&place);
+        }
+        written
+    }
+
+    async fn write(&self, (port, name): Asking<'_>, (cs, kind, source): &Place) -> Result<()> {
+        loop {
+            let mut owner = self.owner.subscribe();
+            // the sender is this value itself, which is there
+            let ready = owner.wait_for(|owner| owner.as_ref().is_none_or(|owner| owner.is_announced));
+            let owner = ready.await.ok().and_then(|owner| owner.clone());
+            let turn = self.turn.lock().await;
+            let set = lock(&self.set).get(&(*cs, *kind, source.clone())).cloned();
+            let Some(set) = set else { return Ok(()) };
+            let request = typed::Input(
+                *cs,
+                kind.input(LockSet {
+                    handler_id: owner.as_ref().map(|owner| owner.handler_id.to_string()),
+                    ..set
+                }),
+            );
+            let answer = port.ask_as(name, request).await;
+            drop(turn);
+            match answer {
+                Err(refusal) if refusal.code == RefusalCode::Unavailable && self.has_owner() => {
+                    tracing::warn!(%refusal, "a lock is not written yet");
+                    port.sleep(RETRY).await;
+                }
+                answer => return Ok(answer?),
+            }
+        }
+    }
+}

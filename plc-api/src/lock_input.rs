@@ -1,0 +1,361 @@
+//! An interlock or a start lock of one coordinate system: pure, the same for the runtime and for the scripted machine.
+//!
+//! It is on while any of its sources is. A source that a handler has set is that handler's: nobody else clears it, and when
+//! its owner has gone, it has the value of its `on_loss`. Clients without presence own nothing: what one of them has set, any
+//! of them clears. An operator sets a source by force, which is marked until its owner writes it again.
+
+use std::collections::BTreeMap;
+
+use crate::types::lock::{Lock, LockSet, LockSource, OnLoss};
+use crate::types::refusal::{Refusal, RefusalCode};
+
+/// Sources of one input of a coordinate system. A further one is refused.
+pub const SOURCES_MAX: usize = 64;
+
+/// What an input does while owners of its sources are not there.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct LockRules {
+    /// Of sources that are not declared.
+    pub on_loss: OnLoss,
+    /// Declared sources: each begins at its value at a start, and is always shown.
+    pub sources: BTreeMap<String, OnLoss>,
+}
+
+/// An interlock or a start lock with its sources.
+#[derive(Debug, Default)]
+pub struct LockInput {
+    /// What it is, for people.
+    name: &'static str,
+    rules: LockRules,
+    // by name, each with at most one entry without an owner
+    sources: Vec<LockSource>,
+}
+
+impl LockInput {
+    /// At a start: declared sources have no owner yet.
+    pub fn new(name: &'static str, rules: LockRules) -> Self {
+        let sources = rules.sources.iter().map(|(source, on_loss)| LockSource {
+            source: source.clone(),
+            value: *on_loss == OnLoss::On,
+            text: match on_loss {
+                OnLoss::On => format!("nobody watches {source} yet"),
+                OnLoss::Keep | OnLoss::Off => String::new(),
+            },
+            lost: true,
+            ..LockSource::default()
+        });
+        Self {
+            name,
+            sources: sources.collect(),
+            rules,
+        }
+    }
+
+    /// True while any of its sources is on.
+    pub fn is_on(&self) -> bool {
+        self.sources.iter().any(|source| source.value)
+    }
+
+    /// Why it is on; empty while it is off.
+    pub fn text(&self) -> String {
+        let on = self.sources.iter().filter(|source| source.value);
+        let texts = on.map(|source| match source.text.as_str() {
+            "" if self.sources.len() > 1 => source.source.as_str(),
+            text => text,
+        });
+        texts.collect::<Vec<_>>().join("; ")
+    }
+
+    /// What is published of it.
+    pub fn state(&self) -> Lock {
+        Lock {
+            value: self.is_on(),
+            text: self.text(),
+            sources: self.sources.clone(),
+        }
+    }
+
+    /// Sets a source. `is_there` says whether a handler is online.
+    ///
+    /// # Errors
+    /// A name or a text that is none; `unavailable`: the handler is not there; `not_allowed`: the source stays on, since it is
+    /// another's; there are too many sources.
+    pub fn set(&mut self, set: LockSet, is_there: impl Fn(&str) -> bool) -> Result<(), Refusal> {
+        set.check()?;
+        if set.is_forced() {
+            return self.force(set);
+        }
+        if let Some(id) = set.handler_id.as_deref().filter(|id| !is_there(id)) {
+            let text = format!(
+                "handler {id} is not online: announce its presence before it sets the {}",
+                self.name
+            );
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        }
+        let place = self.place_of(&set);
+        if place.is_none() && set.handler_id.is_none() && !set.value {
+            return self.judge_clear(set.source());
+        }
+        let new = LockSource {
+            source: set.source().to_owned(),
+            value: set.value,
+            text: set.text,
+            handler_id: set.handler_id,
+            ..LockSource::default()
+        };
+        match place {
+            Some(place) => self.sources[place] = new,
+            None => self.add(new)?,
+        }
+        self.tidy();
+        Ok(())
+    }
+
+    /// A handler is not there any more. True if something has changed.
+    pub fn lose(&mut self, handler_id: &str) -> bool {
+        let Self { sources, rules, .. } = self;
+        let mut any = false;
+        let of_handler =
+            |source: &&mut LockSource| !source.lost && source.handler_id.as_deref() == Some(handler_id);
+        for source in sources.iter_mut().filter(of_handler) {
+            any = true;
+            source.lost = true;
+            source.forced_by = None;
+            match rules.sources.get(&source.source).unwrap_or(&rules.on_loss) {
+                OnLoss::Keep => {}
+                OnLoss::Off => source.value = false,
+                OnLoss::On => {
+                    source.value = true;
+                    source.text = format!("handler {handler_id}, which watches {}, has gone", source.source);
+                }
+            }
+        }
+        self.tidy();
+        any
+    }
+
+    /// The entry that a set replaces: its owner's own, else one that waits for an owner or has none.
+    fn place_of(&self, set: &LockSet) -> Option<usize> {
+        let of_source = |source: &LockSource| source.source == set.source();
+        let is_own =
+            |source: &LockSource| of_source(source) && !source.lost && source.handler_id == set.handler_id;
+        let own = self.sources.iter().position(is_own);
+        let is_free = |source: &LockSource| {
+            set.handler_id.is_some() && of_source(source) && (source.lost || source.handler_id.is_none())
+        };
+        own.or_else(|| self.sources.iter().position(is_free))
+    }
+
+    /// A client without presence clears a source that it has not set.
+    fn judge_clear(&self, name: &str) -> Result<(), Refusal> {
+        let mut on = self
+            .sources
+            .iter()
+            .filter(|source| source.source == name && source.value);
+        let Some(source) = on.next() else { return Ok(()) };
+        let owner = match &source.handler_id {
+            Some(id) => format!("is handler {id}'s, which alone clears it"),
+            None => "waits for the handler that watches it, which alone clears it".to_owned(),
+        };
+        let text = format!(
+            "source {name} of the {} {owner}; an operator clears it in its place with force: true",
+            self.name
+        );
+        Err(Refusal::new(RefusalCode::NotAllowed, text))
+    }
+
+    fn force(&mut self, set: LockSet) -> Result<(), Refusal> {
+        let by = set.handler_id.clone().unwrap_or_else(|| "operator".to_owned());
+        let mut any = false;
+        for source in self
+            .sources
+            .iter_mut()
+            .filter(|source| source.source == set.source())
+        {
+            any = true;
+            source.value = set.value;
+            source.text.clone_from(&set.text);
+            source.forced_by = Some(by.clone());
+        }
+        if !any && set.value {
+            self.add(LockSource {
+                source: set.source().to_owned(),
+                value: true,
+                text: set.text,
+                forced_by: Some(by),
+                ..LockSource::default()
+            })?;
+        }
+        self.tidy();
+        Ok(())
+    }
+
+    fn add(&mut self, source: LockSource) -> Result<(), Refusal> {
+        if self.sources.len() >= SOURCES_MAX {
+            let text = format!(
+                "the {} has {SOURCES_MAX} sources, which is the limit; clear one, or use fewer names",
+                self.name
+            );
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        }
+        let place = self
+            .sources
+            .partition_point(|known| known.source <= source.source);
+        self.sources.insert(place, source);
+        Ok(())
+    }
+
+    /// Forgets what is off and of which nobody is told anything: neither declared, nor owned by a handler that is there.
+    fn tidy(&mut self) {
+        let declared = &self.rules.sources;
+        let mut seen = Vec::new();
+        self.sources.retain(|source| {
+            let is_first = !seen.contains(&source.source);
+            seen.push(source.source.clone());
+            let is_owned = source.handler_id.is_some() && !source.lost;
+            source.value || is_owned || (is_first && declared.contains_key(&source.source))
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rules(on_loss: OnLoss, declared: &[(&str, OnLoss)]) -> LockRules {
+        let sources = declared
+            .iter()
+            .map(|(name, on_loss)| ((*name).to_owned(), *on_loss));
+        LockRules {
+            on_loss,
+            sources: sources.collect(),
+        }
+    }
+
+    fn input(on_loss: OnLoss, declared: &[(&str, OnLoss)]) -> LockInput {
+        LockInput::new("interlock", rules(on_loss, declared))
+    }
+
+    fn by(handler: &str, source: &str, value: bool) -> LockSet {
+        LockSet {
+            handler_id: Some(handler.to_owned()),
+            ..LockSet::new(value, format!("{source} of {handler}")).of_source(source)
+        }
+    }
+
+    fn anyone(source: &str, value: bool) -> LockSet {
+        LockSet::new(value, "by hand").of_source(source)
+    }
+
+    fn there(_: &str) -> bool {
+        true
+    }
+
+    #[test]
+    fn it_is_on_while_any_source_is_and_says_why_each_is() {
+        let mut lock = input(OnLoss::Keep, &[]);
+        lock.set(by("a", "door", true), there).unwrap();
+        lock.set(by("b", "air", true), there).unwrap();
+        assert_eq!(lock.text(), "air of b; door of a");
+        lock.set(by("a", "door", false), there).unwrap();
+        assert_eq!((lock.is_on(), lock.text().as_str()), (true, "air of b"));
+        lock.set(by("b", "air", false), there).unwrap();
+        assert_eq!((lock.is_on(), lock.text().as_str()), (false, ""));
+    }
+
+    #[test]
+    fn clients_without_presence_share_a_source_and_own_nothing() {
+        let mut lock = input(OnLoss::On, &[]);
+        lock.set(LockSet::new(true, "x"), there).unwrap();
+        assert_eq!(lock.state().sources[0].source, "default");
+        lock.set(LockSet::new(false, ""), there).unwrap();
+        assert_eq!(lock.state(), Lock::default());
+    }
+
+    #[test]
+    fn a_source_is_cleared_by_its_owner_alone() {
+        let mut lock = input(OnLoss::Keep, &[]);
+        lock.set(by("a", "door", true), there).unwrap();
+        let refusal = lock.set(anyone("door", false), there).unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::NotAllowed);
+        assert!(
+            refusal.text.contains("handler a") && refusal.text.contains("force"),
+            "{refusal}"
+        );
+        lock.set(by("b", "door", true), there).unwrap();
+        lock.set(by("b", "door", false), there).unwrap();
+        assert!(lock.is_on(), "another handler clears what it has set itself");
+        lock.set(anyone("door", true), there).unwrap();
+        lock.set(anyone("door", false), there).unwrap();
+        assert!(lock.is_on());
+        lock.set(by("a", "door", false), there).unwrap();
+        assert!(!lock.is_on());
+    }
+
+    #[test]
+    fn an_operator_sets_any_source_with_a_mark_that_its_owner_ends() {
+        let mut lock = input(OnLoss::Keep, &[("door", OnLoss::On)]);
+        let force = |value| LockSet {
+            handler_id: Some("panel".to_owned()),
+            force: Some(true),
+            ..anyone("door", value)
+        };
+        lock.set(force(false), |_| false).unwrap();
+        assert!(!lock.is_on());
+        assert_eq!(lock.state().sources[0].forced_by.as_deref(), Some("panel"));
+        lock.set(by("a", "door", true), there).unwrap();
+        assert_eq!(
+            (lock.is_on(), lock.state().sources[0].forced_by.clone()),
+            (true, None)
+        );
+    }
+
+    #[test]
+    fn a_source_without_its_owner_has_the_value_of_its_on_loss() {
+        for (on_loss, was, is) in [
+            (OnLoss::On, false, true),
+            (OnLoss::Off, true, false),
+            (OnLoss::Keep, true, true),
+            (OnLoss::Keep, false, false),
+        ] {
+            let mut lock = input(on_loss, &[]);
+            lock.set(by("a", "door", was), there).unwrap();
+            assert!(!lock.lose("b"));
+            assert!(lock.lose("a"));
+            assert_eq!(lock.is_on(), is, "{on_loss:?} {was}");
+            lock.set(by("c", "door", false), there).unwrap();
+            assert!(!lock.is_on(), "whoever watches it now owns it");
+        }
+    }
+
+    #[test]
+    fn declared_sources_begin_at_their_on_loss_and_wait_for_an_owner() {
+        let mut lock = input(OnLoss::Keep, &[("air", OnLoss::Off), ("door", OnLoss::On)]);
+        assert_eq!(
+            (lock.is_on(), lock.text().as_str()),
+            (true, "nobody watches door yet")
+        );
+        assert_eq!(lock.state().sources.len(), 2);
+        let refusal = lock.set(anyone("door", false), there).unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::NotAllowed);
+        let refusal = lock.set(by("a", "door", false), |_| false).unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::Unavailable);
+        lock.set(by("a", "door", false), there).unwrap();
+        assert!(!lock.is_on());
+        lock.lose("a");
+        assert!(lock.is_on());
+        assert_eq!(lock.state().sources.len(), 2);
+    }
+
+    #[test]
+    fn of_too_many_sources_a_further_one_is_refused_and_a_known_one_is_set() {
+        let mut lock = input(OnLoss::Keep, &[]);
+        for n in 0..SOURCES_MAX {
+            lock.set(by("a", &n.to_string(), false), there).unwrap();
+        }
+        assert!(lock.set(anyone("x", true), there).is_err());
+        lock.set(by("a", "0", true), there).unwrap();
+        assert!(lock.set(LockSet::new(false, "x".repeat(501)), there).is_err());
+        assert!(lock.set(anyone("a/b", true), there).is_err());
+    }
+}

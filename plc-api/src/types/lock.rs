@@ -1,0 +1,126 @@
+//! Interlock and start lock: inputs that are on while any of their sources is.
+
+use serde::{Deserialize, Serialize};
+
+use super::ids::{CLIENT_ID_MAX, check_client_id, is_client_id};
+use super::refusal::{Refusal, RefusalCode};
+
+/// The source of whoever names none.
+pub const DEFAULT_SOURCE: &str = "default";
+
+/// Characters of the reason of a lock. Reason: it is one line of a panel.
+pub const LOCK_TEXT_MAX: usize = 500;
+
+/// Payload of `input/interlock/state` and `input/start_lock/state`: an input that says why it is on.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Lock {
+    /// On while any of its sources is.
+    pub value: bool,
+    /// Why, in the words of the sources that are on.
+    #[serde(default)]
+    pub text: String,
+    /// Its sources by name: those of the configuration, those that are on, and those that have an owner.
+    #[serde(default)]
+    pub sources: Vec<LockSource>,
+}
+
+/// One source of an interlock or start lock.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct LockSource {
+    /// Its name; `default` for whoever names none.
+    pub source: String,
+    /// On or off.
+    pub value: bool,
+    /// Why.
+    #[serde(default)]
+    pub text: String,
+    /// The handler that owns it, which alone clears it; null: clients without presence have set it, and any of them clears it.
+    pub handler_id: Option<String>,
+    /// True while its owner is not there: the value is that of `on_loss`.
+    #[serde(default)]
+    pub lost: bool,
+    /// The operator who has set it in the place of its owner, until the owner writes it again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub forced_by: Option<String>,
+}
+
+/// Payload that sets one source of an interlock or start lock.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct LockSet {
+    /// On or off.
+    pub value: bool,
+    /// Why, in the operator's words.
+    #[serde(default)]
+    pub text: String,
+    /// Which source, 1 to 64 characters without `/ + #`; without it `default`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source: Option<String>,
+    /// The handler that owns the source from now on; its presence must be online. With `force`: who decides.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub handler_id: Option<String>,
+    /// An operator's set: it counts whoever owns the source, and is marked with who has made it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force: Option<bool>,
+}
+
+impl LockSet {
+    /// The source `default` of clients without presence.
+    pub fn new(value: bool, text: impl Into<String>) -> Self {
+        Self {
+            value,
+            text: text.into(),
+            ..Self::default()
+        }
+    }
+
+    /// Of this source.
+    #[must_use]
+    pub fn of_source(mut self, source: impl Into<String>) -> Self {
+        self.source = Some(source.into());
+        self
+    }
+
+    /// The name of its source.
+    pub fn source(&self) -> &str {
+        self.source.as_deref().unwrap_or(DEFAULT_SOURCE)
+    }
+
+    pub(crate) fn is_forced(&self) -> bool {
+        self.force == Some(true)
+    }
+
+    /// # Errors
+    /// A name that is none, or a text that is too long.
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
+        if !is_client_id(self.source()) {
+            let text = format!("source: write 1 to {CLIENT_ID_MAX} characters without / + #");
+            return Err(Refusal::new(RefusalCode::Invalid, text));
+        }
+        if let Some(id) = &self.handler_id {
+            check_client_id("handler_id", id)?;
+        }
+        if self.text.chars().count() > LOCK_TEXT_MAX {
+            let text = format!("text: write at most {LOCK_TEXT_MAX} characters");
+            return Err(Refusal::new(RefusalCode::Invalid, text));
+        }
+        Ok(())
+    }
+}
+
+/// The value of a source whose owner is not there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum OnLoss {
+    /// The one that it had; off at a start.
+    #[default]
+    Keep,
+    /// On.
+    On,
+    /// Off.
+    Off,
+}
