@@ -39,14 +39,16 @@ export function diagnosticsOf(error) {
  * @param {object | string} [body] text as it is, anything else as JSON
  * @param {Record<string, string>} [headers]
  * @param {number} [timeoutMs]
+ * @param {RequestInit} [options]
  * @returns {Promise<Response>}
  */
-async function request(method, path, body, headers = {}, timeoutMs = TIMEOUT_MS) {
+async function request(method, path, body, headers = {}, timeoutMs = TIMEOUT_MS, options = {}) {
   const all = { ...authorization(), ...headers };
   /** @type {Response} */
   let response;
   try {
     response = await fetch(`/api/v1${path}`, {
+      ...options,
       method,
       cache: "no-store",
       headers: body === undefined ? all : { "Content-Type": typeof body === "string" ? "text/plain" : "application/json", ...all },
@@ -67,6 +69,22 @@ function asSentence(text) {
   return text.charAt(0).toUpperCase() + text.slice(1).replace(/[^.!?]$/, "$&.");
 }
 
+/** @param {number} cs @param {"p" | "q"} kind */
+function variablesOf(cs, kind) {
+  return kind === "p" ? "/variables/p" : `/cs/${cs}/variables/q`;
+}
+
+/**
+ * What the operator has seen: if it is no longer so, the machine refuses.
+ * @typedef {{boot_id?: string | null, state_rev?: number | undefined}} Expected
+ */
+
+/** @param {Expected} expect @returns {Record<string, string>} */
+function expected({ boot_id, state_rev }) {
+  const tags = [state_rev === undefined ? "" : `"${state_rev}"`, boot_id ? `"boot:${boot_id}"` : ""].filter((tag) => tag !== "");
+  return tags.length > 0 ? { "If-Match": tags.join(", ") } : {};
+}
+
 /** 24 random characters. */
 function randomName() {
   const bytes = crypto.getRandomValues(new Uint8Array(12));
@@ -79,16 +97,29 @@ export const api = {
    * @param {number} cs
    * @param {import("./types.d.ts").Verb} verb
    * @param {object} [args]
+   * @param {Expected} [expect]
+   * @returns {Promise<Partial<import("./types.d.ts").CommandReply>>}
    */
-  async command(cs, verb, args = {}) {
-    const response = await request("POST", `/cs/${cs}/${verb}?wait=1`, args, { "Idempotency-Key": `hmi-${randomName()}`, ...underLease(cs) });
+  async command(cs, verb, args = {}, expect = {}) {
+    const headers = { "Idempotency-Key": `hmi-${randomName()}`, ...underLease(cs), ...expected(expect) };
+    const response = await request("POST", `/cs/${cs}/${verb}?wait=1`, args, headers);
     const reply = await response.json().catch(() => ({}));
-    if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(reply.text || `${verb} failed.`, reply);
+    if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(asSentence(reply.text || `${verb} failed`), reply);
+    return reply;
   },
 
   /** Begins or refreshes a jog; the answer says whether it is allowed. @param {number} cs @param {object} args */
   async jog(cs, args) {
     await request("POST", `/cs/${cs}/jog`, args, underLease(cs), JOG_TIMEOUT_MS);
+  },
+
+  /**
+   * Ends a jog at once. Also when the page closes; if it does not arrive, the machine stops by itself.
+   * @param {number} cs @param {string} axis @param {string} refresh_id
+   */
+  async endJog(cs, axis, refresh_id) {
+    const options = { keepalive: true };
+    await request("POST", `/cs/${cs}/jog`, { axis, refresh_id, end: true }, underLease(cs), JOG_TIMEOUT_MS, options).catch(() => {});
   },
 
   /** Takes the control lease, or renews the own one. @param {number} cs */
@@ -154,6 +185,55 @@ export const api = {
   /** @param {number} id */
   async acknowledge(id) {
     await request("POST", `/alarms/${id}/acknowledge`, {});
+  },
+
+  /** Who this screen is logged in as. @returns {Promise<import("./types.d.ts").CurrentUser>} */
+  async user() {
+    return (await request("GET", "/login")).json();
+  },
+
+  async logOut() {
+    await request("DELETE", "/login");
+  },
+
+  /** What became of a command, if that is still known. @param {string} id @returns {Promise<import("./types.d.ts").CommandReply>} */
+  async reply(id) {
+    return (await request("GET", `/commands/${encodeURIComponent(id)}`)).json();
+  },
+
+  /** @param {number} cs @returns {Promise<Record<string, Record<string, number>>>} */
+  async workOffsets(cs) {
+    return (await (await request("GET", `/cs/${cs}/work_offsets`)).json()).work_offsets;
+  },
+
+  /** @param {number} cs @param {Record<string, Record<string, number>>} work_offsets those that change */
+  async setWorkOffsets(cs, work_offsets) {
+    await request("PUT", `/cs/${cs}/work_offsets`, { work_offsets });
+  },
+
+  /** @returns {Promise<import("./types.d.ts").ToolData[]>} */
+  async tools() {
+    return (await (await request("GET", "/tools")).json()).tools;
+  },
+
+  /** @param {{tools?: import("./types.d.ts").ToolData[], remove?: number[]}} change */
+  async changeTools(change) {
+    await request("PUT", "/tools", { tools: [], ...change });
+  },
+
+  /** @param {number} cs @param {"p" | "q"} kind @param {number} from @param {number} count @returns {Promise<import("./types.d.ts").Number[]>} */
+  async variables(cs, kind, from, count) {
+    return (await (await request("GET", `${variablesOf(cs, kind)}?from=${from}&count=${count}`)).json()).values;
+  },
+
+  /** @param {number} cs @param {"p" | "q"} kind @param {number} from @param {import("./types.d.ts").Number[]} values */
+  async setVariables(cs, kind, from, values) {
+    await request("PUT", `${variablesOf(cs, kind)}?from=${from}`, { values });
+  },
+
+  /** @param {number} number @param {string} hash of the program that is meant */
+  async removeProgram(number, hash) {
+    await request("DELETE", `/programs/${number}`, undefined, { "If-Match": `"${hash}"` });
   },
 
   /** What a name means. @param {string} what @returns {Promise<import("./types.d.ts").Explanation>} */

@@ -1,13 +1,17 @@
 // Numbers and times as the screen shows them.
 
+/** Millimetres or degrees, as they come from the machine. */
+const PLAIN_SCALE = { size: 1, decimals: 3 };
+
 /**
- * A position with three decimals; a dash where there is none.
+ * A position; a dash where there is none.
  * @param {number | null | undefined} value mm or degrees
+ * @param {{size: number, decimals: number}} [scale] its unit, mm or degrees in one of it
  */
-export function position(value) {
+export function position(value, { size, decimals } = PLAIN_SCALE) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  const text = value.toFixed(3);
-  return text === "-0.000" ? "0.000" : text;
+  const text = (value / size).toFixed(decimals);
+  return Number(text) === 0 ? text.replace("-", "") : text;
 }
 
 /**
@@ -40,11 +44,11 @@ export function duration(ms) {
 }
 
 /**
- * Parameters of an output: `A=5 B=0.25`.
+ * Parameters of an output, as the program writes them: `VA=5 VB=0.25`.
  * @param {import("./types.d.ts").Params} params
  */
 export function params(params) {
-  return Object.entries(params).map(([name, value]) => `${name}=${plain(value)}`).join("  ");
+  return Object.entries(params).map(([name, value]) => `V${name}=${plain(value)}`).join("  ");
 }
 
 /**

@@ -3,13 +3,14 @@
 import { Refusal } from "./api.js";
 import { button, setAttr, setText } from "./dom.js";
 import { forgetFence, ownFence } from "./fences.js";
+import { disableFor, whyNotNow } from "./why_not.js";
 
 /** Time between two renewals, ms: a third of the duration of a lease. */
 const RENEW_MS = 10000;
 
 /** @param {import("./main.js").App} app */
 export function leaseButton(app) {
-  const element = button({ title: "While control is taken, only this screen loads, starts and moves; everyone may hold and stop" });
+  const element = button({});
   /** Whether a request about the lease is pending. */
   let busy = false;
 
@@ -58,7 +59,8 @@ export function leaseButton(app) {
     const other = !own && app.model.current?.lease?.holder;
     setText(element, own ? "Give control back" : other ? `End control of ${other}` : "Take control");
     setAttr(element, "data-own", own);
-    element.disabled = busy || !app.model.online;
+    const ending = other ? whyNotNow(app.model, "administrate") : whyNotNow(app.model);
+    disableFor(element, busy ? "One moment." : ending, "While control is taken, only this screen loads, starts and moves; everyone may hold and stop");
   };
   return { element, render };
 }

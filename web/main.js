@@ -3,12 +3,16 @@
 import { api, Refusal } from "./api.js";
 import { confirm } from "./confirm.js";
 import { Connection } from "./connection.js";
-import { fill, h, setAttr } from "./dom.js";
+import { fill, h, setAttr, setText } from "./dom.js";
+import { Jogger } from "./jog.js";
 import { Model } from "./model.js";
+import { Panels } from "./panels.js";
+import { listenToKeys } from "./shortcuts.js";
 import { startTheme } from "./theme.js";
 import { Toasts } from "./toasts.js";
 import { signedIn } from "./token.js";
 import { views } from "./views/index.js";
+import { tellWhyNot } from "./why_not.js";
 
 /**
  * What views use.
@@ -19,7 +23,11 @@ import { views } from "./views/index.js";
  * @property {(text: string, tone?: "info" | "error") => void} toast
  * @property {(work: () => Promise<unknown>) => Promise<boolean>} attempt does it; a refusal is shown, and returns false
  * @property {(verb: import("./types.d.ts").Verb, args?: object) => void} command commands the selected coordinate system
+ * @property {(verb: "start" | "resume") => void} go the same of what begins a run or lets it go on: only if the state is the one on the screen
+ * @property {(cs: number, program: number) => Promise<void>} load
+ * @property {Jogger} jogger
  * @property {(cs: number) => void} select
+ * @property {(panel: string) => void} open shows a panel at the right
  * @property {() => Promise<void>} readPrograms
  * @property {() => void} retry tries to connect without waiting
  * @property {() => void} invalidate renders everything in the next frame
@@ -28,12 +36,16 @@ import { views } from "./views/index.js";
 /**
  * A view: one file, its import and its place in views/index.js.
  * @typedef {object} View
- * @property {"header" | "banner" | "now" | "left" | "middle" | "right" | "footer"} place
+ * @property {"header" | "banner" | "now" | "left" | "middle" | "right" | "footer" | "far"} place
+ * @property {{name: string, title: string}} [panel] of a view at the right
  * @property {(app: App) => {element: HTMLElement, render: () => void}} create
  */
 
 /** Interval at which running times are shown, ms. */
 const TICK_MS = 500;
+
+/** What the refusal of a command says that was meant for another state. */
+const MOVED_ON = "The state has changed since, so nothing was done. Look at the state, then press again.";
 
 const model = new Model();
 const toasts = new Toasts();
@@ -59,8 +71,30 @@ const app = {
     const cs = model.selected;
     void app.attempt(() => api.command(cs, verb, args));
   },
+  go(verb) {
+    const { selected: cs, bootId: boot_id } = model;
+    const state_rev = model.current?.state?.rev;
+    void app.attempt(async () => {
+      try {
+        await api.command(cs, verb, {}, { boot_id, state_rev });
+      } catch (error) {
+        if (error instanceof Refusal && error.problem.code === "precondition_failed") throw new Refusal(MOVED_ON, error.problem);
+        throw error;
+      }
+    });
+  },
+  async load(cs, program) {
+    const { text = "", hash = null } = await api.command(cs, "load", { program });
+    const system = model.systems.get(cs);
+    if (system) system.note = { hash, text };
+    invalidate();
+  },
   select(cs) {
     model.selected = cs;
+    invalidate();
+  },
+  open(panel) {
+    model.panel = panel;
     invalidate();
   },
   async readPrograms() {
@@ -71,7 +105,10 @@ const app = {
   },
   retry: () => connection.retryNow(),
   invalidate,
+  // it needs the rest
+  jogger: /** @type {any} */ (null),
 };
+app.jogger = new Jogger(app);
 
 const connection = new Connection({
   message(topic, message) {
@@ -81,6 +118,7 @@ const connection = new Connection({
     if (topic === "birth") {
       connection.subscribe(model.topics());
       void app.readPrograms();
+      void readUser();
       for (const system of model.systems.values()) void readLastRun(system);
     }
     invalidate();
@@ -102,6 +140,13 @@ async function readLastRun(system) {
   invalidate();
 }
 
+async function readUser() {
+  await app.attempt(async () => {
+    model.user = await api.user();
+  });
+  invalidate();
+}
+
 function build() {
   /** @type {Record<string, HTMLElement>} */
   const places = {
@@ -112,16 +157,22 @@ function build() {
     middle: h("div", { class: "place-middle" }),
     right: h("div", { class: "place-right" }),
     footer: h("footer", { class: "place-footer" }),
+    far: h("div", { class: "place-far" }),
   };
+  const panels = new Panels(app);
+  places.right?.append(panels.element);
   const shown = views.map((view) => {
     const made = view.create(app);
-    places[view.place]?.append(made.element);
+    if (view.panel) panels.add(view.panel, made.element);
+    else places[view.place]?.append(made.element);
     return made;
   });
-  const main = h("main", { id: "panel", role: "tabpanel" }, places.now, places.left, places.middle, places.right);
+  const screen = h("div", { id: "panel", class: "screen", role: "tabpanel" }, places.now, places.left, places.middle, places.right);
+  const heading = h("h1", { class: "visually-hidden" });
+  const main = h("main", {}, heading, screen, places.far);
   fill(document.body, places.header, places.banner, main, places.footer, toasts.element);
   measure(places);
-  return { shown, main };
+  return { shown: [...shown, panels], screen, heading };
 }
 
 /**
@@ -141,12 +192,15 @@ function measure({ banner, footer }) {
   for (const one of [banner, footer, commands]) observer.observe(one);
 }
 
-const { shown, main } = build();
+const { shown, screen, heading } = build();
 
 function render() {
   framePending = false;
   setAttr(document.body, "data-online", String(model.online));
-  setAttr(main, "aria-labelledby", `tab-${model.selected}`);
+  setAttr(document.body, "data-far", model.far);
+  setAttr(screen, "aria-labelledby", `tab-${model.selected}`);
+  setText(heading, `Machine ${model.birth?.machine ?? ""}`.trim());
+  app.jogger.render();
   document.title = `${model.birth?.machine ?? "Tandem"} – ${model.current?.state?.execution ?? "not connected"}`;
   for (const view of shown) {
     try {
@@ -164,6 +218,8 @@ function invalidate() {
 }
 
 startTheme(invalidate);
+listenToKeys(app);
+tellWhyNot((text) => toasts.show(text));
 setInterval(invalidate, TICK_MS);
 await signedIn();
 connection.open();

@@ -4,6 +4,7 @@ import { diagnosticsOf } from "./api.js";
 import { button, fill, h, setAttr } from "./dom.js";
 import { finding } from "./findings.js";
 import { icon } from "./icons.js";
+import { disableFor } from "./why_not.js";
 
 /** Lines of the history. */
 const HISTORY_MAX = 50;
@@ -54,9 +55,9 @@ export function mdiLine(app) {
       input.value = "";
     });
   });
-  /** @param {boolean} allowed */
-  const render = (allowed) => {
-    run.disabled = !allowed;
+  /** @param {string | null} whyNot */
+  const render = (whyNot) => {
+    disableFor(run, whyNot);
     setAttr(input, "aria-invalid", findings.childElementCount > 0);
   };
   return { element, render };

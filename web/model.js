@@ -18,9 +18,6 @@ const CS_TOPICS = /** @type {const} */ ({
   "lease/state": "lease",
 });
 
-/** States in which the machine moves by hand. */
-const BY_HAND = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
-
 /**
  * One coordinate system.
  * @typedef {object} CoordinateSystem
@@ -38,6 +35,7 @@ const BY_HAND = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
  * @property {import("./types.d.ts").LastRun | null} lastRun the last run before this start of the runtime
  * @property {import("./types.d.ts").OverridesMessage | null} overrides
  * @property {import("./types.d.ts").LeaseStateMessage | null} lease
+ * @property {{hash: string | null, text: string} | null} note what the last load was accepted with
  * @property {Trail} trail
  */
 
@@ -61,17 +59,19 @@ export class Model {
   chosen = null;
   /** @type {import("./types.d.ts").ProgramInfo[] | null} programs of the store; null: not read yet */
   programs = null;
+  /** @type {import("./types.d.ts").CurrentUser | null} who is logged in */
+  user = null;
+  /** View mode: this screen only looks. */
+  viewing = false;
+  /** The panel at the right. */
+  panel = "programs";
+  /** Shown large, to be read from three metres. */
+  far = false;
   #clockAheadMs = Number.POSITIVE_INFINITY;
 
   /** The coordinate system on the screen, once it is known. */
   get current() {
     return this.systems.get(this.selected) ?? null;
-  }
-
-  /** Whether the coordinate system on the screen takes MDI, jog and homing. */
-  get movesByHand() {
-    const state = this.current?.state;
-    return this.online && !!state && !state.transition && BY_HAND.has(state.execution) && state.reason !== "ALARM";
   }
 
   /** Topics of all coordinate systems that the birth message names. */
@@ -163,5 +163,5 @@ export class Model {
 function empty(info) {
   /** @type {any} */
   const fields = Object.fromEntries(Object.values(CS_TOPICS).map((field) => [field, null]));
-  return { ...fields, info, lastRun: null, trail: new Trail() };
+  return { ...fields, info, lastRun: null, note: null, trail: new Trail() };
 }

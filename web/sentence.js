@@ -5,16 +5,17 @@ import { duration, params, programName } from "./format.js";
 /**
  * How a state is shown.
  * `ready` nothing to worry about; `active` moves; `wait` the machine works on something; `attention` the operator's
- * turn; `alarm`; `done`.
- * @typedef {"ready" | "active" | "wait" | "attention" | "alarm" | "done"} Tone
+ * turn; `alarm`; `done`; `ended` before its end.
+ * @typedef {"ready" | "active" | "wait" | "attention" | "alarm" | "done" | "ended"} Tone
  */
 
 /**
  * Tone and icon of a state.
  * @param {import("./types.d.ts").StateMessage} state
+ * @param {import("./types.d.ts").PendingOutput[]} [open] its open M codes
  * @returns {{tone: Tone, icon: string, word: string}}
  */
-export function look(state) {
+export function look(state, open = []) {
   const word = state.execution.replaceAll("_", " ");
   switch (state.execution) {
     case "READY":
@@ -22,14 +23,24 @@ export function look(state) {
     case "ACTIVE":
       return { tone: "active", icon: "play", word };
     case "WAIT":
-      return { tone: state.reason === "HANDLER_LOST" || asked(state) ? "attention" : "wait", icon: "wait", word };
+      return { tone: isOperatorsTurn(state, open) ? "attention" : "wait", icon: "wait", word };
     case "PROGRAM_COMPLETED":
       return { tone: "done", icon: "done", word };
     case "STOPPED":
-      return state.reason === "ALARM" ? { tone: "alarm", icon: "alarm", word } : { tone: "ready", icon: "stop", word };
+      return state.reason === "ALARM" ? { tone: "alarm", icon: "alarm", word } : { tone: "ended", icon: "ended", word };
     default:
       return { tone: "attention", icon: "pause", word };
   }
+}
+
+/**
+ * Whether a wait goes on by nothing but a person: a question, a lost handler, an M code that no handler has taken.
+ * @param {import("./types.d.ts").StateMessage} state @param {import("./types.d.ts").PendingOutput[]} open
+ */
+function isOperatorsTurn(state, open) {
+  if (state.reason === "HANDLER_LOST" || asked(state)) return true;
+  const waited = open.find((output) => output.seq === state.waiting_on?.seq);
+  return waited !== undefined && waited.handler_id === null;
 }
 
 /** The open question of a handler. @param {import("./types.d.ts").StateMessage} state */
@@ -78,6 +89,7 @@ export function sentence(system, alarms, ageMs) {
         ? "Ready to move by hand. No program is loaded: choose one of the list and press Load."
         : `Program ${program} is loaded and at its head. Press Start.`;
     case "ACTIVE":
+      if (state.run_kind && state.run_kind !== "program") return byHand(system, state.run_kind);
       if (state.reason === "BACK_TRACE") return `Goes back along its path, line ${place?.line ?? "?"}. Press Hold to turn round.`;
       return place?.line ? `Program ${programName(place.number)} runs, line ${place.line}.` : `Program ${program} runs.`;
     case "WAIT":
@@ -107,6 +119,14 @@ export function sentence(system, alarms, ageMs) {
   }
 }
 
+/** What moves without a program. @param {import("./model.js").CoordinateSystem} system @param {"mdi" | "home" | "jog"} kind */
+function byHand({ place, position }, kind) {
+  if (kind === "home") return "Axes move to their reference points.";
+  if (kind === "mdi") return `MDI runs${place?.block ? `: ${brief(place.block)}` : ""}.`;
+  const axis = Object.entries(position?.distance_to_go ?? {}).find(([, left]) => left !== 0)?.[0];
+  return `Jog: ${axis ? `axis ${axis}` : "an axis"} moves by hand.`;
+}
+
 /** @param {import("./types.d.ts").LockMessage | null} interlock */
 function interlocked(interlock) {
   if (interlock && !interlock.value) return "The interlock is off again. Press Resume to go on.";
@@ -133,7 +153,7 @@ function waiting({ state, pending }, ageMs) {
   const given = output && Object.keys(output.params).length > 0 ? `, ${params(output.params).replaceAll("  ", ", ")}` : "";
   if (state.reason === "HANDLER_LOST") {
     if (output?.how) return `${name} is redelivered (${output.how}): waiting for its handler to come back.`;
-    return `The handler of ${name} has gone. Look at the machine, then redeliver ${name} or reset it by hand.`;
+    return `The handler of ${name} has gone. Look at the machine, then redeliver ${name} or confirm it by hand.`;
   }
   const since = `Waiting ${duration(ageMs(on.since))} for ${name}${given}`;
   const question = asked(state);
@@ -146,7 +166,7 @@ function waiting({ state, pending }, ageMs) {
     return `${since}: ${handler} works: ${brief(progress.text)}${percent}.`;
   }
   if (ageMs(on.since) < UNTAKEN_MS) return `${since}.`;
-  return `${since}: no handler has taken it. When its work is done, reset it by hand.`;
+  return `${since}: no handler has taken it. When its work is done, confirm it by hand.`;
 }
 
 /**

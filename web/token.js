@@ -21,6 +21,11 @@ export function protocols() {
   return known === null ? [] : ["tandem.v1", `bearer.${known}`];
 }
 
+/** The next request is one of nobody. */
+export function forgetToken() {
+  sessionStorage.removeItem(KEY);
+}
+
 /** Asks for a token until the machine accepts it or needs none. */
 export async function signedIn() {
   while (await isRefused()) await ask();

@@ -85,6 +85,11 @@ export interface CoordinateSystems {
   coordinate_systems: ({ axes: Record<string, number>; dialect: string; number: number; spindle: number | null; state: StateMessage | null; units: string })[];
 }
 
+/** Who asks, and what the asker may do. */
+export interface CurrentUser {
+  is_login: boolean; role: string; user: string | null;
+}
+
 /** Error or warning. */
 export type DiagnosticSeverity = "error" | "warning";
 
@@ -347,6 +352,9 @@ export interface RehearsedRun {
   at_s: number; left_s: number; progress: number;
 }
 
+/** What runs. */
+export type RunKind = "program" | "mdi" | "home" | "jog";
+
 /** From where on a path depends on what happens while the program runs. */
 export interface RunTimeDependence {
   at_s: number; line: number; program: number; why: string;
@@ -368,8 +376,9 @@ export interface SpindleMessage {
 export interface StateMessage {
   alarm_count: number; boot_id: BootId; dry_run: boolean; execution: Execution; hash: string | null;
   last_command_id: string | null; o_number: number | null; optional_skip: number[]; optional_stop: boolean;
-  program: number | null; reason: Reason | null; rev?: number; run_id: string | null; single_block: boolean;
-  transition: Transition | null; ts: string; v: 1; wait_state: string | null; waiting_on: WaitingOn | null;
+  program: number | null; reason: Reason | null; rev?: number; run_id: string | null; run_kind: RunKind | null;
+  single_block: boolean; transition: Transition | null; ts: string; v: 1; wait_state: string | null;
+  waiting_on: WaitingOn | null;
 }
 
 /** Payload of an input with one value. */

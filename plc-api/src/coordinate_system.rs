@@ -144,6 +144,11 @@ calls! {
         command(Command::Jog { axis, velocity, distance, refresh_id: refresh_id.into() }),
         "Not allowed now, no such axis, a value out of range, the axis is at its soft limit, or the jog has ended.";
 
+    /// Ends the jog of this `refresh_id` at once, and returns when the axis rests: READY. If no such jog runs nothing
+    /// changes, and one that comes later is refused.
+    jog_end(refresh_id: impl Into<String>) => command(Command::JogEnd { refresh_id: refresh_id.into() }),
+        "The jog was ended otherwise while it braked.";
+
     /// Records that an alarm of [`Plc::alarms`] has been seen, and by whom; it stays active until a reset.
     acknowledge_alarm(id: u64) => command(Command::AlarmAcknowledge { id }), "No active alarm has this id.";
 

@@ -71,14 +71,14 @@ test("program runs, waits for an M code, is reset by the button and completes", 
   await screen.command("Start").click();
   await screen.sees("ACTIVE");
   await screen.sees("WAIT");
-  await page.getByText(/Waiting \d+ s for M100 \(TOOL_LOAD\), A=5, B=0\.25/).waitFor();
+  await page.getByText(/Waiting \d+ s for M100 \(TOOL_LOAD\), VA=5, VB=0\.25/).waitFor();
   await page.locator('.line[aria-current="step"]', { hasText: "N120 M100" }).waitFor();
   await page.getByText("Waiting 2 s for").waitFor();
   await page.screenshot({ path: PICTURE });
 
-  await page.getByRole("button", { name: "Reset M8 by hand" }).click();
+  await page.getByRole("button", { name: "Confirm M8 by hand" }).click();
   await page.getByText("1 open", { exact: true }).waitFor();
-  await page.getByRole("button", { name: "Reset M100 by hand" }).click();
+  await page.getByRole("button", { name: "Confirm M100 by hand" }).click();
   await screen.sees("ACTIVE");
   await screen.sees("PROGRAM_COMPLETED");
   await page.getByText("No M code is open.").waitFor();
@@ -99,7 +99,6 @@ test("feed hold stops on the path, resume goes on, stop ends the run, reset make
   const held = await screen.workPosition("X");
   await sleep(500);
   assert.equal(await screen.workPosition("X"), held, "at rest while held");
-  await disabled(screen.command("Start"));
 
   await screen.command("Resume").click();
   await screen.sees("ACTIVE");
@@ -110,6 +109,38 @@ test("feed hold stops on the path, resume goes on, stop ends the run, reset make
   await screen.says(/Press Reset/);
   await screen.command("Reset").click();
   await screen.sees("READY");
+});
+
+test("Start goes on after a hold, too, and Reset of a run asks first", async () => {
+  await ready("O0002");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await screen.command("Hold").click();
+  await screen.sees("FEED_HOLD");
+  await page.locator(".status:not(:has-text('slowing down'))").waitFor();
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await screen.command("Hold").click();
+  await screen.sees("FEED_HOLD");
+  await page.locator(".status:not(:has-text('slowing down'))").waitFor();
+  await screen.command("Reset").click();
+  const dialog = page.getByRole("dialog", { name: "End the run of O0002?" });
+  await dialog.getByRole("button", { name: "Keep the run" }).click();
+  await screen.sees("FEED_HOLD");
+  await screen.command("Reset").click();
+  await dialog.getByRole("button", { name: "End the run" }).click();
+  await screen.sees("READY");
+});
+
+test("what a load is accepted with stands beside the state until the start", async () => {
+  const text = "// Without a handler\nM77\nM30\n";
+  const stored = await fetch(`${runtime.url}/api/v1/programs/77`, { method: "PUT", headers: { "Content-Type": "text/plain" }, body: text });
+  assert.ok(stored.ok);
+  await page.getByRole("button", { name: "Read again" }).click();
+  await ready("O0077");
+  await page.locator(".load-note").getByText(/No handler is registered for M77/).waitFor();
+  await ready("O0002");
+  await until(() => page.locator(".load-note").textContent(), "", "the note");
 });
 
 test("both coordinate systems run at once, each with its own state", async () => {

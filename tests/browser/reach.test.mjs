@@ -104,7 +104,7 @@ const OPENED = {
   },
   async "question before a reset"() {
     waitForM60({ state: "CLAIMED", handler_id: "measure" });
-    await page.getByRole("button", { name: "Reset M60 by hand" }).click();
+    await page.getByRole("button", { name: "Confirm M60 by hand" }).click();
     return page.getByRole("dialog").getByRole("button");
   },
   async "stack of notices"() {
@@ -155,7 +155,7 @@ for (const size of SIZES) {
   test(`at ${size.width} px an M code that waits for a person, or an alarm, is seen at once`, async () => {
     await page.setViewportSize(size);
     waitForM60();
-    await seen(page.getByRole("button", { name: "Reset M60 by hand" }), "the button that resets it");
+    await seen(page.getByRole("button", { name: "Confirm M60 by hand" }), "the button that resets it");
     machine.say("cs/1/m_code/pending", { outputs: [] });
     await alarmInEach(2, "Clamp does not close");
     await seen(page.locator(".alarm"), "the alarms");

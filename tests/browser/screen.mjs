@@ -48,12 +48,13 @@ export class Screen {
   }
 
   async load(name) {
+    await this.page.getByRole("tab", { name: "Programs" }).click();
     await this.page.getByRole("button", { name: `Load ${name}` }).click();
   }
 
-  /** Opens the card By hand, which a later frame shows: what follows must find its buttons. */
+  /** Opens the panel By hand, which a later frame shows: what follows must find its buttons. */
   async openByHand() {
-    await this.page.getByRole("button", { name: "Open", exact: true }).click();
+    await this.page.getByRole("tab", { name: "By hand" }).click();
     await this.page.locator("#by-hand").waitFor();
   }
 

@@ -70,14 +70,14 @@ async function requestsUntil(count) {
 
 test("sentence names the M code, its parameters, the handler and its progress", async () => {
   waitForM100("demo", { progress: { text: "moving the magazine", percent: 60 } });
-  await page.getByText(/^Waiting 1\d s for M100 \(TOOL_LOAD\), A=5: handler demo works: moving the magazine \(60\s%\)\.$/).waitFor();
+  await page.getByText(/^Waiting 1\d s for M100 \(TOOL_LOAD\), VA=5: handler demo works: moving the magazine \(60\s%\)\.$/).waitFor();
 });
 
 test("reset of an output that a handler owns asks first; Escape keeps waiting", async () => {
   waitForM100("demo");
-  const reset = page.getByRole("button", { name: "Reset M100 by hand" });
+  const reset = page.getByRole("button", { name: "Confirm M100 by hand" });
   await reset.click();
-  const dialog = page.getByRole("dialog", { name: "Reset M100 by hand?" });
+  const dialog = page.getByRole("dialog", { name: "Confirm M100 by hand?" });
   await dialog.waitFor();
   await until(() => page.evaluate(() => document.activeElement?.textContent), "Keep waiting", "what has the focus");
   await page.keyboard.press("Escape");
@@ -85,7 +85,7 @@ test("reset of an output that a handler owns asks first; Escape keeps waiting", 
   assert.deepEqual(machine.requests, []);
 
   await reset.click();
-  await dialog.getByRole("button", { name: "Reset M100" }).click();
+  await dialog.getByRole("button", { name: "Confirm M100" }).click();
   assert.deepEqual(await requestsUntil(1), [
     { method: "POST", path: "/cs/1/m_codes/12/reset", body: { boot_id: "boot-1", handler_id: "hmi", result: "ok", force: true } },
   ]);
@@ -93,7 +93,7 @@ test("reset of an output that a handler owns asks first; Escape keeps waiting", 
 
 test("stop can be pressed while a question is open", async () => {
   waitForM100("demo");
-  await page.getByRole("button", { name: "Reset M100 by hand" }).click();
+  await page.getByRole("button", { name: "Confirm M100 by hand" }).click();
   await page.getByRole("dialog").waitFor();
   await screen.command("Stop").click();
   assert.deepEqual(await requestsUntil(1), [{ method: "POST", path: "/cs/1/stop", body: {} }]);
@@ -112,7 +112,7 @@ test("program text that could not be read is read again", async () => {
 test("reset that comes too late says what became of it", async () => {
   machine.answers.set("POST /cs/1/m_codes/12/reset", { status: 409, body: { code: "stale", detail: "output 12: it was cancelled; nothing was changed" } });
   waitForM100(null);
-  await page.getByRole("button", { name: "Reset M100 by hand" }).click();
+  await page.getByRole("button", { name: "Confirm M100 by hand" }).click();
   await page.getByText("Output 12: it was cancelled; nothing was changed.").waitFor();
   expectErrors(/status of 409/);
 });
@@ -191,6 +191,63 @@ test("the run that a restart cut short is told", async () => {
   await page.getByText(/The run of O0001 was cut short in line 2, with M100 open\. Press Reset/).first().waitFor();
 });
 
+test("Start commands only the state that is on the screen, and says so when it has moved on", async () => {
+  const sent = page.waitForRequest((request) => request.url().endsWith("/cs/1/start?wait=1"));
+  machine.answers.set("POST /cs/1/start", { status: 412, body: { detail: "the state has changed since; its rev is 9 now", code: "precondition_failed" } });
+  await screen.command("Start").click();
+  assert.match((await sent).headers()["if-match"], /^"\d+", "boot:boot-1"$/);
+  await page.locator(".toast p").getByText("The state has changed since, so nothing was done. Look at the state, then press again.").waitFor();
+  expectErrors(/status of 412/);
+});
+
+test("a wait for a person is amber, a wait for a machine is blue, and stopped does not look like ready", async () => {
+  const tone = () => page.locator(".status").getAttribute("data-tone");
+  waitForM100("demo");
+  await until(tone, "wait", "a handler works:");
+  waitForM100(null);
+  await until(tone, "attention", "nobody works:");
+  machine.say("cs/1/m_code/pending", { outputs: [] });
+  machine.state(1, { execution: "STOPPED", reason: "STOP", waiting_on: null });
+  await until(tone, "ended", "stopped:");
+  machine.state(1, { execution: "READY", reason: null });
+  await until(tone, "ready", "ready:");
+});
+
+test("what is forbidden is disabled and says why", async () => {
+  const start = screen.command("Start");
+  for (const [topic, lock, why] of [
+    ["cs/1/input/start_lock/state", { value: true, text: "door open" }, /^The start lock is on: door open\.$/],
+    ["cs/1/input/interlock/state", { value: true, text: "" }, /^The interlock is on\.$/],
+    ["cs/1/lease/state", { holder: "mes-1", fence: 7, expires_at: now(-30000) }, /^mes-1 has the control/],
+  ]) {
+    machine.say(topic, lock);
+    await disabled(start);
+    await until(() => start.getAttribute("aria-description"), why, "why");
+    machine.say(topic, topic.endsWith("lease/state") ? { holder: null, fence: null, expires_at: null } : { value: false, text: "" });
+    await enabled(start);
+  }
+  await page.getByRole("button", { name: /^No login/ }).click();
+  await page.getByRole("button", { name: "View mode" }).click();
+  await disabled(start);
+  await disabled(page.getByRole("button", { name: "Load O0001" }));
+  for (const label of ["Hold", "Stop", "Abort"]) await enabled(screen.command(label));
+});
+
+test("who is logged in is seen, with the role, and a role that may only look has no buttons to press", async () => {
+  machine.answers.set("GET /login", { status: 200, body: { user: "anna", role: "view", is_login: true } });
+  machine.answers.set("DELETE /login", { status: 204 });
+  await page.reload();
+  await page.getByText("anna, view", { exact: true }).waitFor();
+  for (const label of ["Start", "Hold", "Stop"]) {
+    await disabled(screen.command(label));
+    await until(() => screen.command(label).getAttribute("aria-description"), "anna is logged in with the role view, which may look, and not command.", "why");
+  }
+  await page.getByRole("button", { name: "Logged in: anna, view" }).click();
+  const left = page.waitForRequest((request) => request.method() === "DELETE" && request.url().endsWith("/api/v1/login"));
+  await page.getByRole("button", { name: "Log out" }).click();
+  await left;
+});
+
 test("refusal shows the machine's own words", async () => {
   machine.answers.set("POST /cs/1/start", { status: 409, body: { detail: "the start lock is on: door open", code: "start_locked" } });
   await screen.command("Start").click();
@@ -198,13 +255,13 @@ test("refusal shows the machine's own words", async () => {
   expectErrors(/status of 409/);
 });
 
-test("who holds the control lease is shown, and a refused start says what to do", async () => {
+test("who holds the control lease is shown, and Start says why it cannot be pressed", async () => {
   machine.say("cs/1/lease/state", { holder: "mes-1", fence: 7, expires_at: now(-30000) });
   await page.locator(".detail").getByText("control lease: mes-1").waitFor();
-  machine.answers.set("POST /cs/1/start", { status: 409, body: { detail: "start is refused: mes-1 holds the control lease", code: "busy" } });
-  await screen.command("Start").click();
-  await page.getByText("Start is refused: mes-1 holds the control lease.", { exact: true }).waitFor();
-  expectErrors(/status of 409/);
+  await disabled(screen.command("Start"));
+  await screen.command("Start").click({ force: true });
+  await page.locator(".toast p").getByText(/^mes-1 has the control of this coordinate system/).waitFor();
+  assert.deepEqual(machine.requests, []);
   machine.say("cs/1/lease/state", { holder: null, fence: null, expires_at: null });
   await page.locator(".detail:not(:has-text('control lease'))").waitFor();
 });
@@ -327,17 +384,24 @@ for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 118
     await page.setViewportSize({ width, height });
     waitForM100(null, { redelivered: true, lost: true });
     await screen.openByHand();
+    const tooSmall = () => page.evaluate(() =>
+      [...document.querySelectorAll("button, input, select")]
+        .map((element) => ({ name: element.getAttribute("aria-label") ?? element.textContent, box: element.getBoundingClientRect() }))
+        .filter(({ box }) => box.width > 0 && (box.width < 43.5 || box.height < 43.5))
+        .map(({ name, box }) => `${name} ${box.width}x${box.height}`),
+    );
+    const noSidewaysScroll = () => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth && [...document.querySelectorAll(".panel-content")].every((one) => one.scrollWidth <= one.clientWidth));
+    for (const panel of ["Set up", "By hand", "Programs"]) {
+      await page.getByRole("tab", { name: panel }).click();
+      await until(noSidewaysScroll, true, `no sideways scroll with ${panel}:`);
+      await until(tooSmall, [], `the list of targets of ${panel} that are too small`);
+    }
     machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 2, warnings: 1 }];
     await page.getByRole("button", { name: "Read again" }).click();
     machine.say("alarm/active", { alarms: [{ id: 1, severity: "warning", number: 310, text: "Coolant is low", cs: null, program: null, line: null, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
     await page.getByRole("button", { name: "Acknowledge 310" }).waitFor();
     await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
-    await until(() => page.evaluate(() =>
-      [...document.querySelectorAll("button, input, select")]
-        .map((element) => ({ name: element.getAttribute("aria-label") ?? element.textContent, box: element.getBoundingClientRect() }))
-        .filter(({ box }) => box.width > 0 && (box.width < 43.5 || box.height < 43.5))
-        .map(({ name, box }) => `${name} ${box.width}x${box.height}`),
-    ), [], "the list of targets that are too small");
+    await until(tooSmall, [], "the list of targets that are too small");
     for (const execution of ["ACTIVE", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED", "PROGRAM_COMPLETED"]) {
       machine.state(1, { execution });
       await screen.sees(execution);
@@ -358,7 +422,7 @@ for (const scheme of ["light", "dark"]) {
     await close();
     await open({ colorScheme: scheme });
     await until(() => page.evaluate(() => document.documentElement.dataset.theme), scheme, "the scheme");
-    const tones = ["ready", "active", "wait", "attention", "alarm", "done"];
+    const tones = ["ready", "active", "wait", "attention", "alarm", "done", "ended"];
     const pairs = [["text", "card"], ["text", "bg"], ["muted", "card"], ["muted", "raised"], ["muted", "bg"], ["accent", "card"], ["on-accent", "accent"]]
       .concat(tones.flatMap((tone) => [["on-tone", tone], [tone, `${tone}-soft`], ["text", `${tone}-soft`], ["muted", `${tone}-soft`]]));
     const colours = await page.evaluate((names) => {

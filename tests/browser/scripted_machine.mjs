@@ -26,7 +26,7 @@ export const BIRTH = {
 };
 
 export const STATE = {
-  execution: "READY", transition: null, reason: null, wait_state: null, waiting_on: null, program: 1, run_id: null,
+  execution: "READY", transition: null, reason: null, wait_state: null, waiting_on: null, program: 1, run_id: null, run_kind: null,
   hash: null, o_number: null, single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
 };
 
@@ -156,6 +156,8 @@ export class ScriptedMachine {
     if (path === "/machine") return { json: { v: 1, boot_id: this.bootId, ts: now(), ...BIRTH } };
     if (path === "/journal") return { json: { lines: [] } };
     if (path === "/tools") return { json: { tools: [] } };
+    if (path.endsWith("/work_offsets") && method === "GET") return { json: { work_offsets: { G54: { X: 1, Y: 2, Z: 3 } } } };
+    if (path === "/login") return { json: { user: null, role: "admin", is_login: false } };
     if (path.endsWith("/last_run")) return { json: { last_run: null } };
     return method === "GET" ? problem({ status: 404, body: { detail: `there is no ${path}` } }) : { status: 202, json: { command_id: "scripted" } };
   }

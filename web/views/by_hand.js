@@ -1,120 +1,161 @@
-// Motion by hand: jog buttons that act while they are held, homing, a line of NC text, back trace; dry run, the locks and
-// the control lease.
+// Motion by hand: a cross of jog buttons with their speed and step, homing, a line of NC text, back trace; dry run, the locks
+// and the control lease.
 
-import { button, card, fill, h, setAttr, setText } from "../dom.js";
+import { button, fill, h, setAttr, setText } from "../dom.js";
+import { plain } from "../format.js";
 import { icon } from "../icons.js";
-import { JogButton } from "../jog.js";
+import { jogButton } from "../jog.js";
 import { leaseButton } from "../lease.js";
 import { mdiLine } from "../mdi.js";
+import { Pad } from "../pad.js";
+import { lengthScale, unitOf } from "../units.js";
+import { disableFor, whyNot } from "../why_not.js";
+import { ORDER } from "./positions.js";
 import { dryRunSwitch, lockSwitch } from "./switches.js";
 
-/** Jog velocities to choose from, mm/min or deg/min. */
-const VELOCITIES = [100, 500, 2000, 6000];
-/** Distances to choose from, mm or degrees; 0: as long as the button is held. */
-const WAYS = [0, 0.01, 0.1, 1, 10];
+/** Speeds to choose from, mm/min or deg/min. */
+const SPEEDS = [100, 500, 2000, 6000];
+/** Steps to choose from, in the unit of the screen; 0: as long as the button is held. */
+const STEPS = [0, 0.01, 0.1, 1, 10];
+const SPEED_MAX = 1_000_000;
+const STEP_MAX = 10_000;
+
+/** Places of the cross: which axis, its direction, column and row. @type {[number, 1 | -1, number, number][]} */
+const CROSS = [[1, 1, 2, 1], [0, -1, 1, 2], [0, 1, 3, 2], [1, -1, 2, 3], [2, 1, 4, 1], [2, -1, 4, 3]];
 
 /** @type {import("../main.js").View} */
 export const byHand = {
-  place: "middle",
+  place: "right",
+  panel: { name: "by-hand", title: "By hand" },
   create(app) {
-    const toggle = () => {
-      open = !open;
-      app.invalidate();
+    const speed = choice("Velocity", "mm/min", SPEEDS, 500, SPEED_MAX, String);
+    const step = choice("Step", "mm", STEPS, 0, STEP_MAX, (value) => (value === 0 ? "Hold" : plain(value)));
+    const chosen = () => {
+      const { size, unit } = lengthScale(unitOf(app.model.current));
+      return { velocity: speed.value() * size, distance: step.value() * size, says: `one step of ${plain(step.value())} ${unit}` };
     };
-    const opener = button({ class: "button small", "aria-expanded": "false", "aria-controls": "by-hand", onclick: toggle }, "Open");
-    const velocity = choice("Velocity", VELOCITIES, 500, (value) => String(value), "mm/min");
-    const way = choice("Way", WAYS, 0, (value) => (value === 0 ? "held" : String(value)), "mm");
-    const axes = h("div", { class: "jog-axes", role: "group", "aria-label": "Jog and home" });
-    const homeAll = homeButton(app, null);
+    const jogs = h("div", { class: "jog-cross", role: "group", "aria-label": "Jog" });
+    const more = h("div", { class: "jog-more", role: "group", "aria-label": "Jog further axes" });
+    const homes = h("div", { class: "homes", role: "group", "aria-label": "Home" });
+    /** Letters of the cross. @type {string[]} */
+    let cross = [];
+    const pad = new Pad(app, (at, direction) => {
+      const axis = cross[at];
+      if (axis) app.jogger.begin(axis, direction, chosen());
+    });
+    const keys = button({ class: "switch keys", role: "switch", "aria-label": "Jog by keyboard and gamepad", onclick: () => pad.set(!pad.on) }, "Keys");
+    const padNote = h("p", { class: "muted pad-note", role: "status" });
     const mdi = mdiLine(app);
     const back = backButton(app);
     const lease = leaseButton(app);
     const switches = [dryRunSwitch(app), lockSwitch(app, "interlock", "Interlock"), lockSwitch(app, "start_lock", "Start lock")];
-    const content = h(
+    const element = h(
       "div",
-      { id: "by-hand", class: "by-hand", hidden: true },
+      { class: "by-hand" },
+      jogs,
+      padNote,
+      more,
+      speed.element,
+      step.element,
+      homes,
       mdi.element,
-      h("div", { class: "jog-choices" }, velocity.element, way.element),
-      axes,
-      h("div", { class: "row by-hand-foot" }, homeAll, back.element, h("span", { class: "spring" }), lease.element),
-      h("div", { class: "row by-hand-foot" }, ...switches.map((one) => one.element)),
+      h("div", { class: "by-hand-foot" }, back.element, lease.element),
+      h("div", { class: "by-hand-foot" }, ...switches.map((one) => one.element)),
     );
-    const element = card("by-hand-card", "By hand", [opener], content);
-    let open = false;
-    /** @type {(JogButton | {render: () => void})[]} */
-    let rows = [];
+    /** @type {{render: () => void}[]} */
+    let parts = [];
     let shown = "";
 
+    const build = () => {
+      const letters = Object.keys(app.model.current?.info.axes ?? {}).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b));
+      app.jogger.cancel();
+      cross = [..."XYZ"].map((letter) => (letters.includes(letter) ? letter : ""));
+      const placed = CROSS.filter(([at]) => cross[at]).map(([at, direction, column, row]) => {
+        const made = jogButton(app, cross[at] ?? "", direction, chosen);
+        made.element.classList.add(`at-${column}-${row}`);
+        return made;
+      });
+      const rest = letters.filter((letter) => !cross.includes(letter));
+      const pairs = rest.map((axis) => [jogButton(app, axis, -1, chosen), jogButton(app, axis, 1, chosen)]);
+      const home = [homeButton(app, null), ...letters.map((axis) => homeButton(app, axis))];
+      fill(jogs, ...placed.map((one) => one.element), keys);
+      fill(more, ...pairs.map((pair) => h("div", { class: "jog-pair" }, ...pair.map((one) => one.element))));
+      fill(homes, ...home.map((one) => one.element));
+      parts = [...placed, ...pairs.flat(), ...home];
+    };
     const render = () => {
       const system = app.model.current;
-      const letters = Object.keys(system?.info.axes ?? {});
-      const key = `${app.model.selected} ${letters.join("")}`;
+      const key = `${app.model.selected} ${Object.keys(system?.info.axes ?? {}).join("")}`;
       if (key !== shown) {
         shown = key;
-        for (const row of rows) if (row instanceof JogButton) row.end();
-        const made = letters.map((axis) => jogRow(app, axis, () => ({ velocity: velocity.value(), distance: way.value() })));
-        rows = made.flatMap((row) => row.parts);
-        fill(axes, ...made.map((row) => row.element));
+        build();
       }
-      setText(opener, open ? "Close" : "Open");
-      setAttr(opener, "aria-expanded", String(open));
-      setAttr(element, "data-open", open);
-      setAttr(content, "hidden", !open);
-      for (const row of rows) row.render();
-      homeAll.disabled = !app.model.movesByHand;
-      mdi.render(app.model.movesByHand);
+      if (app.model.panel !== "by-hand") pad.set(false);
+      const { unit } = lengthScale(unitOf(system));
+      speed.render(`${unit}/min`);
+      step.render(unit);
+      setAttr(keys, "aria-checked", String(pad.on));
+      disableFor(keys, pad.on ? null : whyNot(app.model, "jog"), "Arrows and Page Up and Down, or a gamepad, jog while this is on");
+      setText(padNote, pad.on ? `Arrows and Page Up, Page Down jog${pad.names.length > 0 ? `, and ${pad.names[0]}` : ""}.` : "");
+      setAttr(padNote, "hidden", !pad.on);
+      for (const one of parts) one.render();
+      mdi.render(whyNot(app.model, "mdi"));
       for (const one of [back, lease, ...switches]) one.render();
     };
     return { element, render };
   },
 };
 
-/** @param {import("../main.js").App} app @param {string} axis @param {() => import("../jog.js").JogChoice} chosen */
-function jogRow(app, axis, chosen) {
-  const minus = new JogButton(app, axis, -1, chosen);
-  const plus = new JogButton(app, axis, 1, chosen);
-  const home = homeButton(app, axis);
-  const homed = {
-    render() {
-      home.disabled = !app.model.movesByHand;
-    },
-  };
-  const element = h("div", { class: "jog-row" }, minus.element, plus.element, home);
-  return { element, parts: [minus, plus, homed] };
-}
-
 /** @param {import("../main.js").App} app @param {string | null} axis null: all axes */
 function homeButton(app, axis) {
   const says = axis === null ? "Home all axes" : `Home ${axis}`;
   const onclick = () => app.command("home", axis === null ? {} : { axes: [axis] });
-  return button({ "aria-label": says, title: says, onclick }, icon("home"), axis === null ? "Home all" : null);
+  const element = button({ class: "button home", "aria-label": says, onclick }, icon("home"), axis ?? "All");
+  return { element, render: () => disableFor(element, whyNot(app.model, "home"), says) };
 }
 
 /** Moves backward along the path from a feed hold. @param {import("../main.js").App} app */
 function backButton(app) {
   const title = "From a feed hold back along what was passed with G500";
-  const element = button({ title, onclick: () => app.command("back_trace", { on: true }) }, icon("back"), "Back trace");
+  const element = button({ onclick: () => app.command("back_trace", { on: true }) }, icon("back"), "Back trace");
   const render = () => {
-    const state = app.model.current?.state;
-    const isHeld = state?.execution === "FEED_HOLD" && state.reason !== "BACK_TRACE_END" && !state.transition;
-    element.disabled = !app.model.online || !isHeld;
+    const isAtEnd = app.model.current?.state?.reason === "BACK_TRACE_END";
+    disableFor(element, isAtEnd ? "The way back ends here." : whyNot(app.model, "back_trace"), title);
   };
   return { element, render };
 }
 
 /**
- * A few values, one of which is chosen.
+ * A few values, one of which is chosen, or one's own.
  * @param {string} label
+ * @param {string} unit
  * @param {number[]} values
  * @param {number} first
+ * @param {number} max
  * @param {(value: number) => string} text
- * @param {string} unit
  */
-function choice(label, values, first, text, unit) {
-  const select = h(
-    "select",
-    { "aria-label": `${label}, ${unit}` },
-    ...values.map((value) => h("option", { value, selected: value === first }, value === 0 ? text(value) : `${text(value)} ${unit}`)),
-  );
-  return { element: h("label", { class: "choice" }, h("span", { class: "label" }, label), select), value: () => Number(select.value) };
+function choice(label, unit, values, first, max, text) {
+  let value = first;
+  const own = h("input", { type: "number", class: "input own", min: 0, max, step: "any", "aria-label": `Own ${label.toLowerCase()}`, placeholder: "own" });
+  const choose = (/** @type {number} */ next) => {
+    value = next;
+    for (const [at, one] of buttons.entries()) setAttr(one, "aria-checked", String(values[at] === value));
+    setAttr(own, "data-chosen", !values.includes(value));
+  };
+  const buttons = values.map((one) => button({ class: "button pick", role: "radio", onclick: () => choose(one) }, text(one)));
+  own.addEventListener("input", () => {
+    if (own.value !== "" && own.valueAsNumber > 0 && own.valueAsNumber <= max) choose(own.valueAsNumber);
+  });
+  const name = h("span", { class: "label" });
+  const element = h("div", { class: "choice", role: "radiogroup" }, name, ...buttons, own);
+  choose(first);
+  return {
+    element,
+    value: () => value,
+    /** @param {string} now the unit */
+    render(now = unit) {
+      setText(name, `${label}, ${now}`);
+      setAttr(element, "aria-label", `${label}, ${now}`);
+    },
+  };
 }

@@ -1,7 +1,9 @@
 // Feedrate and spindle speed, and the overrides.
 
 import { button, card, h, setAttr, setText } from "../dom.js";
-import { whole } from "../format.js";
+import { position, whole } from "../format.js";
+import { lengthScale, unitOf } from "../units.js";
+import { disableFor, whyNotNow } from "../why_not.js";
 
 /** Time between two settings while a slider is dragged, ms. */
 const SEND_MS = 120;
@@ -14,20 +16,24 @@ export const feed = {
   create(app) {
     const feedrate = h("output", { class: "big" });
     const programmed = h("span", { class: "small" });
+    const feedUnit = h("span", { class: "unit" });
     const speed = h("output", { class: "big" });
     const commanded = h("span", { class: "small" });
     const spindleBox = h("div", { class: "reading" }, h("span", { class: "label" }, "Spindle"), h("div", {}, speed, h("span", { class: "unit" }, "r/min")), commanded);
     const readings = h(
       "div",
       { class: "readings" },
-      h("div", { class: "reading" }, h("span", { class: "label" }, "Feedrate"), h("div", {}, feedrate, h("span", { class: "unit" }, "mm/min")), programmed),
+      h("div", { class: "reading" }, h("span", { class: "label" }, "Feedrate"), h("div", {}, feedrate, feedUnit), programmed),
       spindleBox,
     );
     const sliders = [override(app, "feed", "Feed", 200), override(app, "rapid", "Rapid", 100), override(app, "spindle", "Spindle", 200)];
     const render = () => {
       const system = app.model.current;
-      setText(feedrate, whole(system?.position?.feedrate));
-      setText(programmed, system?.modal ? `F ${whole(system.modal.f)}` : "");
+      const scale = lengthScale(unitOf(system));
+      const feedOf = (/** @type {number | undefined} */ mm) => (scale.size === 1 ? whole(mm) : position(mm, { ...scale, decimals: 1 }));
+      setText(feedUnit, `${scale.unit}/min`);
+      setText(feedrate, feedOf(system?.position?.feedrate));
+      setText(programmed, system?.modal ? `F ${feedOf(system.modal.f)}` : "");
       setText(speed, whole(system?.position?.spindle_rpm));
       setText(commanded, system?.modal ? `S ${whole(system.modal.s)}` : "");
       setAttr(spindleBox, "hidden", system !== null && system.info.spindle === null);
@@ -76,8 +82,7 @@ function override(app, which, label, max) {
     key("−", "10 percent less", () => step(-10)),
     slider,
     key("+", "10 percent more", () => step(10)),
-    key("100", "100 percent", () => set(100)),
-    value,
+    button({ class: "button small value", "aria-label": `${label} override: 100 percent`, title: "Set to 100 percent", onclick: () => set(100) }, value),
   );
   const render = () => {
     const system = app.model.current;
@@ -87,7 +92,7 @@ function override(app, which, label, max) {
     setAttr(value, "data-changed", percent !== undefined && Number(slider.value) !== 100);
     setAttr(slider, "aria-valuetext", `${slider.value} percent`);
     setAttr(element, "hidden", which === "spindle" && system !== null && system.info.spindle === null);
-    slider.disabled = !app.model.online;
+    disableFor(slider, whyNotNow(app.model));
   };
   return { element, render };
 }

@@ -3,7 +3,10 @@
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { icon, setIcon } from "../icons.js";
 import { look } from "../sentence.js";
+import { showShortcuts, toggleFar } from "../shortcuts.js";
 import { theme, toggleTheme } from "../theme.js";
+import { chosenUnits, nextUnits, unitOf } from "../units.js";
+import { userButton } from "../user.js";
 
 /** @type {import("../main.js").View} */
 export const header = {
@@ -19,6 +22,14 @@ export const header = {
       app.invalidate();
     };
     const themeButton = button({ class: "icon-button theme", onclick }, icon("theme"));
+    const onUnits = () => {
+      nextUnits();
+      app.invalidate();
+    };
+    const unitsButton = button({ class: "icon-button units", onclick: onUnits });
+    const farButton = button({ class: "icon-button", "aria-label": "Read from three metres", title: "Read from three metres (F)", onclick: () => toggleFar(app) }, icon("far"));
+    const helpButton = button({ class: "icon-button help", "aria-label": "Shortcuts", title: "Shortcuts (?)", onclick: showShortcuts }, "?");
+    const user = userButton(app);
     /** @type {Map<number, ReturnType<typeof tab>>} */
     let shown = new Map();
 
@@ -47,9 +58,16 @@ export const header = {
       setIcon(linkIcon, model.online ? "link" : "unlink");
       setText(linkText, model.online ? "Connected" : "Not connected");
       setAttr(link, "data-online", String(model.online));
+      user.render();
+      const unit = unitOf(model.current) === "inch" ? "in" : "mm";
+      setText(unitsButton, unit);
+      const says = `Units: ${unit}${chosenUnits() === "auto" ? ", as the program has them" : ""}`;
+      setAttr(unitsButton, "aria-label", says);
+      setAttr(unitsButton, "title", says);
+      setAttr(unitsButton, "data-chosen", chosenUnits() !== "auto");
       setAttr(themeButton, "aria-label", theme() === "dark" ? "Use light colours" : "Use dark colours");
     };
-    return { element: h("div", { class: "bar" }, machine, tabs, h("span", { class: "spring" }), link, themeButton), render };
+    return { element: h("div", { class: "bar" }, machine, tabs, h("span", { class: "spring" }), link, h("div", { class: "bar-tools" }, user.element, unitsButton, farButton, themeButton, helpButton)), render };
   },
 };
 
@@ -73,7 +91,7 @@ function tab(cs, select) {
       setAttr(element, "aria-selected", String(selected));
       setAttr(element, "tabindex", selected ? "0" : "-1");
       const state = model.systems.get(cs)?.state;
-      const { tone, icon: name, word: text } = state ? look(state) : { tone: "ready", icon: "ready", word: "…" };
+      const { tone, icon: name, word: text } = state ? look(state, model.systems.get(cs)?.pending?.outputs) : { tone: "ready", icon: "ready", word: "…" };
       setAttr(element, "data-tone", tone);
       setIcon(sign, name);
       setText(word, text);

@@ -4,6 +4,7 @@ import { alarms } from "./alarms.js";
 import { byHand } from "./by_hand.js";
 import { commands } from "./commands.js";
 import { connectionBanner } from "./connection_banner.js";
+import { far } from "./far.js";
 import { feed } from "./feed.js";
 import { header } from "./header.js";
 import { mCodes } from "./m_codes.js";
@@ -11,6 +12,7 @@ import { path } from "./path.js";
 import { positions } from "./positions.js";
 import { program } from "./program.js";
 import { programs } from "./programs.js";
+import { setUp } from "./set_up.js";
 import { status } from "./status.js";
 import { switches } from "./switches.js";
 
@@ -25,8 +27,10 @@ export const views = [
   feed,
   path,
   program,
-  byHand,
   programs,
+  byHand,
+  setUp,
+  far,
   commands,
   switches,
 ];

@@ -1,8 +1,9 @@
-// Open outputs: their M codes, handlers and age; questions, reset by hand and redelivery.
+// Open outputs: their M codes, handlers and age; questions, confirmation by hand and redelivery.
 
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { duration, params, programName } from "../format.js";
 import { icon } from "../icons.js";
+import { disableFor, whyNotNow } from "../why_not.js";
 
 /** @type {Record<string, string>} */
 const STATES = { QUEUED: "queued", OUTPUT: "no handler yet", CLAIMED: "in work" };
@@ -49,7 +50,7 @@ function entry(app, seq) {
     const { selected, bootId } = app.model;
     void app.attempt(() => app.api.redeliver(selected, bootId ?? "", seq, how));
   };
-  const reset = button({ class: "button reset-output", onclick: () => void resetByHand(app, output) }, icon("done"), "Reset");
+  const reset = button({ class: "button reset-output", onclick: () => void confirmByHand(app, output) }, icon("done"), "Confirm");
   const redo = button({ onclick: () => redeliver("redo") }, "Redo");
   const verify = button({ onclick: () => redeliver("verify") }, "Verify");
   const redeliveries = h("span", { class: "row", role: "group", "aria-label": "Redeliver" }, redo, verify);
@@ -80,11 +81,12 @@ function entry(app, seq) {
     if (now.progress?.percent !== undefined) bar.value = now.progress.percent;
     setAttr(bar, "aria-label", `Progress of M${now.m}`);
     setAttr(redeliveries, "hidden", !now.lost);
-    setAttr(reset, "aria-label", `Reset M${now.m} by hand`);
+    setAttr(reset, "aria-label", `Confirm M${now.m} by hand`);
     setAttr(redo, "aria-label", `Redeliver M${now.m}: do it again from the start`);
     setAttr(verify, "aria-label", `Redeliver M${now.m}: look at the machine first`);
     asked.render(now);
-    for (const one of [reset, redo, verify]) one.disabled = !model.online;
+    disableFor(reset, whyNotNow(model, "reset"), `M${now.m} is done: the program goes on`);
+    for (const one of [redo, verify]) disableFor(one, whyNotNow(model));
   };
   return { element, render };
 }
@@ -109,7 +111,7 @@ function question(app, seq) {
       fill(choices, ...asked.choices.map((choice) => button({ onclick: () => answer(choice) }, choice)));
     }
     shown = asked?.id ?? "";
-    for (const one of choices.querySelectorAll("button")) one.disabled = !app.model.online;
+    for (const one of choices.querySelectorAll("button")) disableFor(one, whyNotNow(app.model));
   };
   return { element, render };
 }
@@ -128,14 +130,14 @@ function lostText({ how }) {
 }
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput | null} output */
-async function resetByHand(app, output) {
+async function confirmByHand(app, output) {
   if (!output) return;
   const { selected, bootId } = app.model;
   if (output.handler_id) {
     const sure = await app.confirm({
-      title: `Reset M${output.m} by hand?`,
+      title: `Confirm M${output.m} by hand?`,
       text: `Handler ${output.handler_id} is working on it. The program goes on at once, whether the machine has finished or not. The handler is told that its work is cancelled.`,
-      yes: `Reset M${output.m}`,
+      yes: `Confirm M${output.m}`,
       no: "Keep waiting",
     });
     if (!sure) return;

@@ -1,10 +1,12 @@
-// The axes: work position in large digits, machine position and distance to go.
+// The axes: work position in large digits, machine position and distance to go. All of them are seen at every size: the digits
+// follow the room that there is.
 
 import { card, fill, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
+import { scaleOf } from "../units.js";
 
 /** Axis letters in the usual order. */
-const ORDER = "XYZABCUVW";
+export const ORDER = "XYZABCUVW";
 /** A longer position is set in smaller digits. */
 const LONG_POSITION = 8;
 
@@ -15,24 +17,16 @@ export const positions = {
     const body = h("tbody", {});
     const head = ["Axis", "Work", "Machine", "To go"].map((text) => h("th", { scope: "col" }, text));
     const table = h("table", { class: "positions" }, h("thead", {}, h("tr", {}, ...head)), body);
-    /** @type {{axis: string, work: HTMLElement, machine: HTMLElement, toGo: HTMLElement}[]} */
+    /** @type {{axis: string, unit: HTMLElement, work: HTMLElement, machine: HTMLElement, toGo: HTMLElement}[]} */
     let rows = [];
     let shown = "";
 
     /** @param {import("../model.js").CoordinateSystem} system */
     const build = (system) => {
-      const axes = Object.keys(system.info.axes).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b));
-      rows = axes.map((axis) => ({ axis, work: h("td", { class: "work" }), machine: h("td", {}), toGo: h("td", {}) }));
-      const unit = (/** @type {string} */ axis) => {
-        const motor = app.model.birth?.motors.find((m) => m.number === system.info.axes[axis]);
-        return motor?.kind === "rotary" ? "deg" : "mm";
-      };
-      fill(
-        body,
-        ...rows.map((row) =>
-          h("tr", { "data-axis": row.axis }, h("th", { scope: "row" }, row.axis, h("small", {}, unit(row.axis))), row.work, row.machine, row.toGo),
-        ),
-      );
+      rows = axesOf(system).map((axis) => ({ axis, unit: h("small", {}), work: h("td", { class: "work" }), machine: h("td", {}), toGo: h("td", {}) }));
+      const row = (/** @type {typeof rows[number]} */ { axis, unit, work, machine, toGo }) => h("tr", { "data-axis": axis }, h("th", { scope: "row" }, axis, unit), work, machine, toGo);
+      fill(body, ...rows.map(row));
+      element.style.setProperty("--rows", String(rows.length));
     };
     const render = () => {
       const system = app.model.current;
@@ -42,13 +36,24 @@ export const positions = {
         shown = key;
         build(system);
       }
-      for (const { axis, work, machine, toGo } of rows) {
-        setText(work, position(system.position?.work[axis]));
-        setText(machine, position(system.position?.machine[axis]));
-        setText(toGo, position(system.position?.distance_to_go[axis]));
+      // a jog that is held goes on until it is released: the rest of its way is none
+      const isJog = system.state?.run_kind === "jog";
+      for (const { axis, unit, work, machine, toGo } of rows) {
+        const scale = scaleOf(app.model, axis);
+        setText(unit, scale.unit);
+        setText(work, position(system.position?.work[axis], scale));
+        setText(machine, position(system.position?.machine[axis], scale));
+        const left = system.position?.distance_to_go[axis];
+        setText(toGo, isJog && left !== 0 ? "jog" : position(left, scale));
       }
       setAttr(table, "data-long", rows.some(({ work, machine }) => [work, machine].some((cell) => (cell.textContent ?? "").length > LONG_POSITION)));
     };
-    return { element: card("positions-card", "Position", [], h("div", { class: "positions-box" }, table)), render };
+    const element = card("positions-card", "Position", [], h("div", { class: "positions-box" }, table));
+    return { element, render };
   },
 };
+
+/** Letters of its axes in the usual order. @param {import("../model.js").CoordinateSystem} system */
+export function axesOf(system) {
+  return Object.keys(system.info.axes).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b));
+}

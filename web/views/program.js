@@ -42,6 +42,8 @@ class ProgramView {
   #number = 0;
   /** The block chosen last, as it is shown. @type {import("../model.js").Model["chosen"]} */
   #chosen = null;
+  /** Height of the view when it was drawn, px. */
+  #height = -1;
   /** Key of what the rows show. */
   #drawn = "";
 
@@ -49,8 +51,9 @@ class ProgramView {
   constructor(app) {
     this.app = app;
     this.#view.addEventListener("scroll", () => {
-      // a scroll that this view did not cause is the operator's
-      if (this.#following && Math.abs(this.#view.scrollTop - this.#scrolledTo) > 2) this.#setFollowing(false);
+      // a scroll that this view did not cause is the operator's, unless the view has another size now
+      const isResized = this.#view.clientHeight !== this.#height;
+      if (this.#following && !isResized && Math.abs(this.#view.scrollTop - this.#scrolledTo) > 2) this.#setFollowing(false);
       else app.invalidate();
     });
     this.#rows.addEventListener("click", (event) => {
@@ -138,6 +141,7 @@ class ProgramView {
   /** @param {NcText} text @param {number} running @param {number} interpreted */
   #draw(text, running, interpreted) {
     const view = this.#view;
+    this.#height = view.clientHeight;
     const height = Math.min(text.lines * LINE_PX, HEIGHT_MAX_PX);
     const fits = Math.max(1, Math.floor(view.clientHeight / LINE_PX));
     const lastFirst = Math.max(0, text.lines - fits);

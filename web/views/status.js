@@ -19,6 +19,7 @@ export const status = {
     const word = h("span", { class: "word" });
     const said = h("p", { class: "sentence" });
     const detail = h("p", { class: "detail" });
+    const note = h("p", { class: "load-note", role: "status", "data-tone": "attention" });
     const why = button({ class: "button small why", onclick: () => void explain(asking) }, "Explain");
     let asking = "";
     const answer = button({ class: "button answer", hidden: true, onclick: showQuestion }, "Answer");
@@ -27,7 +28,7 @@ export const status = {
       "section",
       { class: "status", "aria-label": "State" },
       h("div", { class: "state-word" }, sign, word),
-      h("div", { class: "said" }, said, detail),
+      h("div", { class: "said" }, said, note, detail),
       why,
       answer,
       live,
@@ -41,8 +42,9 @@ export const status = {
         setText(said, "Waiting for the machine.");
         return;
       }
-      const { tone, icon: name, word: text } = look(state);
+      const { tone, icon: name, word: text } = look(state, system.pending?.outputs);
       setAttr(element, "data-tone", tone);
+      setAttr(document.body, "data-tone", tone);
       setAttr(element, "data-execution", state.execution);
       setIcon(sign, name);
       setText(word, text);
@@ -50,6 +52,7 @@ export const status = {
       setAttr(why, "aria-label", `Explain ${asking}`);
       setAttr(word, "data-long", text.length > LONG_WORD);
       setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts)));
+      setText(note, noteOfLoad(system));
       setText(detail, details(system, model.programs));
       setAttr(answer, "hidden", state.transition !== null || !asked(state));
       setText(live, announcement(system, model.alarms));
@@ -57,6 +60,15 @@ export const status = {
     return { element, render };
   },
 };
+
+/** States before a start. */
+const BEFORE = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
+
+/** What the load of the program was accepted with, until it runs. @param {import("../model.js").CoordinateSystem} system */
+function noteOfLoad({ state, note }) {
+  if (!state || !note?.text || note.hash !== state.hash || !BEFORE.has(state.execution)) return "";
+  return `${note.text.charAt(0).toUpperCase()}${note.text.slice(1).replace(/[^.!?]$/, "$&.")}`;
+}
 
 /** Scrolls to the open question. */
 function showQuestion() {

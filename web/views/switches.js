@@ -1,6 +1,7 @@
 // Inputs of the operator: single block, optional stop, block skip 1 to 9, and the locks.
 
 import { button, h, setAttr } from "../dom.js";
+import { disableFor, whyNotNow } from "../why_not.js";
 
 /** @type {import("../main.js").View} */
 export const switches = {
@@ -75,10 +76,10 @@ function switchButton(app, text, says, value, set) {
     const next = !isOn();
     void app.attempt(() => set(cs, next));
   };
-  const element = button({ class: "switch", role: "switch", "aria-label": says, title: says, onclick }, text);
+  const element = button({ class: "switch", role: "switch", "aria-label": says, onclick }, text);
   const render = () => {
     setAttr(element, "aria-checked", String(isOn()));
-    element.disabled = !app.model.online;
+    disableFor(element, whyNotNow(app.model), says);
   };
   return { element, render };
 }

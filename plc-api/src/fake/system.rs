@@ -10,7 +10,7 @@ use crate::types::command::{Command, Verb};
 use crate::types::message::Payload;
 use crate::types::output::CancelReason;
 use crate::types::request::{Input, Refusal, RefusalCode};
-use crate::types::state::{Execution, OptionalSkip, Overrides, Reason, State, Switch, WaitingOn};
+use crate::types::state::{Execution, OptionalSkip, Overrides, Reason, RunKind, State, Switch, WaitingOn};
 use crate::types::topic::CsTopic;
 
 use super::{OPEN_OUTPUTS_MAX, boot_id};
@@ -134,6 +134,7 @@ impl System {
             reason,
             waiting_on: self.awaited().map(waiting_on),
             run_id: (self.runs > 0).then(|| self.run_id()),
+            run_kind: self.run.as_ref().map(|_| RunKind::Program),
             alarm_count,
             ..self.shown.clone()
         }
@@ -154,6 +155,10 @@ impl System {
             alarm_active,
         };
         let verb = command.verb();
+        if let Command::JogEnd { .. } = command {
+            // a jog is at its end as soon as it begins
+            return Ok(None);
+        }
         situation.judge(verb)?;
         self.judge_locks(verb)?;
         match command {
@@ -172,7 +177,7 @@ impl System {
                 let text = "a machine without motion has no way to go back";
                 return Err(Refusal::new(RefusalCode::NotAllowed, text));
             }
-            Command::Mdi { .. } | Command::Jog { .. } | Command::Home { .. } => {
+            Command::Mdi { .. } | Command::Jog { .. } | Command::JogEnd { .. } | Command::Home { .. } => {
                 self.idle = (Execution::Ready, None);
             }
         }

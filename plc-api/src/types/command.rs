@@ -51,7 +51,8 @@ pub enum Command {
         text: String,
     },
     /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the one that runs refreshes it and changes
-    /// nothing else; 200 ms after the last refresh it stops. It ends at the soft limit.
+    /// nothing else; 200 ms after the last refresh it stops. It ends at the soft limit. With `end` it ends that jog.
+    #[cfg_attr(feature = "schema", schemars(transform = jog_or_its_end))]
     Jog {
         /// Axis letter.
         axis: char,
@@ -61,6 +62,13 @@ pub enum Command {
         /// How far at the most, mm or degrees, above 0; `None`: to the soft limit.
         distance: Option<f64>,
         /// Names the jog, 1 to 128 characters. One that has ended is not begun again.
+        refresh_id: String,
+    },
+    /// Brakes the jog of this name at once, then READY: a jog with `end`. It needs no lease. Before its jog, after it or
+    /// twice it changes nothing else, and a jog of this name that comes later is refused.
+    #[cfg_attr(feature = "schema", schemars(skip))]
+    JogEnd {
+        /// Of the jog.
         refresh_id: String,
     },
     /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
@@ -107,9 +115,14 @@ impl Command {
             Command::Reset => Verb::Reset,
             Command::AlarmAcknowledge { .. } => Verb::AlarmAcknowledge,
             Command::Mdi { .. } => Verb::Mdi,
-            Command::Jog { .. } => Verb::Jog,
+            Command::Jog { .. } | Command::JogEnd { .. } => Verb::Jog,
             Command::Home { .. } => Verb::Home,
         }
+    }
+
+    /// True for hold, stop, abort and the end of a jog: they pass every queue, and need nothing.
+    pub fn is_urgent(&self) -> bool {
+        self.verb().is_urgent() || matches!(self, Command::JogEnd { .. })
     }
 
     /// The JSON arguments of the command, as [`Command::parse`] takes them.
@@ -126,6 +139,7 @@ impl Command {
             } => {
                 json!({"axis": axis, "velocity": velocity, "distance": distance, "refresh_id": refresh_id})
             }
+            Command::JogEnd { refresh_id } => json!({"refresh_id": refresh_id, "end": true}),
             Command::Home { axes } if !axes.is_empty() => json!({ "axes": axes }),
             Command::BackTrace { on } => json!({ "on": on }),
             Command::Start
@@ -149,7 +163,7 @@ impl Command {
             "alarm_acknowledge" => &["id"],
             "mdi" => &["text"],
             "back_trace" => &["on"],
-            "jog" => &["axis", "velocity", "distance", "refresh_id"],
+            "jog" => &["axis", "velocity", "distance", "refresh_id", "end"],
             "home" => &["axes"],
             _ => &[],
         })
@@ -238,31 +252,58 @@ fn axis(value: &Value) -> Option<char> {
 }
 
 fn jog(args: &Value) -> Result<Command, String> {
-    let number = |key: &str| args.get(key).filter(|value| !value.is_null()).map(Value::as_f64);
-    let axis = args.get("axis").and_then(axis);
-    let axis = axis.ok_or("jog needs \"axis\": one letter")?;
-    let velocity = number("velocity").flatten().filter(|velocity| *velocity != 0.0);
-    let velocity =
-        velocity.ok_or("jog needs \"velocity\": mm/min or deg/min, not 0; its sign is the direction")?;
-    let distance = match number("distance") {
-        None => None,
-        Some(distance) => Some(
-            distance
-                .filter(|distance| *distance > 0.0 && *distance <= JOG_DISTANCE_MAX)
-                .ok_or_else(|| format!("jog: \"distance\" is above 0 and at most {JOG_DISTANCE_MAX}"))?,
-        ),
-    };
+    let given = |key: &str| args.get(key).filter(|value| !value.is_null());
+    let needs_axis = "jog needs \"axis\": one letter";
+    let needs_velocity = "jog needs \"velocity\": mm/min or deg/min, not 0; its sign is the direction";
     let refresh_id = args.get("refresh_id").and_then(Value::as_str).unwrap_or_default();
     if refresh_id.is_empty() || refresh_id.chars().count() > REFRESH_ID_MAX {
         let text = "jog needs \"refresh_id\", the name of this jog in its refreshes";
         return Err(format!("{text}: 1 to {REFRESH_ID_MAX} characters"));
     }
+    let refresh_id = refresh_id.to_owned();
+    let axis = given("axis")
+        .map(|value| axis(value).ok_or(needs_axis))
+        .transpose()?;
+    let velocity = given("velocity")
+        .map(|value| value.as_f64().ok_or(needs_velocity))
+        .transpose()?;
+    let distance = given("distance").map(|value| {
+        (value
+            .as_f64()
+            .filter(|distance| *distance > 0.0 && *distance <= JOG_DISTANCE_MAX))
+        .ok_or_else(|| format!("jog: \"distance\" is above 0 and at most {JOG_DISTANCE_MAX}"))
+    });
+    let distance = distance.transpose()?;
+    let end = given("end").map(|value| {
+        let wrong = "jog: \"end\" is true for the end of the jog that refresh_id names, or false";
+        value.as_bool().ok_or(wrong)
+    });
+    if end.transpose()? == Some(true) {
+        return Ok(Command::JogEnd { refresh_id });
+    }
     Ok(Command::Jog {
-        axis,
-        velocity,
+        axis: axis.ok_or(needs_axis)?,
+        velocity: velocity
+            .filter(|velocity| *velocity != 0.0)
+            .ok_or(needs_velocity)?,
         distance,
-        refresh_id: refresh_id.to_owned(),
+        refresh_id,
     })
+}
+
+/// The form of a jog, and of its end, which needs no more than its name.
+#[cfg(feature = "schema")]
+fn jog_or_its_end(schema: &mut schemars::Schema) {
+    let Some(jog) = schema.pointer_mut("/properties/jog") else {
+        return;
+    };
+    let end = "True: ends the jog that `refresh_id` names, and needs nothing else.";
+    jog["properties"]["end"] = json!({"type": ["boolean", "null"], "description": end});
+    jog["required"] = json!(["refresh_id"]);
+    jog["anyOf"] = json!([
+        {"required": ["axis", "velocity"]},
+        {"required": ["end"], "properties": {"end": {"const": true}}},
+    ]);
 }
 
 /// Who commands, and under which condition.
@@ -378,6 +419,9 @@ mod tests {
                 axis: 'X',
                 velocity: 1.0,
                 distance: None,
+                refresh_id: "a".into(),
+            },
+            Command::JogEnd {
                 refresh_id: "a".into(),
             },
         ] {

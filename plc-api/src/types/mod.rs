@@ -53,6 +53,15 @@ impl Timestamp {
         Self(humantime::format_rfc3339_micros(time).to_string())
     }
 
+    /// For people: without fractions of a second.
+    pub fn to_the_second(&self) -> String {
+        let second = self.to_system_time();
+        second.map_or_else(
+            || self.0.clone(),
+            |at| humantime::format_rfc3339_seconds(at).to_string(),
+        )
+    }
+
     /// The system time of the text; `None` when it is not RFC 3339 in UTC.
     pub fn to_system_time(&self) -> Option<std::time::SystemTime> {
         humantime::parse_rfc3339(&self.0).ok()

@@ -36,6 +36,21 @@ explained! {
     }
 }
 
+/// What runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum RunKind {
+    /// The loaded program.
+    Program,
+    /// Manual data input.
+    Mdi,
+    /// Axes move to their reference points.
+    Home,
+    /// One axis is moved by hand.
+    Jog,
+}
+
 /// Payload of `state`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -61,6 +76,9 @@ pub struct State {
     pub o_number: Option<u32>,
     /// Names the run; null before the first start.
     pub run_id: Option<String>,
+    /// What runs, moving or paused; null when nothing does.
+    #[serde(default)]
+    pub run_kind: Option<RunKind>,
     /// Single block input.
     pub single_block: bool,
     /// Dry run input.

@@ -13,6 +13,18 @@ pub struct LoginRequest {
     pub pin: String,
 }
 
+/// Who asks, and what the asker may do.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CurrentUser {
+    /// Name of the user; null: the machine asks nobody who it is.
+    pub user: Option<String>,
+    /// What the user may do: `view`, `operate`, `handler` or `admin`.
+    pub role: &'static str,
+    /// True for the token of a login, which `DELETE /login` ends.
+    pub is_login: bool,
+}
+
 /// A token for some hours.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

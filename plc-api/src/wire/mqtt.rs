@@ -285,7 +285,7 @@ impl Row {
 impl Inbound {
     fn of(request: ParsedRequest) -> Self {
         let urgent = match request.request() {
-            Request::Command { command, .. } => command.verb().is_urgent(),
+            Request::Command { command, .. } => command.is_urgent(),
             Request::RaiseAlarm(_) => true,
             _ => false,
         };

@@ -212,7 +212,7 @@ pub static ROWS: [Row; 40] = [
             command::<Empty>("/cs/{cs}/{verb=reset}", "Ends the run, cancels outputs, clears alarms."),
             command::<NoArgs>("/cs/{cs}/{verb=abort}", "Brakes each motor at once and ends the run."),
             command::<Command>("/cs/{cs}/{verb=mdi}", "Runs a text of NC blocks."),
-            command::<Command>("/cs/{cs}/{verb=jog}", "Moves one axis by hand."),
+            command::<Command>("/cs/{cs}/{verb=jog}", "Moves one axis by hand, or ends that."),
             command::<Command>("/cs/{cs}/{verb=home}", "Returns axes to their reference points."),
             command::<Command>("/cs/{cs}/{verb=back_trace}", "Goes back along the passed path, or ends that."),
         ],

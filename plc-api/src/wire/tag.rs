@@ -1,5 +1,6 @@
 //! `ETag`, `If-Match` and `If-None-Match`: what HTTP compares, as text.
 
+use crate::types::BootId;
 use crate::types::command::Expect;
 use crate::types::upload::Hashes;
 
@@ -29,12 +30,25 @@ fn unquoted(tag: &str) -> &str {
     inner.unwrap_or(tag)
 }
 
+fn boot_id(tag: &str) -> Option<BootId> {
+    let id = tag.strip_prefix(BOOT)?;
+    let is_name =
+        (1..=BOOT_ID_MAX).contains(&id.len()) && id.bytes().all(|byte| byte.is_ascii_alphanumeric());
+    is_name.then(|| BootId(id.to_owned()))
+}
+
 fn hash(tag: &str) -> Option<String> {
     let is_hash = tag.len() == HASH_DIGITS && tag.bytes().all(|digit| digit.is_ascii_hexdigit());
     is_hash.then(|| tag.to_ascii_lowercase())
 }
 
-/// The condition of a command: the revision of the state, the hash of the program, or both, which must both hold then.
+/// Before the boot in a tag, which could be a number otherwise.
+const BOOT: &str = "boot:";
+
+/// Characters of the name of a boot.
+const BOOT_ID_MAX: usize = 64;
+
+/// The condition of a command: the revision of the state, the hash of the program and the boot, all of which must hold.
 pub(super) fn expected(header: &str) -> Result<Expect, String> {
     let mut expect = Expect::default();
     for tag in tags(header).map(unquoted) {
@@ -42,12 +56,16 @@ pub(super) fn expected(header: &str) -> Result<Expect, String> {
             && expect.hash.is_none()
         {
             expect.hash = Some(hash);
+        } else if let Some(boot_id) = boot_id(tag)
+            && expect.boot_id.is_none()
+        {
+            expect.boot_id = Some(boot_id);
         } else if let Ok(rev) = tag.parse()
             && expect.state_rev.is_none()
         {
             expect.state_rev = Some(rev);
         } else {
-            let text = "If-Match is the ETag of the coordinate system's state, such as \"12\", or that of the program";
+            let text = "If-Match is the ETag of the coordinate system's state, such as \"12\", that of the program, or \"boot:ID\" with a boot_id, separated by commas";
             return Err(text.to_owned());
         }
     }
@@ -57,7 +75,9 @@ pub(super) fn expected(header: &str) -> Result<Expect, String> {
 /// The same as a header; `None`: nothing that it can say is expected.
 pub(super) fn of_expected(expect: &Expect) -> Option<String> {
     let rev = expect.state_rev.map(|rev| rev.to_string());
-    let tags: Vec<String> = rev.iter().chain(&expect.hash).map(|tag| etag(tag)).collect();
+    let boot = expect.boot_id.as_ref().map(|boot| format!("{BOOT}{}", boot.0));
+    let said = rev.iter().chain(&expect.hash).chain(&boot);
+    let tags: Vec<String> = said.map(|tag| etag(tag)).collect();
     (!tags.is_empty()).then(|| tags.join(", "))
 }
 
@@ -123,6 +143,16 @@ mod tests {
                 Some(expect(Some(4), Some(hash.clone()))),
             ),
             (etag(&a()[1..]), None),
+            (
+                "\"boot:00c1\", \"4\"".to_owned(),
+                Some(Expect {
+                    boot_id: Some(BootId("00c1".to_owned())),
+                    ..expect(Some(4), None)
+                }),
+            ),
+            ("\"boot:\"".to_owned(), None),
+            ("\"boot:a\", \"boot:b\"".to_owned(), None),
+            (format!("\"boot:{}\"", "a".repeat(65)), None),
         ] {
             assert_eq!(super::expected(&header).ok(), expected, "{header}");
         }

@@ -29,7 +29,7 @@ struct Prepared {
 impl CoordinateSystem {
     pub(super) fn command(&mut self, command: Deferred) {
         let verb = command.command.verb();
-        if verb.is_urgent() {
+        if command.command.is_urgent() {
             if matches!(verb, Verb::Stop | Verb::Abort) {
                 self.commands.stopped_at = command.order;
             }
@@ -65,7 +65,7 @@ impl CoordinateSystem {
     fn carry_out_command(&mut self, command: Deferred) {
         // The same command may have come twice before the first was carried out; hold, stop and abort may act twice.
         let said = self.context.shared.replied(&command.meta.command_id);
-        if let Some(said) = said.filter(|_| !command.command.verb().is_urgent()) {
+        if let Some(said) = said.filter(|_| !command.command.is_urgent()) {
             if command.wait && self.commands.awaits(&command.meta.command_id) {
                 // sent twice, and both callers wait until it is done
                 self.commands.awaiting.push(Awaiting {
@@ -88,14 +88,18 @@ impl CoordinateSystem {
     /// Judges a command, and carries it out if nothing speaks against it. `notes` are worth knowing and refuse nothing.
     pub(super) fn accept_command(&mut self, command: Deferred, notes: Vec<String>) {
         let verb = command.command.verb();
-        if self.judge_lease(verb, &command.meta).is_ok() && self.refresh_jog(&command.command) {
+        if self.needs_no_run(&command.command, &command.meta) {
             let done = self.context.reply(&command.meta, CommandStatus::Done, "ok", "");
             let _ = command.reply.send(Ok(Answer::Command(done)));
             return;
         }
-        let judged = (self.commands.judge_order(verb, command.order))
-            .and_then(|()| self.judge(verb, &command.meta))
-            .and_then(|()| self.prepare_command(&command.command, &command.meta));
+        let judged = match command.command {
+            // whoever began it may end it, whatever holds now
+            Command::JogEnd { .. } => Ok(Prepared::default()),
+            _ => (self.commands.judge_order(verb, command.order))
+                .and_then(|()| self.judge(verb, &command.meta))
+                .and_then(|()| self.prepare_command(&command.command, &command.meta)),
+        };
         let Prepared {
             note: text,
             run,
@@ -306,6 +310,7 @@ impl CoordinateSystem {
             }
             Command::Stop => self.end_run(End::Stop),
             Command::Abort => self.end_run(End::Abort),
+            Command::JogEnd { .. } => self.end_run(End::JogEnded),
             Command::Reset => {
                 self.servo.control(Control::ResetDrives);
                 self.context.shared.clear_alarms(self.context.number);

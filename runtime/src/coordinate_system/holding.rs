@@ -28,7 +28,7 @@ impl CoordinateSystem {
             return;
         };
         if matches!(kind, Kind::Jog(_)) {
-            self.end_run(End::JogExpired);
+            self.end_run(End::JogEnded);
             return;
         }
         let seq = self.state.awaited().map(|awaited| awaited.seq);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use plc_api::types::command::Command;
+use plc_api::types::command::{Command, CommandMeta, Verb};
 use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_model::Origin;
 
@@ -86,17 +86,28 @@ impl CoordinateSystem {
         }
     }
 
-    /// True when the command refreshes the jog that runs.
-    pub(super) fn refresh_jog(&mut self, command: &Command) -> bool {
-        let until_s = self.context.now_s() + REFRESH_S;
-        let running = self.run.as_mut().map(|run| &mut run.kind);
-        if let (Command::Jog { refresh_id, .. }, Some(Kind::Jog(jog))) = (command, running)
-            && jog.refresh_id == *refresh_id
-        {
-            jog.until_s = until_s;
-            return true;
+    /// The jog of this name, while it runs.
+    fn running_jog(&mut self, refresh_id: &str) -> Option<&mut Jog> {
+        match &mut self.run.as_mut()?.kind {
+            Kind::Jog(jog) if jog.refresh_id == refresh_id => Some(jog),
+            _ => None,
         }
-        false
+    }
+
+    /// True when the command refreshes the jog that runs, or ends one that does not: nothing else follows from it.
+    pub(super) fn needs_no_run(&mut self, command: &Command, meta: &CommandMeta) -> bool {
+        let until_s = self.context.now_s() + REFRESH_S;
+        match command {
+            Command::Jog { refresh_id, .. } if self.judge_lease(Verb::Jog, meta).is_ok() => self
+                .running_jog(refresh_id)
+                .map(|jog| jog.until_s = until_s)
+                .is_some(),
+            Command::JogEnd { refresh_id } if self.running_jog(refresh_id).is_none() => {
+                self.past.jogs.end(refresh_id);
+                true
+            }
+            _ => false,
+        }
     }
 
     /// When the jog that runs stops.
@@ -110,7 +121,7 @@ impl CoordinateSystem {
     /// Stops a jog that is not refreshed, with the motor's highest deceleration.
     pub(super) fn expire_jog(&mut self, now_s: f64) {
         if self.jog_until_s().is_some_and(|until_s| until_s <= now_s + 1e-9) {
-            self.end_run(End::JogExpired);
+            self.end_run(End::JogEnded);
         }
     }
 }

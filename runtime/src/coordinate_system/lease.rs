@@ -98,7 +98,13 @@ impl ControlLease {
         let cs = self.cs;
         let holder = self.held().map_or_else(
             || "nobody holds it now".to_owned(),
-            |held| format!("{} holds it until {}", held.holder, held.expires_at.0),
+            |held| {
+                format!(
+                    "{} holds it until {}",
+                    held.holder,
+                    held.expires_at.to_the_second()
+                )
+            },
         );
         match (fence, self.held()) {
             (None, None) => Ok(()),

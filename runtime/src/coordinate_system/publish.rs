@@ -56,6 +56,7 @@ impl CoordinateSystem {
             hash: main.as_ref().map(|main| main.sum().to_owned()),
             o_number: main.and_then(|main| main.tree.number()),
             run_id: self.past.last_id.clone(),
+            run_kind: self.run.as_ref().map(|run| run.kind.word()),
             single_block: self.inputs.single_block,
             dry_run: self.pipeline.path.is_dry_run(),
             optional_stop: self.inputs.optional_stop,
@@ -87,6 +88,7 @@ impl CoordinateSystem {
             hash: _,
             o_number: _,
             run_id,
+            run_kind,
             single_block,
             dry_run,
             optional_stop,
@@ -100,6 +102,7 @@ impl CoordinateSystem {
             && *transition == self.state.transition()
             && self.published.changes == self.context.shared.store.changes()
             && (*program, run_id) == (self.commands.program, &self.past.last_id)
+            && *run_kind == self.run.as_ref().map(|run| run.kind.word())
             && *single_block == self.inputs.single_block
             && *dry_run == self.pipeline.path.is_dry_run()
             && *optional_stop == self.inputs.optional_stop

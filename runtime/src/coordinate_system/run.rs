@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use plc_api::types::state::RunKind;
 use tandem_interp::not_there;
 use tandem_model::alarm::{PROGRAM_NOT_FOUND, PROGRAM_REFUSED};
 use tandem_model::settings::CoordinateSystemSettings;
@@ -68,10 +69,18 @@ impl Jogs {
     /// A jog that has ended is not begun again by a refresh that comes late.
     pub fn remember(&mut self, ended: &Kind) {
         if let Kind::Jog(jog) = ended {
-            self.0.push_back(jog.refresh_id.clone());
-            if self.0.len() > ENDED_JOGS_MAX {
-                self.0.pop_front();
-            }
+            self.end(&jog.refresh_id);
+        }
+    }
+
+    /// From now on the jog of this name has ended, whether it has begun or not.
+    pub fn end(&mut self, refresh_id: &str) {
+        if self.has_ended(refresh_id) {
+            return;
+        }
+        self.0.push_back(refresh_id.to_owned());
+        if self.0.len() > ENDED_JOGS_MAX {
+            self.0.pop_front();
         }
     }
 
@@ -89,6 +98,18 @@ pub(super) enum Kind {
     Manual,
     Home,
     Jog(Jog),
+}
+
+impl Kind {
+    /// As the state says it.
+    pub fn word(&self) -> RunKind {
+        match self {
+            Kind::Program => RunKind::Program,
+            Kind::Manual => RunKind::Mdi,
+            Kind::Home => RunKind::Home,
+            Kind::Jog(_) => RunKind::Jog,
+        }
+    }
 }
 
 /// A jog that runs.

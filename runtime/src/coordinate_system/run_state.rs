@@ -114,8 +114,8 @@ pub(super) enum End {
         has_program: bool,
     },
     Alarm,
-    /// A jog was not refreshed, or may not go on by itself.
-    JogExpired,
+    /// A jog was ended, was not refreshed, or may not go on by itself.
+    JogEnded,
 }
 
 impl End {
@@ -123,7 +123,7 @@ impl End {
     pub fn cancel_reason(self) -> CancelReason {
         match self {
             End::Stop => CancelReason::Stop,
-            End::Abort | End::JogExpired => CancelReason::Abort,
+            End::Abort | End::JogEnded => CancelReason::Abort,
             End::Reset { .. } => CancelReason::Reset,
             End::Alarm => CancelReason::Alarm,
         }
@@ -136,7 +136,7 @@ impl End {
             End::Abort => (Execution::Stopped, Some(Reason::Aborted)),
             End::Alarm => (Execution::Stopped, Some(Reason::Alarm)),
             End::Reset { has_program: false } => (Execution::Stopped, Some(Reason::NoProgram)),
-            End::Reset { has_program: true } | End::JogExpired => (Execution::Ready, None),
+            End::Reset { has_program: true } | End::JogEnded => (Execution::Ready, None),
         }
     }
 
@@ -348,14 +348,14 @@ impl RunState {
             (
                 state @ RunState::Idle(_),
                 RunEvent::End {
-                    why: End::Stop | End::Abort | End::JogExpired,
+                    why: End::Stop | End::Abort | End::JogEnded,
                     ..
                 },
             )
             | (
                 state @ RunState::Ending { .. },
                 RunEvent::End {
-                    why: End::Stop | End::JogExpired,
+                    why: End::Stop | End::JogEnded,
                     ..
                 },
             ) => state,

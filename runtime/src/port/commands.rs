@@ -36,7 +36,7 @@ impl RuntimePort {
             let text = format!("no alarm {id} is active");
             return Err(reject(Refusal::new(RefusalCode::NotFound, text)));
         }
-        let urgent = command.verb().is_urgent();
+        let urgent = command.is_urgent();
         let request = CoordinateSystemRequest::Command { command, meta, wait };
         mailbox.ask(request, urgent).await
     }

@@ -389,10 +389,19 @@ fn title(text: &str, dialect: &Dialect) -> String {
             return String::new();
         }
         if let Some(title) = comment(line) {
-            return title.trim().chars().take(TITLE_MAX).collect();
+            return shortened(title.trim());
         }
     }
     String::new()
+}
+
+/// With an ellipsis in place of what is too long.
+fn shortened(title: &str) -> String {
+    if title.chars().count() <= TITLE_MAX {
+        return title.to_owned();
+    }
+    let kept: String = title.chars().take(TITLE_MAX - 1).collect();
+    format!("{}…", kept.trim_end())
 }
 
 #[cfg(test)]
@@ -435,6 +444,13 @@ mod tests {
         ] {
             assert_eq!(super::title(text, dgshape()), title, "{text}");
         }
+    }
+
+    #[test]
+    fn a_title_that_is_cut_says_so() {
+        let of = |length: usize| super::title(&format!("// {}", "x".repeat(length)), nj());
+        assert_eq!(of(TITLE_MAX), "x".repeat(TITLE_MAX));
+        assert_eq!(of(TITLE_MAX + 1), format!("{}…", "x".repeat(TITLE_MAX - 1)));
     }
 
     #[test]

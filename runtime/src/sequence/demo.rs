@@ -129,10 +129,12 @@ async fn meet(output: AuxOutput, meeting: Arc<Meeting>) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// M80: an operator looks at the part and resets the output by hand.
+/// M80: an operator looks at the part and says so, or confirms the output by hand.
 async fn inspect(output: AuxOutput) -> Result<(), Alarm> {
-    output
-        .progress("look at the holes, then press Reset beside M80", None)
-        .await?;
-    std::future::pending().await
+    let (good, bad) = ("Good", "Not good: stop");
+    let answer = output.ask("Are all eight holes good?", [good, bad]).await?;
+    if answer == bad {
+        return Err(Alarm::user(80, "the operator has found bad holes"));
+    }
+    Ok(())
 }

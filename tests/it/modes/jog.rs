@@ -1,10 +1,12 @@
 //! Jogging: the dead man's switch, soft limits, motor limits.
 
+use std::time::Duration;
+
 use plc_api::Execution;
 use plc_api::types::request::RefusalCode;
 use plc_api::types::state::Reason;
 
-use super::rig::{Rig, close, on_machine, refused};
+use super::rig::{Rig, close, distance, on_machine, refused};
 use crate::support::formula::PERIOD_S;
 
 /// Begins a jog and returns at once; the answer comes when it has ended.
@@ -105,6 +107,93 @@ fn a_late_refresh_never_begins_a_jog_again() {
         close(rig.at().await, at);
         rig.cs.jog('X', 600.0, Some(0.1), "b").await.unwrap();
         close(rig.at().await, [at[0] + 0.1, 0.0, 0.0]);
+    });
+}
+
+/// The servo cycles that pass before a command reaches the servo, at the most.
+const CYCLES: f64 = 2.0;
+
+#[test]
+fn the_end_of_a_jog_brakes_it_at_once_to_ready() {
+    // 100 mm/s, reached with 1000 mm/s^2 and left with 5000: 1 mm to stop, where the time-out alone adds 20 mm
+    let (velocity, deceleration) = (100.0_f64, 5000.0);
+    on_machine("", move |rig| async move {
+        let jog = begin(&rig, 'X', velocity * 60.0, "a");
+        rig.until(Execution::Active).await;
+        rig.sleep(0.15).await;
+        let at = rig.at().await[0];
+        rig.trace();
+        rig.cs.jog_end("a").await.unwrap();
+        assert_eq!(rig.state().await, (Execution::Ready, None));
+        let braked = velocity.powi(2) / 2.0 / deceleration;
+        let way = rig.at().await[0] - at;
+        let late = velocity * PERIOD_S * CYCLES;
+        assert!(
+            (braked - late..=braked + late).contains(&way),
+            "{way} is not {braked}"
+        );
+        let seconds = f64::from(u32::try_from(rig.trace().len()).unwrap()) * PERIOD_S;
+        assert!(
+            seconds <= velocity / deceleration + (CYCLES + 1.0) * PERIOD_S,
+            "{seconds}"
+        );
+        jog.await.unwrap().unwrap();
+        let rests = rig.at().await;
+        refused(rig.cs.jog('X', 6000.0, None, "a").await, RefusalCode::NotAllowed);
+        rig.sleep(0.5).await;
+        close(rig.at().await, rests);
+    });
+}
+
+#[test]
+fn the_end_of_a_jog_before_it_or_twice_changes_nothing_else() {
+    on_machine("", |rig| async move {
+        rig.load("G01 X50 F3000\nM30\n").await;
+        let loaded = rig.cs.state().await.unwrap();
+        rig.cs.jog_end("early").await.unwrap();
+        assert_eq!(rig.cs.state().await.unwrap(), loaded);
+        let refusal = refused(
+            rig.cs.jog('X', 600.0, None, "early").await,
+            RefusalCode::NotAllowed,
+        );
+        assert!(refusal.text.contains("ended"), "{}", refusal.text);
+        // of another jog
+        let jog = begin(&rig, 'X', 600.0, "a");
+        rig.until(Execution::Active).await;
+        rig.cs.jog_end("b").await.unwrap();
+        rig.sleep(0.1).await;
+        assert_eq!(rig.state().await, (Execution::Active, None));
+        assert!(!jog.is_finished(), "its caller waits for its own end");
+        rig.cs.jog_end("a").await.unwrap();
+        rig.cs.jog_end("a").await.unwrap();
+        jog.await.unwrap().unwrap();
+        // in a program
+        rig.cs.start().await.unwrap();
+        rig.until(Execution::Active).await;
+        for id in ["a", "c"] {
+            rig.cs.jog_end(id).await.unwrap();
+        }
+        assert_eq!(rig.until(Execution::ProgramCompleted).await.reason, None);
+        assert!(distance(rig.at().await, [50.0, 0.0, 0.0]) < 1e-9);
+        rig.cs.jog_end("c").await.unwrap();
+        assert_eq!(rig.state().await, (Execution::ProgramCompleted, None));
+    });
+}
+
+#[test]
+fn a_jog_is_ended_also_under_a_lease_and_an_interlock() {
+    on_machine("", |rig| async move {
+        rig.cs.set_interlock(true, "door").await.unwrap();
+        rig.cs.jog_end("a").await.unwrap();
+        rig.cs.set_interlock(false, "").await.unwrap();
+        let jog = begin(&rig, 'X', 600.0, "b");
+        rig.until(Execution::Active).await;
+        let holder = rig.plc.coordinate_system(1);
+        let lease = holder.take_lease(Duration::from_secs(30)).await;
+        assert!(lease.is_ok());
+        rig.cs.jog_end("b").await.unwrap();
+        jog.await.unwrap().unwrap();
+        assert_eq!(rig.state().await, (Execution::Ready, None));
     });
 }
 

@@ -54,6 +54,13 @@ pub(crate) struct Shown {
     pub(super) login: Option<LoginEnd>,
 }
 
+impl Shown {
+    /// True for a person who has logged in.
+    pub(crate) fn is_login(&self) -> bool {
+        self.login.is_some()
+    }
+}
+
 impl From<User> for Shown {
     fn from(user: User) -> Self {
         Self { user, login: None }

@@ -101,8 +101,9 @@ fn parameters(route: &Route) -> Vec<Value> {
     }
     if is_command {
         parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
-        let pattern = "^\"?([0-9]+|[0-9A-Fa-f]{64})\"?(, *\"?([0-9]+|[0-9A-Fa-f]{64})\"?)?$";
-        parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": pattern}, "description": "Revision of the state that the sender has seen, the hash of the program that it means, or both, which must both hold then."}));
+        let tag = "\"?([0-9]+|[0-9A-Fa-f]{64}|boot:[0-9A-Za-z]{1,64})\"?";
+        let pattern = format!("^{tag}(, *{tag}){{0,2}}$");
+        parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": pattern}, "description": "Revision of the state that the sender has seen, the hash of the program that it means, boot: and the boot_id that it has seen, or several of them, which must all hold then."}));
     }
     if route.query == Query::Dialect {
         parameters.push(json!({"name": "dialect", "in": "query", "schema": {"type": "string", "enum": ["nj", "dgshape"]}, "description": "NC dialect of the text; without it that of the lowest coordinate system."}));

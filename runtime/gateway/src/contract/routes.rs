@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use axum::http::Method;
 use plc_api::types::form::Form;
 use plc_api::wire::ROWS;
-use plc_api::wire::login::{Login, LoginRequest};
+use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
 use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Row;
@@ -36,7 +36,7 @@ impl Serves {
 }
 
 /// What the server says itself, and the right that it needs.
-static OWN: [(Option<Right>, Route); 9] = [
+static OWN: [(Option<Right>, Route); 10] = [
     (
         Some(Right::Read),
         Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
@@ -71,6 +71,10 @@ static OWN: [(Option<Right>, Route); 9] = [
         .takes(Content::Json(Form::of::<LoginRequest>()))
         .gives::<Login>()
         .refusals(&[401, 404, 429, 503]),
+    ),
+    (
+        Some(Right::Read),
+        Route::get("/login", "Who the caller is, and in which role.").gives::<CurrentUser>(),
     ),
     (
         Some(Right::Read),

@@ -3,16 +3,18 @@
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use plc_api::server::{AccessKind, ServerTransport};
 use plc_api::wire::json_object;
-use plc_api::wire::login::{Login, LoginRequest};
+use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
 use serde_json::json;
 use tracing::{info, warn};
 
 use super::{body, json_response};
+use crate::access::Shown;
 use crate::access::http::{token, too_many};
 use crate::access::login::{LOGIN_MAX, Refused};
 use crate::problem::Problem;
@@ -72,6 +74,16 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
         expires_s: LOGIN_MAX.as_secs(),
     };
     Ok(json_response(StatusCode::OK, json!(answer).to_string()))
+}
+
+/// Who asks.
+pub(super) async fn who(Extension(shown): Extension<Shown>) -> Response {
+    let answer = CurrentUser {
+        user: shown.user.name().map(str::to_owned),
+        role: shown.user.role().word(),
+        is_login: shown.is_login(),
+    };
+    json_response(StatusCode::OK, json!(answer).to_string())
 }
 
 /// Ends the login whose token the request carries.

@@ -193,7 +193,7 @@ async fn carry_out(
     form: &AnswerForm,
 ) -> Result<Reply, Problem> {
     let places = match authorized.request() {
-        Request::Command { command, .. } if command.verb().is_urgent() => &shared.urgent_commands,
+        Request::Command { command, .. } if command.is_urgent() => &shared.urgent_commands,
         _ => &shared.open_commands,
     };
     let Ok(place) = Arc::clone(places).try_acquire_owned() else {

@@ -8,7 +8,7 @@ use axum::extract::rejection::RawPathParamsRejection;
 use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
-use axum::routing::{get, post};
+use axum::routing::get;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Message;
 use plc_api::types::topic::{CsTopic, Topic};
@@ -16,7 +16,7 @@ use plc_api::wire::row::number;
 use plc_api::wire::states::{CoordinateSystems, Health, Inputs, STATES, StateRow, WithState};
 use serde_json::{Value, json};
 
-use super::login::{log_in, log_out};
+use super::login::{log_in, log_out, who};
 use super::{json_response, params};
 use crate::problem::Problem;
 use crate::shared::Shared;
@@ -28,7 +28,7 @@ pub(super) fn own_routes() -> Router<Arc<Shared>> {
         .route("/cs/{cs}/inputs", get(inputs))
         .route("/health", get(health))
         .route("/metrics", get(metrics))
-        .route("/login", post(log_in).delete(log_out))
+        .route("/login", get(who).post(log_in).delete(log_out))
 }
 
 /// Names and values in a path.

@@ -164,6 +164,9 @@ async fn every_verb_has_its_route_and_each_command_an_id_of_its_own() {
             distance: Some(1.5),
             refresh_id: "panel-1".into(),
         },
+        Command::JogEnd {
+            refresh_id: "panel-1".into(),
+        },
     ];
     for command in &commands {
         let verb = serde_json::to_value(command.verb()).unwrap();

@@ -197,7 +197,7 @@ fn after_a_back_trace_the_motion_turns_before_it_goes_on() {
 #[test]
 fn a_stop_under_way_is_not_begun_anew_and_an_abort_an_alarm_and_a_reset_are() {
     let stopping = after(state("ACTIVE"), [end(End::Stop)]);
-    for why in [End::Stop, End::JogExpired] {
+    for why in [End::Stop, End::JogEnded] {
         let again = stopping.clone().on(RunEvent::End {
             why,
             epoch: EPOCH + 1,

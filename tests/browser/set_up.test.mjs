@@ -1,0 +1,158 @@
+// Setting up a part, and the programs of the store, on the real runtime.
+
+import assert from "node:assert/strict";
+import { after, afterEach, before, beforeEach, test } from "node:test";
+
+import { launch, openPage } from "./browser.mjs";
+import { Runtime } from "./runtime.mjs";
+import { Screen, until } from "./screen.mjs";
+
+let browser;
+let runtime;
+let page;
+let errors;
+let close;
+let screen;
+
+before(async () => {
+  runtime = await Runtime.create();
+  await runtime.start();
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await runtime?.remove();
+});
+
+beforeEach(async () => {
+  ({ page, errors, close } = await openPage(browser));
+  screen = new Screen(page);
+  await page.goto(runtime.url);
+  await page.getByText("Connected", { exact: true }).waitFor();
+});
+
+afterEach(async () => {
+  await close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors, and all is of its form");
+});
+
+async function read(path) {
+  return (await fetch(`${runtime.url}/api/v1${path}`)).json();
+}
+
+const offset = async (name, axis) => (await read("/cs/1/work_offsets")).work_offsets[name][axis];
+
+async function section(name) {
+  await page.getByRole("tab", { name: "Set up" }).click();
+  await page.getByRole("radiogroup", { name: "Set up" }).getByRole("radio", { name, exact: true }).click();
+}
+
+async function moveTo(text) {
+  const answer = await fetch(`${runtime.url}/api/v1/cs/1/mdi?wait=1`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ text }) });
+  assert.equal(answer.status, 200);
+}
+
+test("a work offset is changed, zero is set where the tool stands, and the last change is taken back", async () => {
+  await moveTo("G53 G00 X30 Y20");
+  await section("Offsets");
+  await page.getByRole("radio", { name: "G55" }).click();
+  const field = page.getByLabel("Offset X", { exact: true });
+  await field.fill("12.5");
+  await field.press("Enter");
+  await until(() => offset("G55", "X"), 12.5, "the offset");
+  await page.getByRole("button", { name: "X = 0" }).click();
+  await until(() => offset("G55", "X"), 30, "the offset");
+  const undo = page.getByRole("button", { name: "Undo" });
+  await undo.click();
+  await until(() => offset("G55", "X"), 12.5, "the offset");
+  await undo.click();
+  await until(() => offset("G55", "X"), 0, "the offset");
+});
+
+test("an edge that is touched gets its position, also when it is touched twice", async () => {
+  await moveTo("G54 G53 G00 X30");
+  await section("Offsets");
+  const before = await offset("G54", "X");
+  const here = page.getByLabel("X is here");
+  await here.fill("-3");
+  await here.press("Enter");
+  await until(() => offset("G54", "X"), 33, "the offset");
+  await here.fill("-5");
+  await here.press("Enter");
+  await until(() => offset("G54", "X"), 35, "the offset");
+  await page.getByRole("button", { name: "Use G54" }).click();
+  await until(() => screen.workPosition("X"), -5, "the work position");
+  for (const value of [33, before]) {
+    await page.getByRole("button", { name: "Undo" }).click();
+    await until(() => offset("G54", "X"), value, "the offset");
+  }
+});
+
+test("two edges that are touched put zero in the middle", async () => {
+  await moveTo("G53 G00 X10");
+  await section("Offsets");
+  await page.getByRole("radio", { name: "G56" }).click();
+  await until(() => page.locator('tr[data-axis="X"] td').nth(1).textContent(), "10.000", "the machine position");
+  await page.getByRole("button", { name: "First edge of the middle of X" }).click();
+  await moveTo("G53 G00 X30");
+  await until(() => page.locator('tr[data-axis="X"] td').nth(1).textContent(), "30.000", "the machine position");
+  await page.getByRole("button", { name: "Second edge of the middle of X: zero between both" }).click();
+  await until(() => offset("G56", "X"), 20, "the offset");
+});
+
+test("a tool is added, measured, and taken out", async () => {
+  await section("Tools");
+  await page.getByLabel("Number of the new tool").fill("7");
+  await page.getByRole("button", { name: "Add tool" }).click();
+  const radius = page.getByLabel("Radius of T7");
+  await radius.fill("2.5");
+  await radius.press("Enter");
+  await until(async () => (await read("/tools")).tools.find(({ id }) => id === 7)?.radius, 2.5, "the radius");
+  await page.getByRole("button", { name: "Take T7 out of the table" }).click();
+  await until(async () => (await read("/tools")).tools.some(({ id }) => id === 7), false, "the tool");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await until(async () => (await read("/tools")).tools.find(({ id }) => id === 7)?.radius, 2.5, "the radius");
+});
+
+test("a variable is found and changed", async () => {
+  await section("Variables");
+  await page.getByLabel("First variable").fill("100");
+  await page.getByLabel("First variable").press("Enter");
+  const field = page.getByLabel("P101", { exact: true });
+  await field.fill("3.25");
+  await field.press("Enter");
+  await until(async () => (await read("/variables/p?from=101&count=1")).values[0], 3.25, "P101");
+  await page.getByRole("switch", { name: "In use" }).click();
+  await until(() => page.locator(".variable-row strong").allTextContents(), ["P101"], "the variables in use");
+});
+
+test("an M code of the machine's table is put out by its button", async () => {
+  await section("M codes");
+  await page.getByRole("group", { name: "M codes" }).getByRole("button", { name: /M100/ }).click();
+  await screen.sees("WAIT");
+  await page.getByRole("button", { name: "Confirm M100 by hand" }).click();
+  await screen.sees("READY");
+});
+
+test("files that are dropped anywhere are stored; programs are found, sorted and deleted", async () => {
+  const drop = (files) => page.evaluate((given) => {
+    const data = new DataTransfer();
+    for (const [name, text] of given) data.items.add(new File([text], name, { type: "text/plain" }));
+    for (const type of ["dragover", "drop"]) document.querySelector(".feed-card")?.dispatchEvent(new DragEvent(type, { dataTransfer: data, bubbles: true, cancelable: true }));
+  }, files);
+  await drop([["O0801.nc", "// Zebra\nM30\n"], ["O0802.nc", "// Ant\nM30\n"]]);
+  await page.getByText("O0802.nc is stored as O0802.").waitFor();
+  const names = () => page.locator(".stored strong").allTextContents();
+  await page.getByLabel("Search programs").fill("o08");
+  await until(names, ["O0801", "O0802"], "what is found");
+  await page.getByLabel("Order of programs").selectOption("by title");
+  await until(names, ["O0802", "O0801"], "the order");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Save a copy of O0801" }).click()]);
+  assert.equal(download.suggestedFilename(), "O0801.nc");
+  await page.getByRole("button", { name: "Delete O0801" }).click();
+  await page.getByRole("dialog", { name: "Delete O0801?" }).getByRole("button", { name: "Delete O0801" }).click();
+  await until(names, ["O0802"], "what is found");
+  await drop([["O0803.nc", "// One file\nM30\n"]]);
+  await page.getByRole("dialog", { name: "Program" }).getByText("O0803 is new.").waitFor();
+});

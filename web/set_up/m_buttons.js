@@ -1,0 +1,39 @@
+// A button for each M code of the machine's table, and the spindle: each runs as a line of MDI.
+
+import { button, fill, h, setAttr } from "../dom.js";
+import { disableFor, whyNot } from "../why_not.js";
+
+/** What every machine means by them. @type {Record<number, string>} */
+const NAMES = { 3: "Spindle cw", 4: "Spindle ccw", 5: "Spindle stop", 6: "Tool change", 7: "Mist on", 8: "Coolant on", 9: "Coolant off", 19: "Orient spindle" };
+const SPINDLE = [3, 4, 5];
+const SPEED_MAX = 1_000_000;
+
+/** @type {import("../views/set_up.js").Section} */
+export const mButtons = {
+  title: "M codes",
+  create(app) {
+    const speed = h("input", { type: "number", class: "input value", min: 0, max: SPEED_MAX, step: 1, value: 1000, "aria-label": "Spindle speed, r/min" });
+    const row = h("label", { class: "row" }, h("span", { class: "label" }, "S, r/min"), speed);
+    const list = h("div", { class: "m-buttons", role: "group", "aria-label": "M codes" });
+    let shown = "";
+    const run = (/** @type {number} */ m) => {
+      const s = m === 3 || m === 4 ? ` S${speed.valueAsNumber || 0}` : "";
+      app.command("mdi", { text: `M${String(m).padStart(2, "0")}${s}` });
+    };
+    const render = () => {
+      const system = app.model.current;
+      const hasSpindle = typeof system?.info.spindle === "number";
+      const known = Object.keys(app.model.birth?.m_codes ?? {}).map(Number);
+      const codes = [...new Set([...(hasSpindle ? SPINDLE : []), ...known])].sort((a, b) => a - b);
+      const key = codes.join();
+      if (key !== shown) {
+        shown = key;
+        const one = (/** @type {number} */ m) => button({ "data-m": m, onclick: () => run(m) }, h("strong", {}, `M${String(m).padStart(2, "0")}`), NAMES[m] ?? app.model.birth?.m_codes[m]?.wait_state?.replaceAll("_", " ").toLowerCase() ?? "");
+        fill(list, ...codes.map(one));
+      }
+      setAttr(row, "hidden", !hasSpindle);
+      for (const one of list.querySelectorAll("button")) disableFor(one, whyNot(app.model, "mdi"), `Runs M${one.dataset.m} at once`);
+    };
+    return { element: h("div", {}, row, list), render, read: () => {} };
+  },
+};

@@ -1,0 +1,149 @@
+// Work offsets: their values, and zero set where the tool stands, or where it has touched.
+
+import { button, h, setAttr, setText } from "../dom.js";
+import { plain, position } from "../format.js";
+import { scaleOf } from "../units.js";
+import { axesOf } from "../views/positions.js";
+import { disableFor, whyNot, whyNotNow } from "../why_not.js";
+import { numberField, Undo } from "./values.js";
+
+const NAMES = ["G54", "G55", "G56", "G57", "G58", "G59"];
+
+/** @type {import("../views/set_up.js").Section} */
+export const offsets = { title: "Offsets", create: (app) => new Offsets(app) };
+
+class Offsets {
+  #name = "G54";
+  /** @type {Record<string, Record<string, number>>} */
+  #values = {};
+  /** First of two points whose middle becomes zero, by axis: what the work position was there. @type {Map<string, number>} */
+  #marks = new Map();
+  #key = "";
+  #picks = NAMES.map((name) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(name) }, name));
+  #body = h("div", { class: "offset-rows" });
+  #note = h("p", { class: "muted", role: "status" });
+  #use = button({ onclick: () => this.app.command("mdi", { text: this.#name }) });
+  #undo;
+  /** @type {{axis: string, render: () => void}[]} */
+  #rows = [];
+
+  /** @param {import("../main.js").App} app */
+  constructor(app) {
+    this.app = app;
+    this.#undo = new Undo(app, () => this.read());
+    this.element = h(
+      "div",
+      { class: "offsets" },
+      h("div", { class: "choice", role: "radiogroup", "aria-label": "Work offset" }, ...this.#picks),
+      this.#body,
+      this.#note,
+      h("div", { class: "row end" }, this.#undo.element, this.#use),
+    );
+  }
+
+  async read() {
+    const cs = this.app.model.selected;
+    await this.app.attempt(async () => {
+      this.#values = await this.app.api.workOffsets(cs);
+    });
+    this.app.invalidate();
+  }
+
+  render() {
+    const { model } = this.app;
+    const system = model.current;
+    if (!system) return;
+    const key = `${model.selected} ${Object.keys(system.info.axes).join("")}`;
+    if (key !== this.#key) {
+      this.#key = key;
+      this.#marks.clear();
+      this.#rows = axesOf(system).map((axis) => this.#row(axis));
+    }
+    for (const [at, pick] of this.#picks.entries()) setAttr(pick, "aria-checked", String(NAMES[at] === this.#name));
+    for (const row of this.#rows) row.render();
+    this.#undo.render();
+    const active = system.modal?.work_offset;
+    setText(this.#note, `${active ?? "No offset"} is in force. What is set here counts from the next ${this.#name} of a program or MDI; tool length is not in it.`);
+    setText(this.#use, `Use ${this.#name}`);
+    disableFor(this.#use, whyNot(model, "mdi"), `Runs ${this.#name} as a line of MDI: nothing moves`);
+  }
+
+  /** @param {string} name */
+  #choose(name) {
+    this.#name = name;
+    this.#marks.clear();
+    this.app.invalidate();
+  }
+
+  /** @param {string} axis */
+  #row(axis) {
+    const { model } = this.app;
+    const field = numberField(`Offset ${axis}`, (value) => void this.#store(axis, value * scaleOf(model, axis).size));
+    const here = numberField(`${axis} is here`, (value) => {
+      void this.#touch(axis, value * scaleOf(model, axis).size);
+      here.show("");
+    });
+    here.element.placeholder = "is";
+    const zero = button({ class: "button", onclick: () => void this.#touch(axis, 0) }, `${axis} = 0`);
+    const middle = button({ class: "button", onclick: () => this.#middle(axis) });
+    const row = h("div", { class: "offset-row", "data-axis": axis }, h("strong", {}, axis), field.element, zero, here.element, middle);
+    if (this.#body.querySelector(`[data-axis="${axis}"]`) === null) this.#body.append(row);
+    else this.#body.querySelector(`[data-axis="${axis}"]`)?.replaceWith(row);
+    const render = () => {
+      const scale = scaleOf(model, axis);
+      field.show(position(this.#values[this.#name]?.[axis] ?? 0, scale));
+      const marked = this.#marks.get(axis);
+      setText(middle, marked === undefined ? "1st" : "2nd");
+      setAttr(middle, "aria-label", marked === undefined ? `First edge of the middle of ${axis}` : `Second edge of the middle of ${axis}: zero between both`);
+      const why = whyNotNow(model) ?? this.#whyNotStanding();
+      disableFor(field.element, whyNotNow(model));
+      disableFor(zero, why, `Zero of ${axis} is where the tool stands`);
+      disableFor(here.element, why, `The tool stands at this ${axis}: touch an edge, and type where it is, with the tool's radius`);
+      disableFor(middle, why, "Touch both sides of a bore, boss or slot: zero is in the middle");
+    };
+    return { axis, render };
+  }
+
+  /** Zero is set at rest. */
+  #whyNotStanding() {
+    const execution = this.app.model.current?.state?.execution ?? "";
+    return ["ACTIVE", "WAIT"].includes(execution) ? "A run is on: zero is set at rest." : null;
+  }
+
+  /** The point where the tool stands gets a work position. @param {string} axis @param {number} value */
+  async #touch(axis, value) {
+    const offset = this.#offsetFor(axis, value);
+    if (offset !== null) await this.#store(axis, offset);
+  }
+
+  /** The offset with which the axis stands at a work position. @param {string} axis @param {number} value */
+  #offsetFor(axis, value) {
+    const system = this.app.model.current;
+    const machine = system?.position?.machine[axis];
+    if (machine === undefined) return null;
+    return machine - value;
+  }
+
+  /** @param {string} axis */
+  #middle(axis) {
+    const zero = this.#offsetFor(axis, 0);
+    if (zero === null) return;
+    const first = this.#marks.get(axis);
+    if (first === undefined) this.#marks.set(axis, zero);
+    else {
+      this.#marks.delete(axis);
+      void this.#store(axis, (first + zero) / 2);
+    }
+    this.app.invalidate();
+  }
+
+  /** @param {string} axis @param {number} value mm or degrees */
+  async #store(axis, value) {
+    const cs = this.app.model.selected;
+    const name = this.#name;
+    const before = this.#values[name]?.[axis] ?? 0;
+    const set = (/** @type {number} */ to) => () => this.app.api.setWorkOffsets(cs, { [name]: { [axis]: to } });
+    await this.#undo.do(`${name} ${axis} was ${plain(before)}`, set(value), set(before));
+  }
+}
+

@@ -1,0 +1,72 @@
+// Fields of values that are stored when they are left or Enter is pressed, and the way back from the last change.
+
+import { button, h, setAttr } from "../dom.js";
+import { icon } from "../icons.js";
+import { disableFor, whyNotNow } from "../why_not.js";
+
+/**
+ * A field of a number.
+ * @param {string} label
+ * @param {(value: number) => void} store
+ */
+export function numberField(label, store) {
+  const input = h("input", { type: "text", inputmode: "decimal", class: "input value", "aria-label": label, autocomplete: "off" });
+  let shown = "";
+  const leave = () => {
+    const text = input.value.trim();
+    if (text === shown) return;
+    shown = text;
+    const value = Number(text.replace(",", "."));
+    const isNumber = text !== "" && Number.isFinite(value);
+    setAttr(input, "aria-invalid", !isNumber);
+    if (isNumber) store(value);
+  };
+  input.addEventListener("change", leave);
+  input.addEventListener("keydown", (event) => {
+    if (event.key === "Enter") leave();
+    if (event.key === "Escape") input.value = shown;
+  });
+  return {
+    element: input,
+    /** Shows a value, unless another is being typed. @param {string} text */
+    show(text) {
+      if (document.activeElement === input && input.value !== shown) return;
+      shown = text;
+      if (input.value !== text) input.value = text;
+      setAttr(input, "aria-invalid", false);
+    },
+  };
+}
+
+/** Changes that can be taken back, the last first. Each is a name, and what to do. */
+export class Undo {
+  /** @type {{says: string, back: () => Promise<void>}[]} */
+  #changes = [];
+
+  /** @param {import("../main.js").App} app @param {() => void} read after a change is taken back */
+  constructor(app, read) {
+    this.app = app;
+    this.read = read;
+    this.element = button({ class: "button small undo", onclick: () => void this.#back() }, icon("back"), "Undo");
+  }
+
+  /**
+   * Carries out a change.
+   * @param {string} says @param {() => Promise<void>} change @param {() => Promise<void>} back
+   */
+  async do(says, change, back) {
+    if (await this.app.attempt(change)) this.#changes.push({ says, back });
+    this.read();
+  }
+
+  render() {
+    const last = this.#changes.at(-1);
+    disableFor(this.element, last ? whyNotNow(this.app.model) : "Nothing has been changed here.", `Take back: ${last?.says ?? ""}`);
+  }
+
+  async #back() {
+    const last = this.#changes.pop();
+    if (last && !(await this.app.attempt(last.back))) this.#changes.push(last);
+    this.read();
+  }
+}

@@ -1,0 +1,48 @@
+// Shortcuts: one key each, and never while something is typed. None of them starts motion.
+
+import { openDialog } from "./dialog.js";
+import { button, h } from "./dom.js";
+
+/** @type {{key: string, says: string, does: (app: import("./main.js").App) => void}[]} */
+const SHORTCUTS = [
+  { key: "?", says: "this list", does: () => showShortcuts() },
+  { key: "f", says: "read from three metres, and back", does: toggleFar },
+  { key: "h", says: "feed hold", does: (app) => app.command("hold") },
+  { key: "p", says: "programs", does: (app) => app.open("programs") },
+  { key: "b", says: "by hand", does: (app) => app.open("by-hand") },
+  { key: "s", says: "set up", does: (app) => app.open("set-up") },
+  { key: "n", says: "next coordinate system", does: next },
+];
+
+/** @param {import("./main.js").App} app */
+export function listenToKeys(app) {
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
+    if (event.target instanceof Element && event.target.closest("input, textarea, select, dialog, [contenteditable]")) return;
+    if (event.key === "Escape" && app.model.far) return toggleFar(app);
+    const shortcut = SHORTCUTS.find(({ key }) => key === event.key.toLowerCase());
+    if (!shortcut) return;
+    event.preventDefault();
+    shortcut.does(app);
+  });
+}
+
+/** Shows them. */
+export function showShortcuts() {
+  const rows = SHORTCUTS.map(({ key, says }) => h("div", { class: "shortcut" }, h("dt", {}, h("kbd", {}, key.toUpperCase())), h("dd", {}, says)));
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
+  const dialog = openDialog("shortcuts", "Shortcuts", [h("dl", { class: "scroll" }, ...rows), h("div", { class: "row end" }, close)]);
+}
+
+/** @param {import("./main.js").App} app */
+export function toggleFar(app) {
+  app.model.far = !app.model.far;
+  app.invalidate();
+}
+
+/** @param {import("./main.js").App} app */
+function next(app) {
+  const numbers = [...app.model.systems.keys()];
+  const one = numbers[(numbers.indexOf(app.model.selected) + 1) % numbers.length];
+  if (one !== undefined) app.select(one);
+}

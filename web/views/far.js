@@ -1,0 +1,50 @@
+// The screen as it is read from three metres: state, sentence, positions, program; its frame has the colour of the state.
+
+import { fill, h, setAttr, setText } from "../dom.js";
+import { position, programName } from "../format.js";
+import { icon, setIcon } from "../icons.js";
+import { brief, look, sentence } from "../sentence.js";
+import { scaleOf } from "../units.js";
+import { axesOf } from "./positions.js";
+
+/** Characters of the sentence. */
+const SENTENCE_CHARS = 110;
+
+/** @type {import("../main.js").View} */
+export const far = {
+  place: "far",
+  create(app) {
+    const sign = icon("ready");
+    const word = h("span", {});
+    const said = h("p", { class: "far-sentence" });
+    const program = h("p", { class: "far-program" });
+    const axes = h("dl", { class: "far-axes" });
+    const element = h("section", { class: "far", "aria-label": "From three metres" }, h("div", { class: "far-state" }, sign, word), said, axes, program);
+    /** @type {[string, HTMLElement][]} */
+    let cells = [];
+    let shown = "";
+    const render = () => {
+      const { model } = app;
+      const system = model.current;
+      if (!model.far || !system?.state) return;
+      const letters = axesOf(system);
+      const key = `${system.info.number} ${letters.join("")}`;
+      if (key !== shown) {
+        shown = key;
+        cells = letters.map((axis) => [axis, h("dd", {})]);
+        fill(axes, ...cells.map(([axis, cell]) => h("div", {}, h("dt", {}, axis), cell)));
+        axes.style.setProperty("--rows", String(Math.ceil(letters.length / 2)));
+      }
+      const { tone, icon: name, word: text } = look(system.state, system.pending?.outputs);
+      setAttr(element, "data-tone", tone);
+      setIcon(sign, name);
+      setText(word, text);
+      setText(said, brief(sentence(system, model.alarms, (ts) => model.ageMs(ts)), SENTENCE_CHARS));
+      for (const [axis, cell] of cells) setText(cell, position(system.position?.work[axis], scaleOf(model, axis)));
+      const title = model.programs?.find((one) => one.number === system.state?.program)?.title ?? "";
+      const line = system.place?.line ? `  line ${system.place.line}` : "";
+      setText(program, system.state.program === null ? "No program" : `${programName(system.state.program)} ${brief(title, 40)}${line}`);
+    };
+    return { element, render };
+  },
+};

@@ -1,0 +1,51 @@
+// Setting up a part: work offsets with zero-set and touch-off by hand, the tool table, variables, and the machine's M codes.
+
+import { button, fill, h, setAttr } from "../dom.js";
+import { mButtons } from "../set_up/m_buttons.js";
+import { offsets } from "../set_up/offsets.js";
+import { tools } from "../set_up/tools.js";
+import { variables } from "../set_up/variables.js";
+
+/**
+ * A section of the panel.
+ * @typedef {{title: string, create: (app: import("../main.js").App) => {element: HTMLElement, render: () => void, read: () => void}}} Section
+ */
+
+/** @type {Section[]} */
+const SECTIONS = [offsets, tools, variables, mButtons];
+
+/** @type {import("../main.js").View} */
+export const setUp = {
+  place: "right",
+  panel: { name: "set-up", title: "Set up" },
+  create(app) {
+    const sections = SECTIONS.map(({ title, create }) => ({ title, section: create(app) }));
+    let at = 0;
+    let shown = "";
+    const place = h("div", { class: "set-up-section" });
+    const picks = sections.map(({ title }, number) => button({ class: "button pick", role: "radio", onclick: () => choose(number) }, title));
+    const choose = (/** @type {number} */ number) => {
+      at = number;
+      shown = "";
+      app.invalidate();
+    };
+    const render = () => {
+      if (app.model.panel !== "set-up") {
+        shown = "";
+        return;
+      }
+      const section = sections[at]?.section;
+      // what is shown is read anew, as others may have changed it
+      const key = `${app.model.bootId} ${app.model.selected} ${at} ${app.model.online}`;
+      if (section && key !== shown) {
+        shown = key;
+        fill(place, section.element);
+        section.read();
+      }
+      for (const [number, pick] of picks.entries()) setAttr(pick, "aria-checked", String(number === at));
+      section?.render();
+    };
+    const element = h("div", { class: "set-up" }, h("div", { class: "choice", role: "radiogroup", "aria-label": "Set up" }, ...picks), place);
+    return { element, render };
+  },
+};
