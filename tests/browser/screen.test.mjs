@@ -216,14 +216,14 @@ test("a wait for a person is amber, a wait for a machine is blue, and stopped do
 test("what is forbidden is disabled and says why", async () => {
   const start = screen.command("Start");
   for (const [topic, lock, why] of [
-    ["cs/1/input/start_lock/state", { value: true, text: "door open" }, /^The start lock is on: door open\.$/],
-    ["cs/1/input/interlock/state", { value: true, text: "" }, /^The interlock is on\.$/],
+    ["cs/1/input/start_lock/state", { value: true, text: "door open", sources: [] }, /^The start lock is on: door open\.$/],
+    ["cs/1/input/interlock/state", { value: true, text: "", sources: [] }, /^The interlock is on\.$/],
     ["cs/1/lease/state", { holder: "mes-1", fence: 7, expires_at: now(-30000) }, /^mes-1 has the control/],
   ]) {
     machine.say(topic, lock);
     await disabled(start);
     await until(() => start.getAttribute("aria-description"), why, "why");
-    machine.say(topic, topic.endsWith("lease/state") ? { holder: null, fence: null, expires_at: null } : { value: false, text: "" });
+    machine.say(topic, topic.endsWith("lease/state") ? { holder: null, fence: null, expires_at: null } : { value: false, text: "", sources: [] });
     await enabled(start);
   }
   await page.getByRole("button", { name: /^No login/ }).click();
