@@ -36,6 +36,11 @@ export interface BirthMessage {
 /** Names one start of the runtime. Outputs, claims and resets of another boot are stale. */
 export type BootId = string;
 
+/** An external MQTT broker to which the runtime is connected. */
+export interface BrokerInUse {
+  address: string; since: Timestamp;
+}
+
 /** A call in the program stack. */
 export interface CallSite {
   line: number; program: number;
@@ -129,10 +134,13 @@ export interface HandshakeResultMessage {
 /** What became of a claim or a reset. */
 export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner" | "refused";
 
-/** Whether the server answers. */
+/** Whether the server answers, and has its MQTT broker. */
 export interface Health {
-  status: "ok";
+  broker?: BrokerInUse; status: HealthStatus;
 }
+
+/** The status of a server that answers. */
+export type HealthStatus = "ok" | "degraded";
 
 /** Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still. */
 export interface HeartbeatMessage {
@@ -260,7 +268,8 @@ export interface PositionMessage {
 
 /** Payload of `presence`. */
 export interface PresenceMessage {
-  boot_id: BootId; online: boolean; rev?: number; started_at: Timestamp; ts: string; v: 1; version: string;
+  boot_id: BootId; broker?: BrokerInUse; online: boolean; rev?: number; started_at: Timestamp; ts: string; v: 1;
+  version: string;
 }
 
 /** A refusal as HTTP says it. */

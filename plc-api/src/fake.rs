@@ -402,6 +402,7 @@ impl FakePort {
             online: true,
             started_at: Timestamp::from_system_time(inner.now().time),
             version: env!("CARGO_PKG_VERSION").to_owned(),
+            broker: None,
         };
         let systems = inner.systems.keys().map(|&number| CoordinateSystemInfo {
             number,

@@ -82,7 +82,8 @@ impl Plc {
 
     /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://[user:password@]host[:port]/[prefix/]machine`, with
     /// TLS `mqtts://...`; the default port is 1883, with TLS 8883. Over REST and WebSocket (feature `rest`):
-    /// `http://[[user:]token@]host[:port]`; the default port is 80. The token of a handler is valid for its user's name
+    /// `http://[[user:]token@]host[:port]`; the default port is 80. Of several nodes of a broker,
+    /// `host[:port],host[:port]`, the first that answers is used until it is lost. The token of a handler is valid for its user's name
     /// only: a program without a [`handler_id`](crate::SequenceProgram::handler_id) takes the user's name if the
     /// address has one. Waits up to 10 s for the runtime; later it reconnects by itself, without limit.
     ///

@@ -4,6 +4,7 @@ use std::net::IpAddr;
 use std::time::SystemTime;
 
 use crate::port::{BoxFuture, Port};
+use crate::types::machine::BrokerInUse;
 use crate::types::request::{Answer, Refusal, Request};
 use crate::wire::right::Right;
 
@@ -87,6 +88,8 @@ pub enum ServerNotice {
     BusLink {
         /// True while it is connected.
         connected: bool,
+        /// To which external broker.
+        broker: Option<BrokerInUse>,
     },
     /// It has reconnected, and notices may be lost: unclaimed outputs are published again.
     Reconnected,

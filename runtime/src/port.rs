@@ -392,8 +392,9 @@ impl ServedPort for RuntimePort {
 
     fn notice(&self, notice: ServerNotice) {
         match notice {
-            ServerNotice::BusLink { connected } => {
+            ServerNotice::BusLink { connected, broker } => {
                 self.shared.bus_connected.store(connected, Ordering::Relaxed);
+                self.shared.tell_broker(broker);
             }
             ServerNotice::Reconnected => {
                 self.shared.bus_reconnections.fetch_add(1, Ordering::Relaxed);

@@ -10,7 +10,7 @@ use plc_api::execution::word;
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::Refusal;
@@ -153,6 +153,19 @@ impl Shared {
         }
         self.send(self.message(topic, Some(last_rev + 1), payload));
         last_rev + 1
+    }
+
+    /// Publishes which external broker is connected.
+    pub fn tell_broker(&self, broker: Option<BrokerInUse>) {
+        let last = self.hub.read(&Topic::Presence);
+        let Some(Payload::Presence(presence)) = last.as_ref().map(|message| &message.payload) else {
+            return;
+        };
+        let presence = Presence {
+            broker,
+            ..presence.clone()
+        };
+        self.publish(Topic::Presence, Payload::Presence(presence));
     }
 
     /// Notes whether a part of the data folder was written; gives the result. One that was asked for what cannot be done

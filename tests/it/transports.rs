@@ -10,6 +10,7 @@ mod inputs;
 mod late;
 mod link_loss;
 mod many_machines;
+mod nodes;
 mod operator;
 mod private;
 mod program;

@@ -34,7 +34,8 @@ pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and
-/// waits until it is present. The second value is the user name.
+/// waits until it is present. Of several nodes of a broker, `host[:port],host[:port]`, the first that answers is used until
+/// it is lost. The second value is the user name.
 ///
 /// # Errors
 /// The address or a TLS file is wrong, or the runtime is not online there within [`CONNECT_TIMEOUT`].

@@ -17,6 +17,19 @@ pub struct Presence {
     pub started_at: Timestamp,
     /// Its version.
     pub version: String,
+    /// The external MQTT broker that it is connected to; absent with the embedded one, and while it has no connection.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub broker: Option<BrokerInUse>,
+}
+
+/// An external MQTT broker to which the runtime is connected.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct BrokerInUse {
+    /// Its address, such as `mqtt://10.0.0.7:1883`.
+    pub address: String,
+    /// Since when the connection is there.
+    pub since: Timestamp,
 }
 
 /// Payload of `birth`: what does not change while the runtime runs.

@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::route::{Content, Route};
 use crate::types::CoordinateSystemNumber;
+use crate::types::machine::BrokerInUse;
 use crate::types::machine::CoordinateSystemInfo;
 use crate::types::topic::{CsTopic, Topic};
 
@@ -97,11 +98,24 @@ impl schemars::JsonSchema for Inputs {
     }
 }
 
-/// Whether the server answers.
+/// Whether the server answers, and has its MQTT broker.
 #[derive(Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Health {
-    /// Nothing else is ever said.
-    #[cfg_attr(feature = "schema", schemars(extend("const" = "ok")))]
-    pub status: &'static str,
+    /// Of the server.
+    pub status: HealthStatus,
+    /// The external MQTT broker that it is connected to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub broker: Option<BrokerInUse>,
+}
+
+/// The status of a server that answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub enum HealthStatus {
+    /// Nothing is missing.
+    Ok,
+    /// No MQTT broker can be reached; HTTP and the machine work.
+    Degraded,
 }

@@ -49,8 +49,7 @@ impl Mosquitto {
     pub fn settings(&self) -> MqttSettings {
         MqttSettings {
             embedded_listen: None,
-            host: "127.0.0.1".to_owned(),
-            port: self.port,
+            brokers: vec![("127.0.0.1".to_owned(), self.port)],
             ..MqttSettings::default()
         }
     }

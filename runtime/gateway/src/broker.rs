@@ -175,8 +175,8 @@ impl Broker {
     /// Address and credentials of the runtime's own connection.
     pub(crate) fn address(&self) -> BrokerAddress {
         BrokerAddress {
-            host: self.local_ip().to_string(),
-            port: self.addr.port(),
+            nodes: vec![(self.local_ip().to_string(), self.addr.port())],
+            is_embedded: true,
             credentials: Some((RUNTIME_USER.to_owned(), self.secret.clone())),
             transport: rumqttc::Transport::tcp(),
         }

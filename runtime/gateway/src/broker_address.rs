@@ -6,10 +6,12 @@ use crate::settings::MqttSettings;
 /// A message that the embedded broker refused: its topic and payload.
 pub(crate) type Refused = (String, Vec<u8>);
 
-/// Address of a broker, and credentials of the runtime.
+/// Addresses of a broker, and credentials of the runtime.
 pub(crate) struct BrokerAddress {
-    pub(crate) host: String,
-    pub(crate) port: u16,
+    /// Host and port of each of its nodes; at least one.
+    pub(crate) nodes: Vec<(String, u16)>,
+    /// It is the runtime's own.
+    pub(crate) is_embedded: bool,
     /// User and password.
     pub(crate) credentials: Option<(String, String)>,
     /// TCP, or TLS.
@@ -21,8 +23,8 @@ impl BrokerAddress {
     pub(crate) fn of_settings(settings: &MqttSettings) -> Result<Self, GatewayError> {
         let user = settings.username.clone();
         Ok(Self {
-            host: settings.host.clone(),
-            port: settings.port,
+            nodes: settings.brokers.clone(),
+            is_embedded: false,
             credentials: user.map(|user| (user, settings.password.clone().unwrap_or_default())),
             transport: settings.transport()?,
         })

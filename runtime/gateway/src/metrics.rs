@@ -2,8 +2,11 @@
 
 use std::fmt::{Display, Write as _};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use plc_api::server::{Durations, ServoTiming};
+use plc_api::types::machine::BrokerInUse;
 
 /// Counters since the start.
 #[derive(Debug, Default)]
@@ -18,6 +21,47 @@ pub(crate) struct Metrics {
     pub(crate) mqtt_received: AtomicU64,
     pub(crate) mqtt_refused: AtomicU64,
     pub(crate) mqtt_events_lost: AtomicU64,
+    pub(crate) broker: BrokerLink,
+}
+
+/// What is known of the connection to the broker.
+#[derive(Debug, Default)]
+pub(crate) struct BrokerLink(Mutex<LinkState>);
+
+#[derive(Debug, Default)]
+struct LinkState {
+    /// The external broker, and since when.
+    in_use: Option<(BrokerInUse, Instant)>,
+    /// The last attempt has failed, or the connection was lost.
+    is_lost: bool,
+}
+
+impl BrokerLink {
+    /// It is connected.
+    pub(crate) fn take(&self, broker: Option<BrokerInUse>) {
+        *self.0.lock() = LinkState {
+            in_use: broker.map(|broker| (broker, Instant::now())),
+            is_lost: false,
+        };
+    }
+
+    /// It is not, and an attempt has failed.
+    pub(crate) fn lose(&self) {
+        *self.0.lock() = LinkState {
+            in_use: None,
+            is_lost: true,
+        };
+    }
+
+    /// The external broker that is connected.
+    pub(crate) fn in_use(&self) -> Option<BrokerInUse> {
+        self.0.lock().in_use.as_ref().map(|(broker, _)| broker.clone())
+    }
+
+    /// Whether no broker can be reached.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.0.lock().is_lost
+    }
 }
 
 /// Names and meanings of the counters without labels, in the order of [`Metrics`].
@@ -71,6 +115,9 @@ impl Metrics {
         for (counter, (name, help)) in counters.into_iter().zip(COUNTERS) {
             text.number(name, help, get(counter));
         }
+        if let Some((broker, since)) = &self.broker.0.lock().in_use {
+            text.broker(&broker.address, since.elapsed());
+        }
         if let Some(servo) = servo {
             text.servo(servo);
         }
@@ -100,6 +147,16 @@ impl Text {
     fn number(&mut self, name: &str, help: &str, value: impl Display) {
         self.head(name, help);
         self.value(name, value);
+    }
+
+    fn broker(&mut self, address: &str, age: Duration) {
+        let name = "tandem_mqtt_connection_age_seconds";
+        self.head(
+            name,
+            "How long the connection to this external MQTT broker has been there.",
+        );
+        let address = address.replace('\\', "\\\\").replace('"', "\\\"");
+        self.value(&format!("{name}{{broker=\"{address}\"}}"), age.as_secs_f64());
     }
 
     fn servo(&mut self, servo: &ServoTiming) {

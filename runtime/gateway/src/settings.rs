@@ -34,12 +34,11 @@ pub struct GatewaySettings {
 #[derive(Clone, PartialEq, Eq)]
 pub struct MqttSettings {
     /// `[mqtt] listen`: address and port of the embedded broker. Port 0 takes any free port. `None`: an external
-    /// broker at `host` and `port`.
+    /// broker.
     pub embedded_listen: Option<String>,
-    /// Host name or address of the external broker.
-    pub host: String,
-    /// Port of the external broker.
-    pub port: u16,
+    /// Host name or address, and port of each external broker, or of each node of one: the first that answers is used, until it
+    /// is lost.
+    pub brokers: Vec<(String, u16)>,
     /// TLS to the external broker; `None`: without.
     pub tls: Option<TlsFiles>,
     /// User at the external broker.
@@ -72,8 +71,7 @@ impl Default for MqttSettings {
     fn default() -> Self {
         Self {
             embedded_listen: Some("127.0.0.1:1883".to_owned()),
-            host: "127.0.0.1".to_owned(),
-            port: 1883,
+            brokers: vec![("127.0.0.1".to_owned(), 1883)],
             tls: None,
             username: None,
             password: None,
@@ -87,8 +85,7 @@ impl std::fmt::Debug for MqttSettings {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("MqttSettings")
             .field("embedded_listen", &self.embedded_listen)
-            .field("host", &self.host)
-            .field("port", &self.port)
+            .field("brokers", &self.brokers)
             .field("tls", &self.tls)
             .field("username", &self.username)
             .field("password", &self.password.as_ref().map(|_| "hidden"))
@@ -168,8 +165,11 @@ impl GatewaySettings {
                 "write topic levels such as plant/hall-1: at most 128 characters, no level empty, no + and #, no $ at the beginning",
             );
         }
-        if self.mqtt.embedded_listen.is_none() && (self.mqtt.host.is_empty() || self.mqtt.port == 0) {
-            return wrong("[mqtt] broker", &self.mqtt.host, "write mqtt://host:1883");
+        let brokers = &self.mqtt.brokers;
+        let is_wrong = brokers.is_empty() || brokers.iter().any(|(host, port)| host.is_empty() || *port == 0);
+        if self.mqtt.embedded_listen.is_none() && is_wrong {
+            let hosts: Vec<&str> = brokers.iter().map(|(host, _)| host.as_str()).collect();
+            return wrong("[mqtt] broker", &hosts.join(", "), "write mqtt://host:1883");
         }
         if !(20..=10_000).contains(&self.position_interval_ms) {
             let value = self.position_interval_ms.to_string();

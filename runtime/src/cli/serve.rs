@@ -105,12 +105,15 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     let broker = if let Some(address) = gateway.mqtt_addr() {
         format!("{of_broker}://{address}  (embedded broker)")
     } else {
-        let broker = ExternalBroker {
-            tls: settings.mqtt.tls.is_some(),
-            host: settings.mqtt.host.clone(),
-            port: settings.mqtt.port,
-        };
-        broker.to_string()
+        let nodes = settings.mqtt.brokers.iter().map(|(host, port)| {
+            let node = ExternalBroker {
+                tls: settings.mqtt.tls.is_some(),
+                host: host.clone(),
+                port: *port,
+            };
+            node.to_string()
+        });
+        nodes.collect::<Vec<_>>().join(" or ")
     };
     let prefix = match settings.mqtt.prefix.as_str() {
         "" => String::new(),

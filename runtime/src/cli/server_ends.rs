@@ -105,11 +105,10 @@ fn mqtt_settings(config: &Config, problems: &mut Vec<String>) -> MqttSettings {
         ..MqttSettings::default()
     };
     match &mqtt.broker {
-        Broker::External(broker) => MqttSettings {
+        Broker::External(nodes) => MqttSettings {
             embedded_listen: None,
-            host: broker.host.clone(),
-            port: broker.port,
-            tls: broker.tls.then(|| TlsFiles {
+            brokers: nodes.iter().map(|node| (node.host.clone(), node.port)).collect(),
+            tls: nodes.iter().any(|node| node.tls).then(|| TlsFiles {
                 ca_file: mqtt.ca_file.as_ref().map(in_folder),
                 client_cert_file: mqtt.client_cert_file.as_ref().map(in_folder),
                 client_key_file: mqtt.client_key_file.as_ref().map(in_folder),

@@ -1,12 +1,16 @@
-//! `[mqtt] broker`: the address of an external broker.
+//! `[mqtt] broker`: the addresses of an external broker.
 
 use std::fmt;
 use std::net::Ipv6Addr;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The value for the runtime's own broker.
 const EMBEDDED: &str = "embedded";
+
+/// Addresses of one broker.
+const NODES_MAX: usize = 16;
 
 /// Port of a broker where the address names none.
 const PORT_DEFAULT: u16 = 1883;
@@ -38,44 +42,77 @@ impl fmt::Display for ExternalBroker {
 
 /// The broker that carries the topics.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[serde(try_from = "String", into = "String")]
+#[serde(try_from = "Text", into = "Text")]
 pub enum Broker {
     /// The runtime brings its own.
     #[default]
     Embedded,
-    /// One that runs elsewhere.
-    External(ExternalBroker),
+    /// One that runs elsewhere: the addresses of its nodes, all with TLS or none.
+    External(Vec<ExternalBroker>),
 }
 
-impl From<Broker> for String {
+/// As it is written: one address, or those of several nodes.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Text {
+    /// One, or `embedded`.
+    One(String),
+    /// Several.
+    Several(Vec<String>),
+}
+
+impl From<Broker> for Text {
     fn from(broker: Broker) -> Self {
         match broker {
-            Broker::Embedded => EMBEDDED.into(),
-            Broker::External(external) => external.to_string(),
+            Broker::Embedded => Self::One(EMBEDDED.into()),
+            Broker::External(nodes) => match nodes.as_slice() {
+                [node] => Self::One(node.to_string()),
+                nodes => Self::Several(nodes.iter().map(ToString::to_string).collect()),
+            },
         }
     }
 }
 
-impl TryFrom<String> for Broker {
+impl TryFrom<Text> for Broker {
     /// What is wrong with the address and what to write, without the user and password that it may contain.
     type Error = String;
 
-    fn try_from(text: String) -> Result<Self, String> {
-        if text == EMBEDDED {
-            return Ok(Self::Embedded);
+    fn try_from(text: Text) -> Result<Self, String> {
+        let texts = match text {
+            Text::One(text) if text == EMBEDDED => return Ok(Self::Embedded),
+            Text::One(text) => vec![text],
+            Text::Several(texts) => texts,
+        };
+        if !(1..=NODES_MAX).contains(&texts.len()) {
+            return Err(format!("[mqtt] broker: write 1 to {NODES_MAX} addresses"));
         }
-        if text.contains('@') {
-            return Err(
-                "[mqtt] broker: a user and password do not belong into the address; write username and password_file"
-                    .into(),
-            );
+        let mut nodes: Vec<ExternalBroker> = Vec::with_capacity(texts.len());
+        for text in texts {
+            let node = external(&text)?;
+            if nodes.contains(&node) {
+                return Err(format!("[mqtt] broker: {node} is there twice"));
+            }
+            nodes.push(node);
         }
-        parse(&text).map(Self::External).map_err(|why| {
-            format!(
-                "[mqtt] broker = \"{text}\": {why}; write \"{EMBEDDED}\", \"mqtt://host:{PORT_DEFAULT}\" or, with TLS, \"mqtts://host:{TLS_PORT_DEFAULT}\""
-            )
-        })
+        if nodes.iter().any(|node| node.tls != nodes[0].tls) {
+            return Err("[mqtt] broker: all addresses have TLS (mqtts), or none".into());
+        }
+        Ok(Self::External(nodes))
     }
+}
+
+fn external(text: &str) -> Result<ExternalBroker, String> {
+    if text.contains('@') {
+        return Err(
+            "[mqtt] broker: a user and password do not belong into the address; write username and password_file"
+                .into(),
+        );
+    }
+    parse(text).map_err(|why| {
+        format!(
+            "[mqtt] broker = \"{text}\": {why}; write \"{EMBEDDED}\", \"mqtt://host:{PORT_DEFAULT}\" or, with TLS, \"mqtts://host:{TLS_PORT_DEFAULT}\""
+        )
+    })
 }
 
 fn parse(text: &str) -> Result<ExternalBroker, &'static str> {
@@ -124,9 +161,7 @@ mod tests {
             ("mqtts://[::1]:7", true, "::1", 7),
             ("mqtt://[fd00::2]", false, "fd00::2", 1883),
         ] {
-            let Ok(Broker::External(found)) = Broker::try_from(text.to_owned()) else {
-                panic!("{text}");
-            };
+            let found = external(text).unwrap();
             assert_eq!(
                 (found.tls, found.host.as_str(), found.port),
                 (tls, host, port),
@@ -134,6 +169,32 @@ mod tests {
             );
             assert!(found.to_string().starts_with(text), "{found}");
         }
-        assert_eq!(Broker::try_from("embedded".to_owned()), Ok(Broker::Embedded));
+        assert_eq!(
+            Broker::try_from(Text::One("embedded".to_owned())),
+            Ok(Broker::Embedded)
+        );
+    }
+
+    #[test]
+    fn several_addresses_are_those_of_one_broker() {
+        let of =
+            |texts: &[&str]| Broker::try_from(Text::Several(texts.iter().map(ToString::to_string).collect()));
+        let Ok(Broker::External(nodes)) = of(&["mqtt://a:1883", "mqtt://b"]) else {
+            panic!("two nodes");
+        };
+        assert_eq!(
+            nodes.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            ["mqtt://a:1883", "mqtt://b:1883"]
+        );
+        for (texts, why) in [
+            (&[][..], "write 1 to 16"),
+            (&["mqtt://a"; 17], "write 1 to 16"),
+            (&["mqtt://a", "mqtt://a:1883"], "twice"),
+            (&["mqtt://a", "mqtts://b"], "or none"),
+            (&["mqtt://a", "embedded"], "not an address"),
+        ] {
+            let error = of(texts).unwrap_err();
+            assert!(error.contains(why), "{error}");
+        }
     }
 }

@@ -374,8 +374,9 @@ pub struct SimulatedSkipConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MqttConfig {
-    /// `embedded`, or the address of an external one: `mqtt://host:1883`, `mqtts://host:8883`.
-    #[schemars(with = "String")]
+    /// `embedded`, or the address of an external one: `mqtt://host:1883`, `mqtts://host:8883`; or a list of the addresses of its
+    /// nodes, of which the first that answers is used until it is lost.
+    #[schemars(with = "broker::Text")]
     pub broker: Broker,
     /// Address of the embedded broker; default `127.0.0.1:1883`.
     pub listen: Option<String>,

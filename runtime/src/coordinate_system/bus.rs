@@ -115,7 +115,10 @@ mod tests {
     fn a_run_that_waits_when_the_broker_is_lost_is_held_and_a_reset_is_latched() {
         let lines = with_run("M77\nM30\n", true, async |plc, served| {
             until(plc, Execution::Wait).await;
-            served.notice(BusLink { connected: false });
+            served.notice(BusLink {
+                connected: false,
+                broker: None,
+            });
             let held = until(plc, Execution::FeedHold).await;
             assert_eq!(held.reason, Some(Reason::BusLost));
             assert_eq!(held.waiting_on.map(|on| on.m), Some(77));
@@ -123,7 +126,10 @@ mod tests {
             plc.sleep(std::time::Duration::from_secs(5)).await;
             let held = plc.coordinate_system(1).state().await.unwrap();
             assert_eq!((held.execution, held.waiting_on), (Execution::FeedHold, None));
-            served.notice(BusLink { connected: true });
+            served.notice(BusLink {
+                connected: true,
+                broker: None,
+            });
             plc.sleep(std::time::Duration::from_secs(5)).await;
             let held = plc.coordinate_system(1).state().await.unwrap();
             assert_eq!(held.execution, Execution::FeedHold, "nothing goes on by itself");
@@ -146,7 +152,10 @@ mod tests {
     fn motion_goes_on_without_the_broker_until_the_program_waits_and_an_operator_resumes_without_it() {
         with_run("G01 X50 F600\nM77\nM78\nM30\n", true, async |plc, served| {
             plc.sleep(std::time::Duration::from_secs(1)).await;
-            served.notice(BusLink { connected: false });
+            served.notice(BusLink {
+                connected: false,
+                broker: None,
+            });
             plc.sleep(std::time::Duration::from_secs(1)).await;
             let state = plc.coordinate_system(1).state().await.unwrap();
             assert_eq!(state.execution, Execution::Active, "5 s of motion are under way");
@@ -183,7 +192,10 @@ mod tests {
     fn without_the_setting_the_program_waits_as_ever() {
         with_run("M77\nM30\n", false, async |plc, served| {
             until(plc, Execution::Wait).await;
-            served.notice(BusLink { connected: false });
+            served.notice(BusLink {
+                connected: false,
+                broker: None,
+            });
             reset(plc).await;
             until(plc, Execution::ProgramCompleted).await;
         });

@@ -14,6 +14,7 @@ pub(super) fn presence(shared: &Shared, online: bool) -> Presence {
         online,
         started_at: shared.timestamp(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
+        broker: None,
     }
 }
 

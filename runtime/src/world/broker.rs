@@ -443,7 +443,7 @@ pub(super) struct Connector {
 impl Connect for Connector {
     type Wire = ModelWire;
 
-    fn open(&self, client_id: &str, will: LastWill, _: Version) -> ModelWire {
+    fn open(&self, _: usize, client_id: &str, will: LastWill, _: Version) -> ModelWire {
         let will = Message {
             topic: will.topic,
             payload: will.message.to_vec(),

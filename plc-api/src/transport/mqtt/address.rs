@@ -8,11 +8,14 @@ const PORT_DEFAULT: u16 = 1883;
 /// Default port of a broker with TLS.
 const TLS_PORT_DEFAULT: u16 = 8883;
 
-/// `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, parsed; `mqtts://` with TLS.
+/// Nodes of one broker.
+const NODES_MAX: usize = 16;
+
+/// `mqtt://[user[:password]@]host[:port][,host[:port]..]/[prefix/]machine`, parsed; `mqtts://` with TLS.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Address {
-    pub(super) host: String,
-    pub(super) port: u16,
+    /// Host and port of each node of the broker; at least one.
+    pub(super) nodes: Vec<(String, u16)>,
     pub(super) tls: bool,
     pub(super) credentials: Option<(String, String)>,
     /// Root of the machine's topics, without a slash at the end.
@@ -39,8 +42,12 @@ impl Address {
             address: shown.clone(),
             reason,
         };
-        let (host, port) =
-            host_and_port(host, if tls { TLS_PORT_DEFAULT } else { PORT_DEFAULT }).map_err(wrong)?;
+        let port = if tls { TLS_PORT_DEFAULT } else { PORT_DEFAULT };
+        let nodes = host.split(',').map(|node| host_and_port(node, port));
+        let nodes: Vec<_> = nodes.collect::<Result<_, _>>().map_err(wrong)?;
+        if nodes.len() > NODES_MAX {
+            return Err(wrong(format!("it names more than {NODES_MAX} hosts")));
+        }
         let (prefix, machine) = match path.rsplit_once('/') {
             Some((prefix, machine)) => (format!("{prefix}/"), machine),
             None => (String::new(), path),
@@ -58,8 +65,7 @@ impl Address {
             (percent_decoded(user), percent_decoded(password))
         });
         Ok(Self {
-            host,
-            port,
+            nodes,
             tls,
             credentials,
             root,
@@ -108,17 +114,35 @@ mod tests {
     fn an_address_names_broker_user_prefix_and_machine() {
         let address = Address::parse("mqtt://127.0.0.1:1884/mill-1").unwrap();
         assert_eq!(
-            (address.host.as_str(), address.port, address.root.as_str()),
-            ("127.0.0.1", 1884, "tandem/v1/mill-1")
+            (address.nodes, address.root.as_str()),
+            (vec![("127.0.0.1".to_owned(), 1884)], "tandem/v1/mill-1")
         );
         let address = Address::parse("mqtt://anna:p%40ss@broker/hall/3/mill-1").unwrap();
-        assert_eq!((address.host.as_str(), address.port), ("broker", 1883));
+        assert_eq!(address.nodes, [("broker".to_owned(), 1883)]);
         assert_eq!(address.root, "hall/3/tandem/v1/mill-1");
         assert_eq!(address.credentials, Some(("anna".to_owned(), "p@ss".to_owned())));
-        assert_eq!(Address::parse("mqtt://[::1]:1/m").unwrap().host, "::1");
+        assert_eq!(
+            Address::parse("mqtt://[::1]:1/m").unwrap().nodes,
+            [("::1".to_owned(), 1)]
+        );
         let address = Address::parse("mqtts://broker/m").unwrap();
-        assert_eq!((address.tls, address.port), (true, 8883));
+        assert_eq!((address.tls, address.nodes[0].1), (true, 8883));
         assert_eq!(address.shown, "mqtts://broker/m");
+    }
+
+    #[test]
+    fn an_address_names_several_nodes_of_one_broker() {
+        let address = Address::parse("mqtt://anna:p@a,b:1884,[::1]/mill-1").unwrap();
+        let node = |host: &str, port| (host.to_owned(), port);
+        assert_eq!(
+            address.nodes,
+            [node("a", 1883), node("b", 1884), node("::1", 1883)]
+        );
+        assert_eq!(address.shown, "mqtt://a,b:1884,[::1]/mill-1");
+        for wrong in ["mqtt://a,/m", "mqtt://a,b:x/m"] {
+            assert!(Address::parse(wrong).is_err(), "{wrong}");
+        }
+        assert!(Address::parse(&format!("mqtt://{}a/m", "a,".repeat(16))).is_err());
     }
 
     #[test]

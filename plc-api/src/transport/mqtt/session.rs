@@ -43,8 +43,10 @@ const FILTERS: [&str; 16] = [
 
 pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
     let mut backoff = Backoff::default();
+    let nodes = &shared.address.nodes;
+    let (mut node, mut failures) = (0, 0_usize);
     while !shared.link.is_closed() {
-        let (client, mut events) = AsyncClient::new(options(&shared), LIBRARY_QUEUE);
+        let (client, mut events) = AsyncClient::new(options(&shared, &nodes[node]), LIBRARY_QUEUE);
         events.network_options.set_tcp_nodelay(true);
         lock(&shared.state).outbox.new_connection();
         let mut connected = false;
@@ -59,16 +61,23 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
         };
         if connected {
             backoff.reset();
+            failures = 0;
         }
-        if !must_reconnect {
+        if must_reconnect {
+            continue;
+        }
+        // one node after the other, with a wait after each round and each connection
+        failures += 1;
+        node = (node + 1) % nodes.len();
+        if connected || failures.is_multiple_of(nodes.len()) {
             backoff.wait().await;
         }
     }
 }
 
-fn options(shared: &Shared) -> MqttOptions {
+fn options(shared: &Shared, (host, port): &(String, u16)) -> MqttOptions {
     let address = &shared.address;
-    let mut options = MqttOptions::new(shared.client_id.clone(), address.host.clone(), address.port);
+    let mut options = MqttOptions::new(shared.client_id.clone(), host.clone(), *port);
     options
         .set_transport(shared.transport.clone())
         .set_clean_session(true)

@@ -47,7 +47,7 @@ static OWN: [(Option<Right>, Route); 10] = [
     ),
     (
         None,
-        Route::get("/health", "Whether the server answers.").gives::<Health>(),
+        Route::get("/health", "Whether the server answers, and has its MQTT broker.").gives::<Health>(),
     ),
     (
         Some(Right::Read),

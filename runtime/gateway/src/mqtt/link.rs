@@ -9,7 +9,8 @@ use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::server::ServerNotice;
-use plc_api::types::machine::Presence;
+use plc_api::types::Timestamp;
+use plc_api::types::machine::{BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::decode;
@@ -48,6 +49,10 @@ pub(super) struct Link<C> {
     // which source of wakeups comes first
     turn: usize,
     connections: u64,
+    // node of the broker that is tried or used
+    node: usize,
+    // connections that have ended since the last one that was stable
+    failures: usize,
     speaks_5: bool,
     // attempts over MQTT 5 in a row that the broker did not answer
     hang_ups: u32,
@@ -87,13 +92,15 @@ impl<C: Connect> Link<C> {
             stop,
             turn: 0,
             connections: 0,
+            node: 0,
+            failures: 0,
             speaks_5: false,
             hang_ups: 0,
             told_connected: true,
         }
     }
 
-    /// Connects again and again until it is stopped.
+    /// Connects again and again until it is stopped: to one node of the broker after the other, with a wait after each round.
     pub(super) async fn run(mut self) {
         let mut backoff = self.parts.at.backoff();
         loop {
@@ -103,17 +110,38 @@ impl<C: Connect> Link<C> {
             let Err(Lost { why, .. }) = end else {
                 return;
             };
+            self.parts.metrics.broker.lose();
             self.report_bus(false);
             if begun.elapsed() >= STABLE {
                 backoff.reset();
+                self.failures = 0;
+            }
+            let tried = self.shown();
+            self.failures += 1;
+            self.node = (self.node + 1) % self.parts.at.nodes();
+            if !self.failures.is_multiple_of(self.parts.at.nodes()) {
+                warn!(
+                    "no connection to the MQTT broker{tried}: {why}; next try{}",
+                    self.shown()
+                );
+                continue;
             }
             let wait = backoff.next_wait();
             let wait_ms = wait.as_millis();
-            warn!("no connection to the MQTT broker: {why}; next try in {wait_ms} ms");
+            warn!(
+                "no connection to the MQTT broker{tried}: {why}; next try{} in {wait_ms} ms",
+                self.shown()
+            );
             if self.is_stopped_within(wait).await {
                 return;
             }
         }
+    }
+
+    /// The node as messages name it.
+    fn shown(&self) -> String {
+        let address = self.parts.at.address(self.node);
+        address.map_or_else(String::new, |address| format!(" at {address}"))
     }
 
     /// Waits without a connection and keeps what is to be published.
@@ -155,7 +183,7 @@ impl<C: Connect> Link<C> {
         let will = LastWill::new(topic, offline.to_json(), QoS::AtLeastOnce, true);
         let client_id = client_id(&self.parts.settings, &self.parts.machine_name);
         let mut session = Session {
-            wire: at.open(&client_id, will, version),
+            wire: at.open(self.node, &client_id, will, version),
             version,
             packet_max: 0,
             warned_of_refusal: false,
@@ -281,6 +309,12 @@ impl<C: Connect> Link<C> {
             );
         }
         self.outbox.on_connected();
+        metrics
+            .broker
+            .take(self.parts.at.address(self.node).map(|address| BrokerInUse {
+                address,
+                since: Timestamp::from_system_time(self.parts.machine.time()),
+            }));
         self.report_bus(true);
         if self.connections > 1 {
             self.parts.machine.notice(ServerNotice::Reconnected);
@@ -289,9 +323,12 @@ impl<C: Connect> Link<C> {
 
     /// Reports a lost and a restored connection to the machine.
     fn report_bus(&mut self, connected: bool) {
-        if self.told_connected != connected {
+        let broker = self.parts.metrics.broker.in_use();
+        if self.told_connected != connected || broker.is_some() {
             self.told_connected = connected;
-            self.parts.machine.notice(ServerNotice::BusLink { connected });
+            self.parts
+                .machine
+                .notice(ServerNotice::BusLink { connected, broker });
         }
     }
 
@@ -396,6 +433,7 @@ impl<C: Connect> Link<C> {
             _ => Presence::default(),
         };
         presence.online = false;
+        presence.broker = None;
         message(machine, Topic::Presence, Payload::Presence(presence))
     }
 

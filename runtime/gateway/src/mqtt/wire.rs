@@ -11,7 +11,8 @@ use plc_api::transport::backoff::Backoff;
 use rumqttc::v5::mqttbytes::v5 as mqtt5;
 use rumqttc::v5::mqttbytes::{QoS as QoS5, qos as qos_5};
 use rumqttc::{
-    LastWill, NetworkOptions, Outgoing, Packet, Publish, QoS, SubscribeFilter, SubscribeReasonCode, v5,
+    LastWill, NetworkOptions, Outgoing, Packet, Publish, QoS, SubscribeFilter, SubscribeReasonCode,
+    Transport, v5,
 };
 use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
@@ -42,8 +43,18 @@ pub trait Connect: Send + Sync + 'static {
     /// A connection.
     type Wire: Wire;
 
-    /// Starts connecting, with a clean session.
-    fn open(&self, client_id: &str, will: LastWill, version: Version) -> Self::Wire;
+    /// Starts connecting to a node of the broker, with a clean session.
+    fn open(&self, node: usize, client_id: &str, will: LastWill, version: Version) -> Self::Wire;
+
+    /// How many nodes there are.
+    fn nodes(&self) -> usize {
+        1
+    }
+
+    /// The address of a node of an external broker.
+    fn address(&self, _node: usize) -> Option<String> {
+        None
+    }
 
     /// The delays between attempts.
     fn backoff(&self) -> Backoff {
@@ -141,15 +152,34 @@ enum EventLoop {
 impl Connect for BrokerAddress {
     type Wire = BrokerWire;
 
-    fn open(&self, client_id: &str, will: LastWill, version: Version) -> BrokerWire {
+    fn nodes(&self) -> usize {
+        self.nodes.len()
+    }
+
+    fn address(&self, node: usize) -> Option<String> {
+        let (host, port) = self.nodes.get(node).filter(|_| !self.is_embedded)?;
+        let scheme = match self.transport {
+            Transport::Tcp => "mqtt",
+            _ => "mqtts",
+        };
+        Some(if host.contains(':') {
+            format!("{scheme}://[{host}]:{port}")
+        } else {
+            format!("{scheme}://{host}:{port}")
+        })
+    }
+
+    fn open(&self, node: usize, client_id: &str, will: LastWill, version: Version) -> BrokerWire {
+        let (host, port) = self.nodes.get(node).cloned().unwrap_or_default();
         let (client, event_loop) = match version {
             Version::V5 => {
-                let (client, events) = v5::AsyncClient::new(options_5(client_id, self, will), CHANNEL);
+                let options = v5::MqttOptions::new(client_id, host, port);
+                let (client, events) = v5::AsyncClient::new(options_5(options, self, will), CHANNEL);
                 (Client::V5(client), EventLoop::V5(Box::new(events)))
             }
             Version::V3_1_1 => {
-                let (client, mut events) =
-                    rumqttc::AsyncClient::new(options_3(client_id, self, will), CHANNEL);
+                let options = rumqttc::MqttOptions::new(client_id, host, port);
+                let (client, mut events) = rumqttc::AsyncClient::new(options_3(options, self, will), CHANNEL);
                 events.set_network_options(network());
                 (Client::V3(client), EventLoop::V3(Box::new(events)))
             }
@@ -358,8 +388,7 @@ fn network() -> NetworkOptions {
     network
 }
 
-fn options_5(client_id: &str, at: &BrokerAddress, will: LastWill) -> v5::MqttOptions {
-    let mut options = v5::MqttOptions::new(client_id, at.host.clone(), at.port);
+fn options_5(mut options: v5::MqttOptions, at: &BrokerAddress, will: LastWill) -> v5::MqttOptions {
     options
         .set_transport(at.transport.clone())
         .set_keep_alive(KEEP_ALIVE)
@@ -381,8 +410,7 @@ fn options_5(client_id: &str, at: &BrokerAddress, will: LastWill) -> v5::MqttOpt
     options
 }
 
-fn options_3(client_id: &str, at: &BrokerAddress, will: LastWill) -> rumqttc::MqttOptions {
-    let mut options = rumqttc::MqttOptions::new(client_id, at.host.clone(), at.port);
+fn options_3(mut options: rumqttc::MqttOptions, at: &BrokerAddress, will: LastWill) -> rumqttc::MqttOptions {
     let size = |bytes: u32| usize::try_from(bytes).unwrap_or(usize::MAX);
     options
         .set_transport(at.transport.clone())

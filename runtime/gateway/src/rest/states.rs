@@ -13,7 +13,7 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Message;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::row::number;
-use plc_api::wire::states::{CoordinateSystems, Health, Inputs, STATES, StateRow, WithState};
+use plc_api::wire::states::{CoordinateSystems, Health, HealthStatus, Inputs, STATES, StateRow, WithState};
 use serde_json::{Value, json};
 
 use super::login::{log_in, log_out, who};
@@ -80,8 +80,15 @@ async fn inputs(State(shared): State<Arc<Shared>>, uri: Uri, params: Params) -> 
     Ok(json_text(json!(Inputs(all)).to_string()))
 }
 
-async fn health() -> Response {
-    json_text(json!(Health { status: "ok" }).to_string())
+async fn health(State(shared): State<Arc<Shared>>) -> Response {
+    let link = &shared.metrics.broker;
+    let status = if link.is_lost() {
+        HealthStatus::Degraded
+    } else {
+        HealthStatus::Ok
+    };
+    let broker = link.in_use();
+    json_text(json!(Health { status, broker }).to_string())
 }
 
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {

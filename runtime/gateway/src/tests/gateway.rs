@@ -66,7 +66,7 @@ async fn with_an_external_broker_that_is_away_everything_else_works() {
     let mut settings = settings();
     settings.mqtt.embedded_listen = None;
     // the discard port: nobody listens there
-    settings.mqtt.port = 9;
+    settings.mqtt.brokers = vec![("127.0.0.1".to_owned(), 9)];
     let gateway = Gateway::start(port, settings).await.unwrap();
     assert_eq!(gateway.mqtt_addr(), None);
     assert!(TcpStream::connect(gateway.http_addr()).await.is_ok());

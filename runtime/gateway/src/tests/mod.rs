@@ -90,6 +90,7 @@ impl StubPort {
             Payload::Presence(Presence {
                 online: true,
                 started_at: Timestamp("2026-01-01T00:00:00Z".into()),
+                broker: None,
                 version: "0.1.0".into(),
             }),
         );

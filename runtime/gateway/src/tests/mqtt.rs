@@ -356,8 +356,8 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
         machine_name: "mill-1".into(),
         root: ROOT.into(),
         at: crate::broker_address::BrokerAddress {
-            host: address.ip().to_string(),
-            port: address.port(),
+            nodes: vec![(address.ip().to_string(), address.port())],
+            is_embedded: false,
             credentials: None,
             transport: rumqttc::Transport::tcp(),
         },

@@ -35,7 +35,7 @@ impl MqttConfig {
         if self.password_file.is_some() && self.username.is_none() {
             checked.problem("password_file", "password_file needs username");
         }
-        let is_tls = matches!(&self.broker, Broker::External(broker) if broker.tls);
+        let is_tls = matches!(&self.broker, Broker::External(nodes) if nodes.iter().any(|node| node.tls));
         if let Some((key, _)) = files.into_iter().find(|(_, is_there)| *is_there && !is_tls) {
             let text = "ca_file, client_cert_file and client_key_file are for broker = \"mqtts://host:port\"";
             checked.problem(key, text);
