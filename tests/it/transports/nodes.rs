@@ -54,8 +54,11 @@ async fn when_a_node_of_the_broker_dies_all_go_on_at_the_next_one_and_health_tel
     nodes[0].kill();
     let after = health(&served, "the second node", |health| is_at(health, &second)).await;
     assert_eq!(after["status"], "ok");
-    let presence = served.get("/presence").await.expect(200).json();
-    assert_eq!(presence["broker"], after["broker"]);
+    let watch = served.watch(&["presence"]).await;
+    watch
+        .history
+        .find("presence", |presence| presence["broker"] == after["broker"])
+        .await;
     let metrics = served.get("/metrics").await.expect(200).body;
     let age = format!("tandem_mqtt_connection_age_seconds{{broker=\"{}\"}}", at(&second));
     assert!(metrics.contains(&age), "{metrics}");
