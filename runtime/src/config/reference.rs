@@ -163,7 +163,14 @@ fn kind(schema: &Value, is_word: bool) -> String {
             Value::Null => return format!("list of {}s", kind(&schema["items"], false)),
             count => return format!("{count} numbers"),
         },
-        other => other.unwrap_or_default(),
+        Some(other) => other,
+        None => {
+            let forms = schema["anyOf"].as_array().into_iter().flatten();
+            return forms
+                .map(|form| kind(form, false))
+                .collect::<Vec<_>>()
+                .join(" or ");
+        }
     };
     word.to_owned()
 }
