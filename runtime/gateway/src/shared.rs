@@ -43,18 +43,22 @@ pub(crate) struct MqttServer {
 }
 
 impl MqttServer {
-    /// The embedded broker at this address, or the external one of the settings.
+    /// The embedded broker at this address, or the first node of the external one of the settings.
     pub(crate) fn new(embedded: Option<SocketAddr>, settings: &MqttSettings, is_private: bool) -> Self {
-        match embedded {
-            Some(address) => Self {
-                host: None,
-                port: address.port(),
-                is_private,
-            },
-            None => Self {
-                host: Some(settings.host.clone()),
-                port: settings.port,
-                is_private: settings.tls.is_some(),
+        let (host, port) = match embedded {
+            Some(address) => (None, address.port()),
+            None => settings
+                .brokers
+                .first()
+                .map_or((None, 0), |(host, port)| (Some(host.clone()), *port)),
+        };
+        Self {
+            host,
+            port,
+            is_private: if embedded.is_some() {
+                is_private
+            } else {
+                settings.tls.is_some()
             },
         }
     }
