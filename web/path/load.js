@@ -46,12 +46,12 @@ export class PathLoader {
     this.#cs = cs;
     this.#forget();
     this.error = "";
-    if (program) void this.#read();
+    void this.#read();
   }
 
   /** Looks again at once: something has changed. */
   again() {
-    if (this.#program) void this.#read();
+    void this.#read();
   }
 
   /** Finer levels of a chunk are needed. @param {number} index */
@@ -82,6 +82,7 @@ export class PathLoader {
     clearTimeout(this.#timer);
     this.#turn += 1;
     const turn = this.#turn;
+    if (!this.#program) return;
     try {
       const known = this.path && !this.path.complete ? this.path.chunks.length : 0;
       const answer = await this.#fetch(`tolerance=${COARSEST_MM}&from=${known}`, this.#tag);
