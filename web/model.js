@@ -165,3 +165,11 @@ function empty(info) {
   const fields = Object.fromEntries(Object.values(CS_TOPICS).map((field) => [field, null]));
   return { ...fields, info, lastRun: null, note: null, trail: new Trail() };
 }
+
+/** Axis letters in the usual order. */
+const ORDER = "XYZABCUVW";
+
+/** Letters of its axes in the usual order. @param {CoordinateSystem} system */
+export function axesOf(system) {
+  return Object.keys(system.info.axes).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b));
+}

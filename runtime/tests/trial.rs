@@ -9,10 +9,9 @@ mod random;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use programs::program;
-use random::Random;
+use programs::Made;
 use tandem_interp::dialects::nj;
-use tandem_interp::{CheckContext, Inputs, Interpreter, NO_TOOLS, check_source};
+use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
 use tandem_model::alarm::{COMPENSATION_REFUSED, STEP_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Compensation, Item};
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
@@ -20,7 +19,7 @@ use tandem_model::variables::Variables;
 use tandem_model::{AXES_MAX, Alarm, MachinePosition};
 use tandem_path::PathStage;
 use tandem_runtime::trial::Trial;
-use tandem_syntax::{NcProgram, parse};
+use tandem_syntax::NcProgram;
 
 /// Programs that must be clean, of those that are made.
 const CLEAN: u64 = 5000;
@@ -93,17 +92,9 @@ fn what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides(
     let (mut clean, mut made, mut stopped) = (0, 0_u64, 0_u64);
     while clean < wanted {
         made += 1;
-        let mut random = Random(made.wrapping_mul(0xd134_2543_de82_ef95) | 1);
-        let second = program(&mut random, &[], "M99");
-        let first = program(&mut random, &[1001], "M99");
-        let main = program(&mut random, &[1000, 1001], "M30");
-        let tree = |text: &str| Arc::new(parse(text, (nj().grammar)()).0);
-        let programs = BTreeMap::from([(1000, tree(&first)), (1001, tree(&second))]);
-        let context = CheckContext {
-            programs: Some(&programs),
-            ..CheckContext::default()
-        };
-        let (_, check) = check_source(main.as_str(), nj(), &context);
+        let text = Made::new(made.wrapping_mul(0xd134_2543_de82_ef95));
+        let (program, programs) = text.trees();
+        let check = text.check(&programs);
         let mut found = check
             .diagnostics
             .iter()
@@ -112,7 +103,6 @@ fn what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides(
         if found.any(|found| found.code != "W0002") {
             continue;
         }
-        let program = tree(&main);
         let trial = Trial {
             program: &program,
             programs: &programs,
@@ -129,11 +119,11 @@ fn what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides(
                 continue;
             };
             // whether a loop ends is not decided, and values from outside are not the text's
-            let from_outside = [&main, &first, &second].iter().any(|text| text.contains("Q1"));
+            let from_outside = text.contains("Q1");
             let of_value = [&VALUE_NOT_FINITE, &VALUE_OUT_OF_RANGE].contains(&alarm.entry);
             assert!(
                 alarm.entry == &STEP_LIMIT || from_outside && of_value,
-                "{outside} {skip} {alarm:?}\n{main}\n--- 1000\n{first}\n--- 1001\n{second}"
+                "{outside} {skip} {alarm:?}\n{text}"
             );
         }
     }

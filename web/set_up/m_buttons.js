@@ -8,7 +8,7 @@ const NAMES = { 3: "Spindle cw", 4: "Spindle ccw", 5: "Spindle stop", 6: "Tool c
 const SPINDLE = [3, 4, 5];
 const SPEED_MAX = 1_000_000;
 
-/** @type {import("../views/set_up.js").Section} */
+/** @type {import("./values.js").Section} */
 export const mButtons = {
   title: "M codes",
   create(app) {

@@ -3,13 +3,13 @@
 import { button, h, setAttr, setText } from "../dom.js";
 import { plain, position } from "../format.js";
 import { scaleOf } from "../units.js";
-import { axesOf } from "../views/positions.js";
+import { axesOf } from "../model.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
 import { numberField, Undo } from "./values.js";
 
 const NAMES = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
-/** @type {import("../views/set_up.js").Section} */
+/** @type {import("./values.js").Section} */
 export const offsets = { title: "Offsets", create: (app) => new Offsets(app) };
 
 class Offsets {

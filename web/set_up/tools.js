@@ -7,7 +7,7 @@ import { lengthScale, unitOf } from "../units.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 import { numberField, Undo } from "./values.js";
 
-/** @type {import("../views/set_up.js").Section} */
+/** @type {import("./values.js").Section} */
 export const tools = {
   title: "Tools",
   create(app) {

@@ -5,6 +5,11 @@ import { icon } from "../icons.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
 /**
+ * A section of the panel Set up.
+ * @typedef {{title: string, create: (app: import("../main.js").App) => {element: HTMLElement, render: () => void, read: () => void}}} Section
+ */
+
+/**
  * A field of a number.
  * @param {string} label
  * @param {(value: number) => void} store

@@ -9,7 +9,7 @@ const SHOWN = 50;
 /** Read at once, when only those with a value are shown. */
 const READ_MAX = 1000;
 
-/** @type {import("../views/set_up.js").Section} */
+/** @type {import("./values.js").Section} */
 export const variables = {
   title: "Variables",
   create(app) {

@@ -7,10 +7,10 @@ import { icon } from "../icons.js";
 import { jogButton } from "../jog.js";
 import { leaseButton } from "../lease.js";
 import { mdiLine } from "../mdi.js";
+import { axesOf } from "../model.js";
 import { Pad } from "../pad.js";
 import { lengthScale, unitOf } from "../units.js";
 import { disableFor, whyNot } from "../why_not.js";
-import { ORDER } from "./positions.js";
 import { dryRunSwitch, lockSwitch } from "./switches.js";
 
 /** Speeds to choose from, mm/min or deg/min. */
@@ -67,7 +67,7 @@ export const byHand = {
     let shown = "";
 
     const build = () => {
-      const letters = Object.keys(app.model.current?.info.axes ?? {}).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b));
+      const letters = app.model.current ? axesOf(app.model.current) : [];
       app.jogger.cancel();
       cross = [..."XYZ"].map((letter) => (letters.includes(letter) ? letter : ""));
       const placed = CROSS.filter(([at]) => cross[at]).map(([at, direction, column, row]) => {

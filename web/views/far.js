@@ -5,7 +5,7 @@ import { position, programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { brief, look, sentence } from "../sentence.js";
 import { scaleOf } from "../units.js";
-import { axesOf } from "./positions.js";
+import { axesOf } from "../model.js";
 
 /** Characters of the sentence. */
 const SENTENCE_CHARS = 110;

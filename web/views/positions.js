@@ -3,10 +3,9 @@
 
 import { card, fill, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
+import { axesOf } from "../model.js";
 import { scaleOf } from "../units.js";
 
-/** Axis letters in the usual order. */
-export const ORDER = "XYZABCUVW";
 /** A longer position is set in smaller digits. */
 const LONG_POSITION = 8;
 
@@ -52,8 +51,3 @@ export const positions = {
     return { element, render };
   },
 };
-
-/** Letters of its axes in the usual order. @param {import("../model.js").CoordinateSystem} system */
-export function axesOf(system) {
-  return Object.keys(system.info.axes).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b));
-}

@@ -6,12 +6,7 @@ import { offsets } from "../set_up/offsets.js";
 import { tools } from "../set_up/tools.js";
 import { variables } from "../set_up/variables.js";
 
-/**
- * A section of the panel.
- * @typedef {{title: string, create: (app: import("../main.js").App) => {element: HTMLElement, render: () => void, read: () => void}}} Section
- */
-
-/** @type {Section[]} */
+/** @type {import("../set_up/values.js").Section[]} */
 const SECTIONS = [offsets, tools, variables, mButtons];
 
 /** @type {import("../main.js").View} */

@@ -9,14 +9,12 @@ mod random;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use programs::program;
+use programs::Made;
 use properties::{few_variables, run_with};
-use random::Random;
 use tandem_interp::dialects::nj;
-use tandem_interp::{CheckContext, check_source};
 use tandem_model::alarm::STEP_LIMIT;
 use tandem_model::{Alarm, Severity};
-use tandem_syntax::{NcProgram, parse};
+use tandem_syntax::NcProgram;
 
 /// Programs that must be clean, of those that are made.
 const CLEAN: u64 = 5000;
@@ -49,17 +47,9 @@ fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
     let (mut clean, mut wrong, mut made, mut alarms) = (0, 0, 0_u64, 0_u64);
     while clean < wanted {
         made += 1;
-        let mut random = Random(made.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
-        let second = program(&mut random, &[], "M99");
-        let first = program(&mut random, &[1001], "M99");
-        let main = program(&mut random, &[1000, 1001], "M30");
-        let tree = |text: &str| Arc::new(parse(text, (nj().grammar)()).0);
-        let programs = BTreeMap::from([(1000, tree(&first)), (1001, tree(&second))]);
-        let context = CheckContext {
-            programs: Some(&programs),
-            ..CheckContext::default()
-        };
-        let (_, check) = check_source(main.as_str(), nj(), &context);
+        let text = Made::new(made.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let (main, programs) = text.trees();
+        let check = text.check(&programs);
         let called = check.called.values().flat_map(|of| &of.diagnostics);
         let found: Vec<_> = check.diagnostics.iter().chain(called).collect();
         // what is told of the whole text says nothing about a run
@@ -68,18 +58,15 @@ fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
         wrong += u64::from(is_wrong);
         clean += u64::from(is_clean);
         for (outside, skip) in [(0.0, 0), (1.0, 0), (5.0, 1), (2.5, 7), (0.0, 2)] {
-            let Err(alarm) = run(&tree(&main), &programs, outside, skip) else {
+            let Err(alarm) = run(&main, &programs, outside, skip) else {
                 continue;
             };
             alarms += 1;
             // whether a loop ends is not decided, and values from outside are not the text's
-            let from_outside = main.contains("Q1") || first.contains("Q1") || second.contains("Q1");
+            let from_outside = text.contains("Q1");
             let decided =
                 alarm.entry != &STEP_LIMIT && !(from_outside && matches!(alarm.entry.number, 10 | 11));
-            assert!(
-                !(is_clean && decided),
-                "{alarm:?}\n{main}\n--- 1000\n{first}\n--- 1001\n{second}"
-            );
+            assert!(!(is_clean && decided), "{alarm:?}\n{text}");
         }
     }
     // the programs are not all clean, and not all wrong

@@ -1,6 +1,12 @@
 //! Programs made at random, of blocks that are right in some states and wrong in others.
 
-use std::fmt::Write as _;
+use std::collections::BTreeMap;
+use std::fmt::{self, Write as _};
+use std::sync::Arc;
+
+use tandem_interp::dialects::nj;
+use tandem_interp::{Check, CheckContext, check_source};
+use tandem_syntax::{NcProgram, parse};
 
 use crate::random::Random;
 
@@ -136,12 +142,60 @@ fn commands(random: &mut Random, depth: usize, calls: &[u16], text: &mut String)
     }
 }
 
-/// A program with branches, loops, block skip and calls of these programs.
-pub fn program(random: &mut Random, calls: &[u16], end: &str) -> String {
+fn program(random: &mut Random, calls: &[u16], end: &str) -> String {
     let mut text = String::from("G90 G54 F500 S100\n");
     if end == "M99" {
         text.clear();
     }
     commands(random, 3, calls, &mut text);
     text + random.of(&["G80 G40\n", "G80\nG40\nG01 X0 Y0\n", ""]) + end
+}
+
+/// A main program and the two that it calls, with branches, loops and block skip.
+pub struct Made {
+    main: String,
+    called: [(u16, String); 2],
+}
+
+impl Made {
+    pub fn new(seed: u64) -> Self {
+        let mut random = Random(seed | 1);
+        let second = program(&mut random, &[], "M99");
+        let first = program(&mut random, &[1001], "M99");
+        let main = program(&mut random, &[1000, 1001], "M30");
+        Self {
+            main,
+            called: [(1000, first), (1001, second)],
+        }
+    }
+
+    pub fn trees(&self) -> (Arc<NcProgram>, BTreeMap<u16, Arc<NcProgram>>) {
+        let tree = |text: &str| Arc::new(parse(text, (nj().grammar)()).0);
+        let called = self.called.iter().map(|(number, text)| (*number, tree(text)));
+        (tree(&self.main), called.collect())
+    }
+
+    pub fn check(&self, programs: &BTreeMap<u16, Arc<NcProgram>>) -> Check {
+        let context = CheckContext {
+            programs: Some(programs),
+            ..CheckContext::default()
+        };
+        check_source(self.main.as_str(), nj(), &context).1
+    }
+
+    pub fn contains(&self, word: &str) -> bool {
+        let called = self.called.iter().map(|(_, text)| text);
+        std::iter::once(&self.main)
+            .chain(called)
+            .any(|text| text.contains(word))
+    }
+}
+
+impl fmt::Display for Made {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.main)?;
+        self.called
+            .iter()
+            .try_for_each(|(number, text)| write!(f, "\n--- {number}\n{text}"))
+    }
 }
