@@ -310,6 +310,8 @@ impl SequenceProgram {
         let serving = run::run(self.table, self.on_redelivery, plc, handler_id.into());
         let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {
+            // the handler first: what its companions set is its own
+            biased;
             ended = Box::pin(serving) => ended,
             // without companions there is nothing that could end
             Some(ended) = companions.into_future().map(|(ended, _)| ended) => ended,
