@@ -133,3 +133,18 @@ fn a_warning_tells_what_was_assumed_and_what_to_do() {
         assert!(ran.stdout.contains(part), "{part} is missing in {}", ran.stdout);
     }
 }
+
+#[test]
+fn a_program_is_checked_for_the_coordinate_system_that_is_named() {
+    // coordinate system 2 has the axis X alone, without soft limits
+    let machine = Machine::new("");
+    machine.write("main.nc", "G90 G00 X400\nM30\n");
+    let code = |cs: &[&str]| {
+        let arguments = [&["check", "main.nc", "--config", "tandem.toml"], cs].concat();
+        run(machine.folder(), &arguments).code
+    };
+    assert_eq!(code(&[]), 1, "the first one ends at 300");
+    assert_eq!(code(&["--cs", "1"]), 1);
+    assert_eq!(code(&["--cs", "2"]), 0);
+    assert_eq!(code(&["--cs", "3"]), 2, "there is none");
+}

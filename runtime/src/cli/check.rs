@@ -5,13 +5,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use anyhow::Context;
 use clap::Args;
+use plc_api::types::CoordinateSystemNumber;
 use tandem_interp::{Check, CheckContext, Dialect, Programs, check, dialects};
 use tandem_model::Diagnostic;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_runtime::Machine;
 use tandem_runtime::program_store::StoredProgram;
 use tandem_runtime::trial::Trial;
+use tandem_runtime::{ConfiguredSystem, Machine};
 use tandem_syntax::{NcProgram, parse};
 
 use super::findings::{Findings, as_json, as_sarif};
@@ -34,6 +36,9 @@ pub struct Arguments {
     /// Alone: checks this configuration and the files that it names, as serve does; with programs: checks them against it
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Coordinate system of --config that the programs are for; without it, its first one that speaks their dialect
+    #[arg(long, requires = "config")]
+    cs: Option<CoordinateSystemNumber>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -76,14 +81,23 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         }
         Some(path) => Some(read_config(Some(path))?.1),
     };
-    let of_machine = || machine.as_ref().map_or_else(dialects::nj, Machine::dialect);
+    let named = arguments.cs.zip(machine.as_ref()).map(|(cs, machine)| {
+        let mut systems = machine.coordinate_systems.iter();
+        let system = systems.find(|system| system.settings.number == cs);
+        system.with_context(|| format!("the machine has no coordinate system {cs}"))
+    });
+    let named = named.transpose()?;
+    let of_machine = || match named {
+        Some(system) => system.dialect,
+        None => machine.as_ref().map_or_else(dialects::nj, Machine::dialect),
+    };
     let dialect = arguments.dialect.unwrap_or_else(of_machine);
     let mut files = Vec::new();
     let (mut errors, mut unreadable) = (false, false);
     for path in &arguments.files {
         match read_program(path) {
             Ok(text) => {
-                for findings in check_text(path, &text, dialect, machine.as_ref()) {
+                for findings in check_text(path, &text, dialect, machine.as_ref(), named) {
                     errors |= findings.has_errors();
                     if arguments.format == Format::Text {
                         findings.print();
@@ -108,18 +122,19 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 /// Checks a program, and gives its findings, then those of each program that it calls and in which there are some; with a
-/// machine, against the axes, limits and M codes of its first coordinate system, or of the first that speaks the dialect.
+/// machine, against the axes, limits and M codes of the named coordinate system, or of the first that speaks the dialect.
 pub(super) fn check_text(
     path: &Path,
     text: &str,
     dialect: &'static Dialect,
     machine: Option<&Machine>,
+    named: Option<&ConfiguredSystem>,
 ) -> Vec<Findings> {
     let (tree, parsed) = parse(text, (dialect.grammar)());
     let tree = Arc::new(tree);
     let systems = machine.map_or(&[][..], |machine| &machine.coordinate_systems);
     let of_dialect = systems.iter().find(|system| system.dialect.name == dialect.name);
-    let first = of_dialect.or(systems.first());
+    let first = named.or(of_dialect).or(systems.first());
     let of = machine.zip(first.map(|system| &system.settings));
     check_tree(path, (&tree, parsed), dialect, of, true)
 }

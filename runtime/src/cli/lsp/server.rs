@@ -296,7 +296,7 @@ impl Server<'_> {
             let (target, wrong) = self.setup.target(&document.path);
             let (dialect, machine) = (target.dialect, target.machine.clone());
             document.target = target;
-            let all = check_text(&document.path, document.text(), dialect, machine.as_deref());
+            let all = check_text(&document.path, document.text(), dialect, machine.as_deref(), None);
             // those of the programs that it calls are shown where they are open
             document.found = all
                 .into_iter()
