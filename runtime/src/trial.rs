@@ -11,6 +11,8 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use plc_api::types::output::Timing;
+use tandem_interp::codes::ModalGroup;
+use tandem_interp::meaning::{ModalValue, MotionKind, Role};
 use tandem_interp::{Dialect, Inputs, Interpreter, NO_TOOLS};
 use tandem_model::alarm::{PROGRAM_NOT_FOUND, VALUE_LOST};
 use tandem_model::flow::{Compensation, Item, Output, Segment};
@@ -19,7 +21,7 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings,
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray, Variables};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector, Diagnostic, MachinePosition, Origin};
 use tandem_path::PathStage;
-use tandem_syntax::{NcProgram, diagnostics};
+use tandem_syntax::{Address, NcProgram, Word, diagnostics};
 
 use crate::config::{CoordinateSystem as ConfiguredSystem, Machine, Stock};
 use crate::coordinate_system::rest_refused;
@@ -147,6 +149,9 @@ enum End {
 impl Trial<'_> {
     /// Runs the program, some times; all runs together take at most four times its blocks and two millions more.
     pub fn run(&self) -> Shown {
+        if self.machine.is_none() && self.all().all(|program| self.is_plain(program)) {
+            return Shown::default();
+        }
         let settings = match self.machine {
             Some((_, system)) => Cow::Borrowed(&system.settings),
             None => Cow::Owned(unlimited(self.dialect)),
@@ -172,6 +177,48 @@ impl Trial<'_> {
 
     fn all(&self) -> impl Iterator<Item = &Arc<NcProgram>> {
         std::iter::once(self.program).chain(self.programs.values())
+    }
+
+    /// Straight lines and nothing that changes them: without limits no stage refuses one, and no loop goes on for ever.
+    fn is_plain(&self, program: &NcProgram) -> bool {
+        let mut last = None;
+        let mut is_known = |word: &Word| {
+            let code = Some((word.address, word.number().map(f64::to_bits)));
+            std::mem::replace(&mut last, code) == code
+        };
+        program.blocks().iter().all(|block| {
+            let mut words = program.words(block).iter();
+            program.program_code(block).is_none()
+                && words.all(|word| {
+                    !matches!(word.address, Address::G | Address::M)
+                        || is_known(word)
+                        || self.is_plain_code(word)
+                })
+        })
+    }
+
+    fn is_plain_code(&self, word: &Word) -> bool {
+        let code = word
+            .number()
+            .and_then(|number| self.dialect.code(word.address, number));
+        match code.map(|code| (code.role, code.sets)) {
+            None => word.address == Address::M,
+            Some((Role::Motion(kind), _)) => kind != MotionKind::Arc,
+            Some((Role::Plain, sets)) => matches!(
+                sets,
+                None | Some(
+                    ModalValue::Plane(_)
+                        | ModalValue::Distance(_)
+                        | ModalValue::Unit(_)
+                        | ModalValue::PathControl(_)
+                        | ModalValue::MultiBlock(_)
+                )
+            ),
+            Some((Role::Coordinates, _)) => {
+                code.is_some_and(|code| code.group == ModalGroup::WorkCoordinates)
+            }
+            Some((role, _)) => matches!(role, Role::Auxiliary | Role::Stop | Role::End),
+        }
     }
 
     fn has_skips(&self) -> bool {
