@@ -16,10 +16,10 @@ pub struct Arguments {
     /// Configuration file; without one the built-in demo machine runs
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Where the HMI and REST listen, in place of [http] listen
+    /// Where the HMI and REST listen, in place of listen in the table http
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<String>,
-    /// Where the embedded broker listens, in place of [mqtt] listen
+    /// Where the embedded broker listens, in place of listen in the table mqtt
     #[arg(long, value_name = "ADDRESS")]
     mqtt_listen: Option<String>,
     /// Folder of what is kept, in place of that of the configuration
