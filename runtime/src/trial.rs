@@ -165,7 +165,7 @@ impl Trial<'_> {
         let stop = match runs.once(FIRST) {
             End::Alarm(alarm) => Some(runs.compare(alarm)),
             End::Reads => runs.with_values(),
-            End::Open if self.has_skips() => runs.with_skips(SECOND.outside),
+            End::Open if self.has_skips() => runs.with_skips(LOST),
             End::Open => None,
         };
         let is_told = self.machine.is_some();
@@ -278,7 +278,12 @@ impl Runs<'_> {
     }
 
     fn with_skips(&mut self, outside: f64) -> Option<Stop> {
-        let End::Alarm(alarm) = self.once(Assumed { outside, ..SECOND }) else {
+        let with_skips = Assumed {
+            outside,
+            optional_skip: u32::MAX,
+            ..FIRST
+        };
+        let End::Alarm(alarm) = self.once(with_skips) else {
             return None;
         };
         let mut assumed = "the block skip inputs are on".to_owned();
