@@ -261,13 +261,13 @@ export const api = {
    * Stores a program, also one with errors.
    * @param {number} number
    * @param {string} text
-   * @param {string} hash of the program that may be replaced; empty: any
+   * @param {string | null} hash of the program that may be replaced; empty: any; null: none
    * @param {string} dialect of the text; empty: that of the lowest coordinate system
    * @returns {Promise<import("./types.d.ts").ProgramCheck>}
    */
   async storeProgram(number, text, hash, dialect) {
     /** @type {Record<string, string>} */
-    const headers = hash === "" ? {} : { "If-Match": `"${hash}"` };
+    const headers = hash === null ? { "If-None-Match": "*" } : hash === "" ? {} : { "If-Match": `"${hash}"` };
     const query = dialect === "" ? "" : `?dialect=${dialect}`;
     return (await request("PUT", `/programs/${number}${query}`, text, headers)).json();
   },

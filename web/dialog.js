@@ -16,7 +16,7 @@ export function openDialog(name, title, children, closed = () => {}) {
   const id = `${name}-title`;
   const dialog = h("dialog", { class: `dialog ${name}`, "aria-labelledby": id }, h("h2", { id }, title), ...children);
   dialog.addEventListener("keydown", (event) => {
-    if (event.key === "Escape") dialog.close("");
+    if (event.key === "Escape" && !event.defaultPrevented) dialog.close("");
   });
   dialog.addEventListener("close", () => {
     dialog.remove();

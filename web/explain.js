@@ -6,7 +6,7 @@ import { button, fill, h } from "./dom.js";
 
 /** Shows what a name means, or why that is not known. @param {string} what */
 export async function explain(what) {
-  const { title, parts } = await pageOf(what);
+  const { title, parts } = await meaning(what);
   const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
   const dialog = openDialog("explanation", title, [h("div", { class: "scroll", tabindex: 0 }, ...parts), h("div", { class: "row end" }, close)]);
 }
@@ -23,14 +23,14 @@ export function unfolding(what, place) {
     const open = one.getAttribute("aria-expanded") === "true";
     one.setAttribute("aria-expanded", String(!open));
     if (open) fill(place);
-    else fill(place, ...(await pageOf(what)).parts);
+    else fill(place, ...(await meaning(what)).parts);
   };
   const one = button({ class: "chip-button", "aria-label": `Explain ${what}`, "aria-expanded": "false", onclick: () => void unfold() }, h("span", { class: "chip" }, what));
   return one;
 }
 
 /** A title, and what stands below it, or why there is nothing. @param {string} what */
-async function pageOf(what) {
+export async function meaning(what) {
   try {
     const { text, picture } = await api.explain(what);
     const [title = what, ...paragraphs] = text.split("\n\n");

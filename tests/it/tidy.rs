@@ -24,10 +24,11 @@ const CRATES: [&str; 9] = [
     "runtime/gateway/src",
 ];
 
-/// Folders that are made by tools.
-const MADE: [&str; 6] = [
+/// Folders that are made by tools, or of what others have written.
+const MADE: [&str; 7] = [
     "target",
     "node_modules",
+    "vendor",
     ".git",
     "tandem-data",
     "out",

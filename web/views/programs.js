@@ -2,7 +2,8 @@
 
 import { diagnosticsOf } from "../api.js";
 import { button, fill, h, setAttr, setText } from "../dom.js";
-import { numberFor, openEditor } from "../editor.js";
+import { numberFor, openEditor } from "../editor/dialog.js";
+import { rename } from "../editor/rename.js";
 import { counts, showFindings } from "../findings.js";
 import { bytes, programName, shortHash } from "../format.js";
 import { icon } from "../icons.js";
@@ -83,8 +84,9 @@ function entry(app, program) {
     void app.attempt(() => app.load(cs, number).catch((error) => showFindings(number, diagnosticsOf(error))));
   };
   const onEdit = () => void app.attempt(async () => {
-    const { text, hash } = await app.api.program(number);
-    openEditor(app, number, text, hash, program.dialect);
+    const isClean = program.errors + program.warnings === 0;
+    const [{ text, hash }, found] = await Promise.all([app.api.program(number), isClean ? [] : app.api.check(number)]);
+    await openEditor(app, { number, text, hash, dialect: program.dialect, found });
   });
   const onFindings = () => void app.attempt(async () => showFindings(number, await app.api.check(number)));
   const load = button({ class: "button load", "aria-label": `Load ${name}`, onclick: onLoad }, icon("load"), "Load");
@@ -102,7 +104,7 @@ function entry(app, program) {
     h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
     h("p", { class: "muted title", title: program.title }, program.title || "no title"),
     h("p", { class: "muted title", title: `SHA-256 ${program.hash}` }, facts.filter(Boolean).join(" · ")),
-    h("div", { class: "row stored-tools" }, tool("Edit", "edit", onEdit), tool("Save a copy of", "save", () => void download(app, number)), tool("Delete", "trash", () => void remove(app, program)), h("span", { class: "spring" }), load),
+    h("div", { class: "row stored-tools" }, tool("Edit", "edit", onEdit), tool("Rename", "rename", () => rename(app, program)), tool("Save a copy of", "save", () => void download(app, number)), tool("Delete", "trash", () => void remove(app, program)), h("span", { class: "spring" }), load),
   );
 }
 
@@ -135,7 +137,7 @@ async function remove(app, { number, title, hash }) {
 /** A file of this computer into the editor. @param {import("../main.js").App} app @param {File} file */
 async function openFile(app, file) {
   try {
-    openEditor(app, numberFor(file.name, app.model.programs ?? []), await file.text());
+    await openEditor(app, { number: numberFor(file.name, app.model.programs ?? []), text: await file.text() });
   } catch {
     app.toast(`${file.name} cannot be read.`, "error");
   }

@@ -1,0 +1,144 @@
+// A text field for NC programs, by CodeMirror: line numbers, colours, search, findings in the margin. It stands in a shadow root, where
+// its styles need no style element, which the content security policy forbids.
+
+import { h } from "../dom.js";
+import { ncParser } from "./language.js";
+import { coloursOf, themeOf } from "./look.js";
+
+/** @typedef {import("../types.d.ts").ProgramDiagnostic} ProgramDiagnostic */
+/** @typedef {import("../vendor/codemirror.js")} CodeMirror */
+
+/** Findings marked in the margin. */
+const MARKED_MAX = 1000;
+
+/** CodeMirror, read when an editor is first opened. @returns {Promise<CodeMirror>} */
+export function codeMirror() {
+  return import("../vendor/codemirror.js");
+}
+
+/**
+ * @typedef {object} CodeOptions
+ * @property {string} text
+ * @property {string} dialect
+ * @property {string} label
+ * @property {boolean} [readOnly]
+ * @property {() => void} [changed]
+ * @property {(word: string) => void} [explain] asked for the meaning of a word
+ */
+
+/** Whether all lines end as on Windows. @param {string} text */
+function isCrLf(text) {
+  return text.includes("\r\n") && !/(?:^|[^\r])\n|\r(?!\n)/.test(text);
+}
+
+export class Code {
+  /** What the page shows. */
+  element = h("div", { class: "code" });
+  #cm;
+  #view;
+  #compare;
+
+  /** @param {CodeMirror} cm @param {CodeOptions} options */
+  constructor(cm, { text, dialect, label, readOnly = false, changed = () => {}, explain = () => {} }) {
+    this.#cm = cm;
+    this.#compare = new cm.Compartment();
+    const root = this.element.attachShadow({ mode: "open", delegatesFocus: true });
+    const state = cm.EditorState.create({
+      doc: text,
+      extensions: [
+        isCrLf(text) ? cm.EditorState.lineSeparator.of("\r\n") : [],
+        cm.lineNumbers(),
+        cm.highlightActiveLine(),
+        cm.highlightActiveLineGutter(),
+        cm.highlightSelectionMatches(),
+        cm.history(),
+        cm.search({ top: true }),
+        cm.lintGutter(),
+        cm.StreamLanguage.define({ ...ncParser(dialect), tokenTable: coloursOf(cm) }).extension,
+        themeOf(cm),
+        cm.EditorView.contentAttributes.of({ "aria-label": label, spellcheck: "false", autocapitalize: "characters" }),
+        cm.EditorState.readOnly.of(readOnly),
+        cm.EditorView.updateListener.of((update) => {
+          if (update.docChanged) changed();
+        }),
+        cm.keymap.of([{ key: "F1", run: () => (explain(this.word()), true) }, ...cm.searchKeymap, ...cm.lintKeymap, ...cm.historyKeymap, ...cm.defaultKeymap]),
+        this.#compare.of([]),
+      ],
+    });
+    this.#view = new cm.EditorView({ state, parent: root, root });
+  }
+
+  /** The whole text. */
+  get text() {
+    return this.#view.state.sliceDoc();
+  }
+
+  get lines() {
+    return this.#view.state.doc.lines;
+  }
+
+  focus() {
+    this.#view.focus();
+  }
+
+  search() {
+    this.#cm.openSearchPanel(this.#view);
+  }
+
+  /** The word under the cursor, or what is selected. */
+  word() {
+    const { state } = this.#view;
+    const { from, to, head } = state.selection.main;
+    if (from < to) return state.sliceDoc(from, Math.min(to, from + 100)).trim();
+    const line = state.doc.lineAt(head);
+    const at = head - line.from;
+    const words = line.text.matchAll(/[A-Z_]+(?:\d+(?:\.\d+)?)?/gi);
+    return [...words].find(({ index, 0: word }) => index <= at && at <= index + word.length)?.[0] ?? "";
+  }
+
+  /** Selects a line and brings it into view. @param {number} number from 1 */
+  goTo(number) {
+    const { doc } = this.#view.state;
+    const line = doc.line(Math.max(1, Math.min(number, doc.lines)));
+    const effects = this.#cm.EditorView.scrollIntoView(line.from, { y: "center" });
+    this.#view.dispatch({ selection: { anchor: line.from, head: line.to }, effects });
+    this.#view.focus();
+  }
+
+  /** Marks findings in the margin, each with its help; they move with the text. @param {ProgramDiagnostic[]} found */
+  mark(found) {
+    const { doc } = this.#view.state;
+    const place = (/** @type {number} */ number, /** @type {number} */ column) => {
+      const line = doc.line(Math.max(1, Math.min(number, doc.lines)));
+      return Math.min(line.to, line.from + Math.max(0, column - 1));
+    };
+    const marks = found.slice(0, MARKED_MAX).map((one) => {
+      const from = place(one.line, one.column);
+      const to = Math.max(from, place(one.end_line, one.end_column));
+      return { from, to, severity: one.severity, source: one.code, message: one.help ? `${one.message}\n${one.help}` : one.message };
+    });
+    this.#view.dispatch(this.#cm.setDiagnostics(this.#view.state, marks));
+  }
+
+  /** Shows where the text differs from another one; null: no longer. @param {string | null} original */
+  compare(original) {
+    const { unifiedMergeView } = this.#cm;
+    const shown = original === null ? [] : unifiedMergeView({ original, mergeControls: false, gutter: true, collapseUnchanged: { margin: 3, minSize: 8 }, diffConfig: { scanLimit: 500, timeout: 500 } });
+    this.#view.dispatch({ effects: this.#compare.reconfigure(shown) });
+  }
+
+  /** How many places differ while it compares. */
+  get differences() {
+    return this.#cm.getChunks(this.#view.state)?.chunks.length ?? 0;
+  }
+
+  /** Goes to the next difference, or to the one before. @param {boolean} forward */
+  nextDifference(forward) {
+    (forward ? this.#cm.goToNextChunk : this.#cm.goToPreviousChunk)(this.#view);
+    this.#view.focus();
+  }
+
+  destroy() {
+    this.#view.destroy();
+  }
+}

@@ -1,0 +1,181 @@
+// The editor of stored programs: a text, typed or from a file, is stored under a number and then checked. What is too long for it is
+// shown, and stored as it is.
+
+import { openDialog } from "../dialog.js";
+import { button, fill, h, setAttr, setText } from "../dom.js";
+import { meaning } from "../explain.js";
+import { finding, summary } from "../findings.js";
+import { programName, shortHash, whole } from "../format.js";
+import { icon } from "../icons.js";
+import { disableFor, whyNotNow } from "../why_not.js";
+import { Code, codeMirror } from "./code.js";
+
+/** Longer texts are only shown, and stored unchanged: to change them in a browser would need too much memory. */
+const EDITABLE_CHARS = 16_000_000;
+/** Findings listed. */
+const SHOWN_MAX = 50;
+const NUMBER_MAX = 9999;
+
+/** @typedef {import("../types.d.ts").ProgramDiagnostic} ProgramDiagnostic */
+
+/**
+ * @typedef {object} Opened
+ * @property {number} number
+ * @property {string} text
+ * @property {string} [hash] of the program of this number that was read; it is not stored over another one
+ * @property {string} [dialect] of the text; that of the coordinate system shown
+ * @property {ProgramDiagnostic[]} [found] what is known to be wrong with it
+ */
+
+/** @param {import("../main.js").App} app @param {Opened} opened */
+export async function openEditor(app, opened) {
+  const cm = await codeMirror();
+  new Editor(app, cm, opened);
+}
+
+class Editor {
+  #app;
+  #opened;
+  #code;
+  #isEditable;
+  #text;
+  /** Whether there is something that is not stored. */
+  #isChanged = false;
+  /** Whether anything was typed: otherwise the text is stored byte for byte as it came. */
+  #isTouched = false;
+  #dialog;
+  #number;
+  #note = h("p", { class: "muted note grow", role: "status" });
+  #more = h("div", { class: "meaning", hidden: true, tabindex: 0, role: "region", "aria-label": "Meaning" });
+  #findings = h("ol", { class: "list", "aria-label": "Findings", tabindex: 0, hidden: true });
+  #compare;
+  #steps;
+  #store = button({ type: "submit", class: "button primary" }, "Store");
+
+  /** @param {import("../main.js").App} app @param {import("./code.js").CodeMirror} cm @param {Opened} opened */
+  constructor(app, cm, opened) {
+    const { number, text, dialect = app.model.current?.info.dialect ?? "", found = [] } = opened;
+    this.#app = app;
+    this.#opened = { hash: "", ...opened, dialect };
+    this.#text = text;
+    this.#isEditable = text.length <= EDITABLE_CHARS;
+    this.#code = new Code(cm, { text, dialect, label: "Program text", readOnly: !this.#isEditable, changed: () => this.#changed(), explain: (word) => void this.#explain(word) });
+    this.#number = h("input", { type: "number", class: "input editor-number", min: 1, max: NUMBER_MAX, step: 1, value: number, required: true });
+    this.#number.addEventListener("input", () => this.#describe());
+    this.#compare = button({ class: "button", "aria-pressed": "false", onclick: () => void this.#toggleCompare() }, "Compare");
+    this.#steps = h("span", { class: "row", hidden: true }, this.#step("Previous difference", false), this.#step("Next difference", true));
+    const find = button({ onclick: () => this.#code.search() }, icon("search"), "Find");
+    const explained = button({ title: "What the word at the cursor means (F1)", onclick: () => void this.#explain(this.#code.word()) }, icon("info"), "Explain");
+    const close = button({ onclick: () => this.#dialog.close() }, "Close");
+    const form = h(
+      "form",
+      { class: "editor-form" },
+      h("div", { class: "row wrap editor-tools" }, h("label", { class: "row" }, h("span", { class: "label" }, "Number"), this.#number), h("span", { class: "spring" }), find, explained, this.#compare, this.#steps),
+      this.#code.element,
+      this.#more,
+      this.#findings,
+      h("div", { class: "row editor-foot" }, this.#note, close, this.#store),
+    );
+    this.#dialog = openDialog("editor", "Program", [form], () => this.#code.destroy());
+    // Escape, pressed by accident, must not discard what was written
+    form.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape" || event.defaultPrevented || !this.#isChanged) return;
+      event.stopPropagation();
+      setText(this.#note, "Not stored yet. Store keeps the changes, Close drops them.");
+    });
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      void app.attempt(() => this.#keep());
+    });
+    this.#show(found);
+    this.#describe();
+    this.#code.focus();
+  }
+
+  /** @param {string} says @param {boolean} forward */
+  #step(says, forward) {
+    return button({ class: "icon-button", "aria-label": says, title: says, onclick: () => this.#code.nextDifference(forward) }, forward ? "↓" : "↑");
+  }
+
+  #changed() {
+    this.#isTouched = true;
+    if (this.#isChanged) return;
+    this.#isChanged = true;
+    this.#describe();
+  }
+
+  #describe() {
+    const number = Number(this.#number.value);
+    const there = this.#app.model.programs?.some((program) => program.number === number);
+    const long = this.#isEditable ? "" : `${whole(this.#text.length)} characters are too long to be edited here: they are shown, and stored as they are. `;
+    const stored = number === this.#opened.number && this.#opened.hash !== "" ? (this.#isChanged ? "is changed here and not stored yet" : "is as it is stored") : there ? "is in the store and will be replaced" : "is new";
+    setText(this.#note, `${long}${programName(number)} ${stored}.`);
+    disableFor(this.#store, whyNotNow(this.#app.model, "administrate"));
+    setAttr(this.#compare, "disabled", !there);
+  }
+
+  async #keep() {
+    const { number, hash = "", dialect = "" } = this.#opened;
+    const chosen = Number(this.#number.value);
+    const sent = this.#isTouched ? this.#code.text : this.#text;
+    this.#isChanged = false;
+    try {
+      const { diagnostics = [], hash: now, unchanged } = await this.#app.api.storeProgram(chosen, sent, chosen === number ? hash : "", dialect);
+      if (chosen === number) this.#opened.hash = now;
+      await this.#app.readPrograms();
+      this.#show(diagnostics);
+      if (!this.#isChanged) setText(this.#note, `${programName(chosen)} ${unchanged ? "has not changed" : "is stored"}: ${summary(diagnostics) || "nothing to complain of"}. Hash ${shortHash(now)}.`);
+      setAttr(this.#compare, "disabled", false);
+    } catch (error) {
+      this.#isChanged = true;
+      throw error;
+    }
+  }
+
+  /** Lists findings below the text, and marks them in its margin. @param {ProgramDiagnostic[]} found */
+  #show(found) {
+    this.#code.mark(found);
+    fill(this.#findings, ...found.slice(0, SHOWN_MAX).map((one) => {
+      const item = finding(one);
+      item.append(button({ class: "button small", "aria-label": `Go to line ${one.line}`, onclick: () => this.#code.goTo(one.line) }, "Go to"));
+      return item;
+    }));
+    setAttr(this.#findings, "hidden", found.length === 0);
+  }
+
+  /** @param {string} word */
+  async #explain(word) {
+    if (word === "") return setText(this.#note, "Put the cursor on a word, such as G01.");
+    const { title, parts } = await meaning(word);
+    const close = button({ class: "icon-button", "aria-label": "Close the meaning", onclick: () => setAttr(this.#more, "hidden", true) }, icon("close"));
+    fill(this.#more, h("div", { class: "row" }, h("strong", { class: "grow" }, title), close), ...parts);
+    setAttr(this.#more, "hidden", false);
+    this.#more.scrollTop = 0;
+  }
+
+  /** Shows what differs from the program in the store, or no longer. */
+  async #toggleCompare() {
+    const isOn = this.#compare.getAttribute("aria-pressed") !== "true";
+    await this.#app.attempt(async () => {
+      const number = Number(this.#number.value);
+      this.#code.compare(isOn ? (await this.#app.api.program(number)).text : null);
+      setAttr(this.#compare, "aria-pressed", String(isOn));
+      setAttr(this.#steps, "hidden", !isOn);
+      if (!isOn) return this.#describe();
+      const count = this.#code.differences;
+      setText(this.#note, count === 0 ? `This is ${programName(number)} as it is stored.` : `${count} ${count === 1 ? "place differs" : "places differ"} from ${programName(number)} in the store: green is here, red is there.`);
+    });
+  }
+}
+
+/**
+ * The number in a file's name, such as 1001.nc or O0007.txt, otherwise the first free number.
+ * @param {string} name
+ * @param {import("../types.d.ts").ProgramInfo[]} known
+ */
+export function numberFor(name, known) {
+  const said = Number(/^O?(\d{1,4})\b/i.exec(name)?.[1] ?? 0);
+  if (said > 0) return said;
+  const taken = new Set(known.map((program) => program.number));
+  return Array.from({ length: NUMBER_MAX }, (_, i) => i + 1).find((number) => !taken.has(number)) ?? NUMBER_MAX;
+}

@@ -1,0 +1,41 @@
+// A program gets another number: stored under it only if it is free, then taken out under the old one.
+
+import { openDialog } from "../dialog.js";
+import { button, h } from "../dom.js";
+import { programName } from "../format.js";
+import { whyNotNow } from "../why_not.js";
+import { numberFor } from "./dialog.js";
+
+/** @param {import("../main.js").App} app @param {import("../types.d.ts").ProgramInfo} program */
+export function rename(app, program) {
+  const { number, title, signature } = program;
+  const why = whyNotNow(app.model, "administrate") ?? whyLoaded(app.model, number);
+  if (why) return app.toast(why, "error");
+  const name = programName(number);
+  const field = h("input", { type: "number", class: "input editor-number", min: 1, max: 9999, step: 1, value: numberFor("", app.model.programs ?? []), required: true, autofocus: true });
+  const form = h(
+    "form",
+    {},
+    h("p", {}, title || "no title"),
+    h("label", { class: "row" }, h("span", { class: "label" }, "New number"), field),
+    h("p", { class: "muted note" }, `Programs that call it by P${number} are not changed.${signature === "valid" ? " Its signature is not taken along: sign it anew." : ""}`),
+    h("div", { class: "row end" }, button({ onclick: () => dialog.close() }, "Cancel"), button({ type: "submit", class: "button primary" }, "Rename")),
+  );
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    void app.attempt(async () => {
+      const { text, hash } = await app.api.program(number);
+      await app.api.storeProgram(Number(field.value), text, null, program.dialect);
+      await app.api.removeProgram(number, hash);
+      dialog.close();
+      app.toast(`${name} is ${programName(Number(field.value))} now.`);
+    }).then(() => app.readPrograms());
+  });
+  const dialog = openDialog("rename", `Rename ${name}`, [form]);
+}
+
+/** @param {import("../model.js").Model} model @param {number} number */
+function whyLoaded({ systems }, number) {
+  const [cs] = [...systems].find(([, { state }]) => state?.program === number) ?? [];
+  return cs === undefined ? null : `${programName(number)} is loaded in coordinate system ${cs}: load another one first.`;
+}
