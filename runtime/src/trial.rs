@@ -21,7 +21,8 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings,
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray, Variables};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector, Diagnostic, MachinePosition, Origin};
 use tandem_path::PathStage;
-use tandem_syntax::{Address, NcProgram, Word, diagnostics};
+use tandem_syntax::diagnostics::{self, DiagnosticEntry};
+use tandem_syntax::{Address, NcProgram, Word};
 
 use crate::config::{CoordinateSystem as ConfiguredSystem, Machine, Stock};
 use crate::coordinate_system::rest_refused;
@@ -58,7 +59,18 @@ pub struct Shown {
     /// The alarm that ends the program.
     pub stop: Option<Stop>,
     /// Warnings of the run, each once; none without a machine.
-    pub warnings: Vec<(Origin, String)>,
+    pub warnings: Vec<Warning>,
+}
+
+/// What a run warns of.
+#[derive(Debug, PartialEq)]
+pub struct Warning {
+    /// Its entry in the table of diagnostics.
+    pub entry: &'static DiagnosticEntry,
+    /// The block.
+    pub origin: Origin,
+    /// What is wrong there.
+    pub text: String,
 }
 
 /// An alarm that ends the program.
@@ -77,12 +89,10 @@ impl Shown {
             let program = of.programs.get(&origin.program).unwrap_or(of.program);
             program.span_at(origin, words).unwrap_or_default()
         };
-        let warnings = self.warnings.into_iter().map(|(origin, text)| {
-            let help = "See `tandem explain W0014`.";
-            (
-                origin.program,
-                diagnostics::WARNS_IN_RUN.at(place(origin, ""), text, help),
-            )
+        let warnings = self.warnings.into_iter().map(|warning| {
+            let Warning { entry, origin, text } = warning;
+            let help = format!("See `tandem explain {}`.", entry.code);
+            (origin.program, entry.at(place(origin, ""), text, help))
         });
         let stop = self.stop.map(|Stop { alarm, assumed }| {
             let origin = alarm.origin.unwrap_or_default();
@@ -247,7 +257,7 @@ struct Runs<'a> {
     trial: &'a Trial<'a>,
     settings: &'a CoordinateSystemSettings,
     steps_left: u64,
-    warnings: Vec<(Origin, String)>,
+    warnings: Vec<Warning>,
 }
 
 impl Runs<'_> {
@@ -323,6 +333,8 @@ struct Run<'a> {
     work_offsets: WorkOffsets,
     tool: Tool,
     captured: [f64; AXES_MAX],
+    /// Motion was interpreted since the program last came to rest.
+    is_moving: bool,
     steps_max: u64,
 }
 
@@ -356,11 +368,12 @@ impl<'a> Run<'a> {
                 .map_or_else(WorkOffsets::default, |(_, system)| system.work_offsets),
             tool: assumed.tool,
             captured: [0.0; AXES_MAX],
+            is_moving: false,
             steps_max,
         }
     }
 
-    fn run_out(&mut self, warnings: &mut Vec<(Origin, String)>) -> Result<(), Alarm> {
+    fn run_out(&mut self, warnings: &mut Vec<Warning>) -> Result<(), Alarm> {
         while self.interpreter.steps() < self.steps_max {
             let item = match self.next() {
                 Ok(item) => item,
@@ -371,6 +384,7 @@ impl<'a> Run<'a> {
                 Item::Block(block) => {
                     let from = self.path.position();
                     self.path.push(&block, &mut self.segments)?;
+                    self.is_moving |= !self.segments.is_empty() || self.path.position() != from;
                     self.segments.clear();
                     self.end_skip(from);
                 }
@@ -378,11 +392,12 @@ impl<'a> Run<'a> {
                     if self.timing(&output) == Timing::AfterMotion {
                         self.rest(&item)?;
                     }
+                    self.look_at_motion(&output, warnings);
                     self.select_tool(&output, warnings);
                 }
                 Item::Stop(_) => self.rest(&item)?,
-                Item::NeedsStandstill(_) => self.path.flush(&mut self.segments),
-                Item::Warning(origin, text) => note(warnings, origin, text),
+                Item::NeedsStandstill(_) => self.flush(),
+                Item::Warning(origin, text) => note(warnings, &diagnostics::WARNS_IN_RUN, origin, text),
                 Item::End(_) => {
                     self.rest(&item)?;
                     return self.finish();
@@ -420,9 +435,14 @@ impl<'a> Run<'a> {
         if let (true, Some(alarm)) = (is_compensating, rest_refused(item)) {
             return Err(alarm);
         }
+        self.flush();
+        Ok(())
+    }
+
+    fn flush(&mut self) {
         self.path.flush(&mut self.segments);
         self.segments.clear();
-        Ok(())
+        self.is_moving = false;
     }
 
     /// A G31 ends at once, after its share of the way.
@@ -448,7 +468,28 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn select_tool(&mut self, output: &Output, warnings: &mut Vec<(Origin, String)>) {
+    /// An output that is made when its block is interpreted comes before the end of the motion before it.
+    fn look_at_motion(&self, output: &Output, warnings: &mut Vec<Warning>) {
+        let Some((machine, system)) = self.trial.machine else {
+            return;
+        };
+        let is_at_once = system.is_put_out_at_once(
+            output,
+            machine.m_codes.get(&output.m),
+            self.path.is_compensating(),
+        );
+        let entry = &diagnostics::OUTPUT_BEFORE_MOTION_ENDS;
+        let text = format!(
+            "M{:02} is put out when its block is interpreted: motion before it may not be over, or not have begun",
+            output.m
+        );
+        let is_known = |warning: &Warning| warning.entry == entry && warning.text == text;
+        if self.is_moving && is_at_once && !warnings.iter().any(is_known) {
+            note(warnings, entry, output.origin, text);
+        }
+    }
+
+    fn select_tool(&mut self, output: &Output, warnings: &mut Vec<Warning>) {
         let Some((machine, _)) = self.trial.machine else {
             return;
         };
@@ -464,14 +505,14 @@ impl<'a> Run<'a> {
                 "M{:02} selects tool {id}, which is not in the tool table",
                 output.m
             );
-            note(warnings, output.origin, text);
+            note(warnings, &diagnostics::WARNS_IN_RUN, output.origin, text);
             Tool::default()
         });
     }
 }
 
-fn note(warnings: &mut Vec<(Origin, String)>, origin: Origin, text: String) {
-    let warning = (origin, text);
+fn note(warnings: &mut Vec<Warning>, entry: &'static DiagnosticEntry, origin: Origin, text: String) {
+    let warning = Warning { entry, origin, text };
     if warnings.len() < WARNINGS_MAX && !warnings.contains(&warning) {
         warnings.push(warning);
     }

@@ -71,6 +71,15 @@ fn an_m_code_that_waits_within_cutter_compensation_is_an_error() {
 }
 
 #[test]
+fn an_m_code_with_motion_behind_motion_is_a_warning_at_its_first_place() {
+    let with = |text: &str| found(&format!("G90 G54 G00 F500\n{text}M30\n"), true);
+    assert_eq!(with("M08\nG01 X20\nM09\n"), [""; 0], "nothing moves before M08");
+    assert_eq!(with("G01 X20\nM08\nG01 X30\nM08\n"), ["main.nc:3:1 W0015"]);
+    assert_eq!(with("G01 X20\nM09\nM08\n"), [""; 0], "M09 waits for the motion");
+    assert_eq!(with("G01 X20\nM00\nM08\n"), [""; 0], "M00 waits for the motion");
+}
+
+#[test]
 fn a_tool_that_is_not_in_the_table_is_a_warning() {
     let with = |tool: u8| format!("G90 G54 G00 X0 Y0 Z0\nM06 VA{tool}\nM30\n");
     assert_eq!(found(&with(1), true), [""; 0]);

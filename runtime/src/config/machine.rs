@@ -8,7 +8,7 @@ use plc_api::lock_input::LockRules;
 use plc_api::types::output::Timing;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tandem_interp::dialect::OutputDefault;
+use tandem_interp::dialect::{MCodeTime, OutputDefault};
 use tandem_interp::{Dialect, dialects};
 use tandem_model::flow::Output;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions, Tool, WorkOffsets};
@@ -80,6 +80,18 @@ impl CoordinateSystem {
             Timing::AfterMotion if output.has_params() => Timing::AfterMotion,
             _ => settings.and_then(|settings| settings.timing).unwrap_or(default),
         }
+    }
+
+    /// True for an output that is made when its block is interpreted. In a dialect whose M codes act before the motion of
+    /// their block that is when the motion has come to it, except for cutter compensation, which cannot wait.
+    pub fn is_put_out_at_once(
+        &self,
+        output: &Output,
+        settings: Option<&MCodeSettings>,
+        is_compensating: bool,
+    ) -> bool {
+        let waits = self.dialect.policy.m_code == MCodeTime::BeforeMotion;
+        self.timing(output, settings) == Timing::WithMotion && (!waits || is_compensating)
     }
 
     /// The rules for checking a text for this coordinate system.

@@ -7,7 +7,6 @@ use plc_api::types::output::{OutputNotice, Params, Reset, ResetResult, Timing};
 use plc_api::types::request::{OutputRequest, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
-use tandem_interp::dialect::MCodeTime;
 use tandem_model::alarm::{M_CODE_TIMEOUT, M_CODE_UNHANDLED};
 use tandem_model::flow::Output;
 use tandem_servo::Control;
@@ -29,11 +28,11 @@ impl CoordinateSystem {
             .timing(output, self.context.m_code(output.m))
     }
 
-    /// True for an output that is made when its block is interpreted. In a dialect whose M codes act before the motion of
-    /// their block that is when the motion has come to it, except for cutter compensation, which cannot wait.
+    /// True for an output that is made when its block is interpreted.
     pub(super) fn is_put_out_at_once(&self, output: &Output) -> bool {
-        let waits = self.context.configured.dialect.policy.m_code == MCodeTime::BeforeMotion;
-        self.timing(output) == Timing::WithMotion && (!waits || self.pipeline.is_compensating())
+        let settings = self.context.m_code(output.m);
+        let is_compensating = self.pipeline.is_compensating();
+        (self.context.configured).is_put_out_at_once(output, settings, is_compensating)
     }
 
     /// Puts out at a standstill, and goes on with or without the reset.

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use plc_api::types::output::Timing;
 use plc_api::types::planned::{PlannedPlace, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
 use tandem_interp::Inputs;
-use tandem_interp::dialect::MCodeTime;
 use tandem_model::flow::{Item, Output};
 use tandem_model::profile::Law;
 use tandem_model::settings::Tool;
@@ -149,9 +148,7 @@ impl Planning<'_> {
     fn is_put_out_at_once(&self, output: &Output) -> bool {
         let configured = &self.plan.conditions.configured;
         let settings = self.shared.machine.m_codes.get(&output.m);
-        let before_motion = configured.dialect.policy.m_code == MCodeTime::BeforeMotion;
-        configured.timing(output, settings) == Timing::WithMotion
-            && (!before_motion || self.pipeline.is_compensating())
+        configured.is_put_out_at_once(output, settings, self.pipeline.is_compensating())
     }
 
     /// The tracer follows what is planned.

@@ -90,7 +90,7 @@ async fn release(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// M08, M09: coolant on and off, while the machine keeps moving.
+/// M08, M09: coolant on, while the machine keeps moving, and off.
 async fn coolant(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     plc.sleep(Duration::from_millis(200)).await;
     Ok(())

@@ -39,6 +39,8 @@ const SETTLE_TURNS: usize = 256;
 pub struct Scene {
     plc: Plc,
     handlers: Arc<Mutex<Vec<AbortHandle>>>,
+    /// Of the first sequence program that has ended with one.
+    refusal: Arc<Mutex<Option<Error>>>,
 }
 
 impl Scene {
@@ -59,15 +61,25 @@ impl Scene {
         }
     }
 
-    /// Another sequence program serves the machine from now on, such as after [`Scene::kill_handlers`].
+    /// Another sequence program serves the machine from now on, such as after [`Scene::kill_handlers`]. When it ends with an
+    /// error, such as that its `handler_id` is taken, so does the test.
     pub fn serve(&self, program: SequenceProgram) {
         let plc = self.plc.clone();
+        let refusal = Arc::clone(&self.refusal);
         let served = tokio::spawn(async move {
             if let Err(error) = program.run(&plc).await {
-                tracing::error!(%error, "the sequence program ended");
+                refusal.lock().get_or_insert(error);
             }
         });
         self.handlers.lock().push(served.abort_handle());
+    }
+
+    /// The error of a sequence program.
+    fn judge_handlers(&self) -> Result<(), TestError> {
+        let refusal = self.refusal.lock();
+        refusal.as_ref().map_or(Ok(()), |error| {
+            Err(TestError::new(format!("a sequence program ended: {error}")))
+        })
     }
 }
 
@@ -136,6 +148,7 @@ impl Bench {
         let scene = Scene {
             plc: Plc::in_process(runtime.port()),
             handlers: Arc::default(),
+            refusal: Arc::default(),
         };
         for program in self.sequence_programs {
             scene.serve(program);
@@ -143,14 +156,16 @@ impl Bench {
         for _ in 0..SETTLE_TURNS {
             tokio::task::yield_now().await;
         }
+        scene.judge_handlers()?;
         for (number, text) in self.programs {
             let check = scene.plc.port().ask(WriteProgram(number, text)).await;
             check
                 .map_err(|refusal| TestError::new(format!("program {number} was not taken: {refusal:?}")))?;
         }
-        let played = act(scene, &runtime).await;
+        let played = act(scene.clone(), &runtime).await;
+        let judged = scene.judge_handlers();
         runtime.shutdown().await;
-        Ok(played)
+        judged.map(|()| played)
     }
 
     /// Runs a program of the configuration, or one given by [`Bench::subprogram`].

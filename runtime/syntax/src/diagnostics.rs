@@ -259,6 +259,9 @@ diagnostics! {
     WARNS_IN_RUN = "W0014", "A run of the program warns here",
         "The program was run against the configuration without moving anything: a tool that is not in the tool table counts as without length and radius, and a calculated F above the maximum is reduced.",
         "Add the tool to [tool] of the configuration, or correct its number.";
+    OUTPUT_BEFORE_MOTION_ENDS = "W0015", "An M code with_motion does not wait for the motion before it",
+        "With `timing = \"with_motion\"` an M code is output when its block is interpreted (D32), and blocks are interpreted ahead: motion written before it may not have begun by then. Only the first such place of each M code is named.",
+        "Let [m_code.9] have timing = \"after_motion\" where M09 must come after the cut, or write M09 behind an M code that waits.";
 }
 
 #[cfg(test)]
