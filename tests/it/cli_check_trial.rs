@@ -60,7 +60,7 @@ fn a_target_beyond_a_soft_limit_is_an_error_with_the_machine_alone() {
 fn an_m_code_that_waits_within_cutter_compensation_is_an_error() {
     let with =
         |m: &str| format!("G90 G54 G00 X0 Y0\nM06 VA1\nG41 G01 X20 F500\n{m}\nY40\nG40 G01 X0 Y60\nM30\n");
-    assert_eq!(found(&with("M08"), true), [""; 0], "with_motion");
+    assert_eq!(found(&with("M08"), true), ["main.nc:4:1 W0015"], "with_motion");
     assert_eq!(found(&with("M09"), true), ["main.nc:4:1 E0128"], "after_motion");
     assert_eq!(found(&with("M09"), false), [""; 0], "the machine decides");
     assert_eq!(
