@@ -1,0 +1,95 @@
+"""Sequence programs for Tandem, the PLC side of a CNC machine, over MQTT.
+
+A handler is an async function that serves an M code: the NC program waits until it returns::
+
+    from tandem_plc import Alarm, Output, Plc, SequenceProgram
+
+    program = SequenceProgram("changer")
+
+    @program.on(6)
+    async def change_tool(output: Output, plc: Plc) -> None:
+        pocket = output.params.whole("A", 1, 24, "the pocket")
+        output.progress(f"pocket {pocket} turns to the spindle")
+        ...
+
+    asyncio.run(program.run("mqtt://127.0.0.1:1883/mill-1"))
+"""
+
+from .connection import Credentials
+from .coordinate_system import CoordinateSystem, RunEnd
+from .errors import (
+    AddressError,
+    Alarm,
+    CommandFailed,
+    ConnectError,
+    Ended,
+    NoAnswer,
+    NotConnected,
+    ProgramError,
+    Refused,
+    TandemError,
+)
+from .messages import (
+    AlarmRecord,
+    Birth,
+    CancelReason,
+    Captured,
+    CommandReply,
+    Execution,
+    Lock,
+    LockSource,
+    OptionalSkip,
+    Overrides,
+    PendingOutput,
+    Position,
+    Presence,
+    Progress,
+    Question,
+    Redelivery,
+    State,
+    WaitingOn,
+)
+from .output import Output
+from .params import Params
+from .plc import Plc
+from .program import Level, SequenceProgram, Serving
+
+__all__ = [
+    "AddressError",
+    "Alarm",
+    "AlarmRecord",
+    "Birth",
+    "CancelReason",
+    "Captured",
+    "CommandFailed",
+    "CommandReply",
+    "ConnectError",
+    "CoordinateSystem",
+    "Credentials",
+    "Ended",
+    "Execution",
+    "Level",
+    "Lock",
+    "LockSource",
+    "NoAnswer",
+    "NotConnected",
+    "OptionalSkip",
+    "Output",
+    "Overrides",
+    "Params",
+    "PendingOutput",
+    "Plc",
+    "Position",
+    "Presence",
+    "ProgramError",
+    "Progress",
+    "Question",
+    "Redelivery",
+    "Refused",
+    "RunEnd",
+    "SequenceProgram",
+    "Serving",
+    "State",
+    "TandemError",
+    "WaitingOn",
+]

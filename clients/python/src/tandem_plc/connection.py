@@ -1,0 +1,348 @@
+"""The connection to a machine: it is made again whenever it is lost, and what was not answered is sent again."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import random
+import secrets
+import ssl
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from .address import Address
+from .decode import DecodeError, decode
+from .errors import ConnectError, NoAnswer, NotConnected, Refused
+from .hub import Hub
+from .link import Link, Options
+from .messages import CommandReply, HandshakeResult, Pending, Presence
+from .topics import FILTERS, form_of, number_at
+
+log = logging.getLogger("tandem_plc")
+
+ANSWER_TIMEOUT_S = 5.0
+PRESENT_TIMEOUT_S = 10.0
+OUTBOX_MAX = 1_024
+"""Requests that wait for their end; more are refused."""
+
+_BACKOFF_FIRST_S = 0.1
+_BACKOFF_MAX_S = 5.0
+
+
+@dataclass(eq=False)
+class Request:
+    """A message that is not known to have arrived; it is sent again on each new connection."""
+
+    path: str
+    payload: str
+    done: asyncio.Future[Any]
+    retain: bool = False
+    command_id: str | None = None
+    """Ends with the reply to this command."""
+    result_of: tuple[str, int, str, str] | None = None
+    """Ends with a result: its path, ``seq``, ``handler_id``, and ``claim`` or ``reset``."""
+    boot_id: str | None = None
+    """Of a command: the boot to which it was sent first; it is not sent to another one."""
+    was_sent: bool = False
+    is_sent: bool = False
+    """On the connection of now."""
+
+
+@dataclass
+class Credentials:
+    """Who connects; what the address says is taken where this says nothing."""
+
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    tls: ssl.SSLContext | None = None
+
+
+class Connection:
+    """Keeps a connection to one machine, and carries requests and messages."""
+
+    def __init__(self, address: str, credentials: Credentials | None = None, handler_id: str | None = None) -> None:
+        self.address = Address.parse(address)
+        self.client_id = f"py-{secrets.token_hex(6)}"
+        self.hub = Hub()
+        self.handler_id = handler_id
+        self.will: str | None = None
+        """Payload of the handler's presence after a loss of the connection."""
+        self.on_message: Callable[[str, Any], None] = lambda _path, _message: None
+        """Hears each message of the machine before anybody who follows its topic."""
+        self.on_connected: Callable[[], None] = lambda: None
+        """Hears of the machine's presence on each new connection, before requests are sent again."""
+        self._credentials = credentials or Credentials()
+        self._link: Link | None = None
+        self._is_present = False
+        self._requests: list[Request] = []
+        self._by_packet: dict[int, Request] = {}
+        self._task: asyncio.Task[None] | None = None
+        self._trouble = "no broker has answered"
+        self._refused: asyncio.Future[ConnectError] | None = None
+        self._news = asyncio.Event()
+
+    @property
+    def boot_id(self) -> str | None:
+        """The boot of the runtime that is online; ``None`` while it is away."""
+        presence: Presence | None = self.hub.last("presence")
+        return presence.boot_id if presence is not None and presence.online else None
+
+    @property
+    def is_connected(self) -> bool:
+        """True while the machine can be reached."""
+        return self._is_present and self.boot_id is not None
+
+    # --- life
+
+    async def start(self, timeout_s: float = PRESENT_TIMEOUT_S) -> None:
+        """Connect, and wait until the machine is there.
+
+        Raises:
+            ConnectError: it is not, within the time; or the broker refuses this client.
+        """
+        self._refused = asyncio.get_running_loop().create_future()
+        self._task = asyncio.create_task(self._keep_connected(), name=f"tandem {self.address.shown}")
+        present: asyncio.Future[Any] = asyncio.ensure_future(self._until_present())
+        ends: set[asyncio.Future[Any]] = {present, self._refused}
+        done, _ = await asyncio.wait(ends, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+        present.cancel()
+        if present in done:
+            return
+        await self.stop()
+        if self._refused.done():
+            raise self._refused.result()
+        raise ConnectError(f"no connection to {self.address.shown}: {self._trouble}")
+
+    async def until(self, holds: Callable[[], bool]) -> None:
+        """Wait until something holds; it is asked again after each message and each loss of the connection."""
+        while not holds():
+            self._news.clear()
+            await self._news.wait()
+
+    async def _until_present(self) -> None:
+        await self.until(lambda: self.is_connected and self.hub.last("birth") is not None)
+
+    async def stop(self) -> None:
+        """Close the connection; what waits for an answer gets none."""
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        if self._link is not None:
+            await self._link.close()
+            self._link = None
+        self._is_present = False
+        for request in self._requests:
+            request.done.cancel()
+        self._requests.clear()
+        self.hub.close()
+
+    async def _keep_connected(self) -> None:
+        wait_s, nodes, failures = _BACKOFF_FIRST_S, self.address.nodes, 0
+        at = 0
+        while True:
+            was_connected = await self._one_connection(*nodes[at])
+            if was_connected:
+                wait_s, failures = _BACKOFF_FIRST_S, 0
+            # one node after the other, with a wait after each round and each connection
+            failures += 1
+            at = (at + 1) % len(nodes)
+            if was_connected or failures % len(nodes) == 0:
+                await asyncio.sleep(wait_s * random.uniform(0.5, 1.0))
+                wait_s = min(wait_s * 2, _BACKOFF_MAX_S)
+
+    async def _one_connection(self, host: str, port: int) -> bool:
+        link = Link(self._options(), self._received, self._acknowledged)
+        for request in self._requests:
+            request.is_sent = False
+        self._by_packet.clear()
+        is_open = False
+        try:
+            await link.open(host, port)
+            is_open = True
+            self._link = link
+            link.subscribe([f"{self.address.root}/{path}" for path in self._filters()])
+            log.info("connected to %s:%d", host, port)
+            while not link.lost.done():
+                await asyncio.wait({link.lost}, timeout=1.0)
+                link.keep_alive()
+            self._trouble = link.lost.result()
+            log.warning("%s:%d: %s", host, port, self._trouble)
+        except ConnectError as error:
+            self._trouble = str(error)
+            if self._refused is not None and not self._refused.done():
+                self._refused.set_result(error)
+        except (OSError, asyncio.TimeoutError) as error:
+            self._trouble = f"{host}:{port}: {error or 'no answer'}"
+        except asyncio.CancelledError:
+            if not is_open:
+                link.abandon()
+            raise
+        finally:
+            self._is_present = False
+            self._news.set()
+        link.abandon()
+        self._link = None
+        return is_open
+
+    def _options(self) -> Options:
+        given, address = self._credentials, self.address
+        tls = given.tls or (ssl.create_default_context() if address.tls else None)
+        will = None
+        if self.will is not None and self.handler_id is not None:
+            will = (f"{address.root}/handler/{self.handler_id}/presence", self.will)
+        return Options(
+            client_id=self.client_id,
+            user=given.user if given.user is not None else address.user,
+            password=given.password if given.password is not None else address.password,
+            tls=tls,
+            will=will,
+        )
+
+    def _filters(self) -> list[str]:
+        own = [f"handler/{self.handler_id}/presence"] if self.handler_id is not None else []
+        return [*FILTERS, f"reply/{self.client_id}", *own]
+
+    # --- what comes in
+
+    def _received(self, topic: str, payload: bytes) -> None:
+        path = topic.removeprefix(f"{self.address.root}/")
+        form = form_of(path)
+        if form is None:
+            return
+        if not payload:
+            self.hub.forget(path)
+            return
+        try:
+            message: Any = decode(form, json.loads(payload))
+        except (ValueError, RecursionError) as error:  # DecodeError is one
+            log.warning("a message on %s is not of its form: %s", topic, error)
+            return
+        self.hub.publish(path, message)
+        if isinstance(message, HandshakeResult):
+            self._on_result(path, message)
+        elif isinstance(message, CommandReply):
+            self._on_reply(message)
+        elif isinstance(message, Presence):
+            self._on_presence()
+        self.on_message(path, message)
+        self._news.set()
+
+    def _on_presence(self) -> None:
+        if self.boot_id is None:
+            return
+        if not self._is_present:
+            self._is_present = True
+            self.on_connected()
+        self._send_all()
+
+    def _on_result(self, path: str, result: HandshakeResult) -> None:
+        for request in list(self._requests):
+            if request.result_of is None:
+                continue
+            its_path, seq, handler_id, kind = request.result_of
+            if (its_path, seq, handler_id) != (path, result.seq, result.handler_id):
+                continue
+            if kind == "reset" and result.status == "accepted" and self._is_open(path, result.seq):
+                continue  # a late answer to its claim: an output that is reset has left ``pending`` before
+            if result.status == "refused":
+                self._end(request, error=Refused("invalid", result.text or "it is not right"))
+            else:
+                self._end(request, result)
+
+    def _is_open(self, path: str, seq: int) -> bool:
+        pending: Pending | None = self.hub.last(f"cs/{number_at(path, 1)}/m_code/pending")
+        return pending is not None and any(output.seq == seq for output in pending.outputs)
+
+    def _on_reply(self, reply: CommandReply) -> None:
+        if reply.status == "accepted":
+            return
+        for request in list(self._requests):
+            if request.command_id == reply.command_id:
+                if reply.status == "rejected":
+                    self._end(request, error=Refused(reply.code, reply.text))
+                else:
+                    self._end(request, reply)
+
+    def _acknowledged(self, packet: int) -> None:
+        request = self._by_packet.pop(packet, None)
+        if request is not None and request.command_id is None and request.result_of is None:
+            self._end(request, None)
+
+    def _end(self, request: Request, value: Any = None, error: Exception | None = None) -> None:
+        if request in self._requests:
+            self._requests.remove(request)
+        if request.done.done():
+            return
+        if error is None:
+            request.done.set_result(value)
+        else:
+            request.done.set_exception(error)
+
+    # --- what goes out
+
+    async def request(
+        self,
+        path: str,
+        payload: dict[str, Any],
+        *,
+        retain: bool = False,
+        command_id: str | None = None,
+        result_of: tuple[str, int, str, str] | None = None,
+        timeout_s: float = ANSWER_TIMEOUT_S,
+    ) -> Any:
+        """Send a message, and wait for its end: the answer, or else that the broker has it.
+
+        Raises:
+            Refused: the machine refuses it.
+            NotConnected: there was no connection in all that time, and it was not sent.
+            NoAnswer: it was sent, and no answer came.
+        """
+        if len(self._requests) >= OUTBOX_MAX:
+            raise NotConnected(f"{OUTBOX_MAX} requests wait for an answer already; nothing was sent")
+        done: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
+        request = Request(path, text, done, retain=retain, command_id=command_id, result_of=result_of)
+        self._requests.append(request)
+        self._send(request)
+        try:
+            return await asyncio.wait_for(done, timeout_s)
+        except asyncio.TimeoutError:
+            if request.was_sent:
+                raise NoAnswer(path, timeout_s, command_id) from None
+            text = f"{path}: no connection to {self.address.shown} within {timeout_s:g} s; nothing was sent"
+            raise NotConnected(text) from None
+        finally:
+            if request in self._requests:
+                self._requests.remove(request)
+
+    def post(self, path: str, payload: dict[str, Any]) -> None:
+        """Send a message whose fate does not matter; it is dropped where there is no connection."""
+        if self._link is not None and self._is_present:
+            text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
+            self._link.publish(f"{self.address.root}/{path}", text)
+
+    def _send_all(self) -> None:
+        for request in list(self._requests):
+            if not request.is_sent:
+                self._send(request)
+
+    def _send(self, request: Request) -> None:
+        link, boot_id = self._link, self.boot_id
+        if link is None or not self._is_present or boot_id is None:
+            return
+        if request.command_id is not None:
+            if request.boot_id is not None and request.boot_id != boot_id:
+                return  # another boot would not know the id, and carry it out a second time
+            request.boot_id = boot_id
+        packet = link.publish(f"{self.address.root}/{request.path}", request.payload, retain=request.retain)
+        if packet is not None:
+            request.is_sent = request.was_sent = True
+            self._by_packet[packet] = request
+
+
+__all__ = ["Connection", "Credentials", "DecodeError"]

@@ -1,0 +1,378 @@
+"""One coordinate system of a machine: commands, inputs and readings."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from .errors import Alarm, CommandFailed, NotConnected, Refused
+from .messages import (
+    Captured,
+    CommandReply,
+    Execution,
+    Lock,
+    OptionalSkip,
+    Overrides,
+    Pending,
+    PendingOutput,
+    Position,
+    State,
+    Tool,
+)
+
+if TYPE_CHECKING:
+    from .plc import Plc
+
+M = TypeVar("M")
+
+COMMAND_TIMEOUT_S = 5.0
+"""How long a command may take until its effect, where it does not move."""
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """How a run has ended."""
+
+    run_id: str
+    execution: Execution
+    """``PROGRAM_COMPLETED``, or ``STOPPED``."""
+    reason: str | None
+    """Of a run that was stopped: why, such as ``ALARM`` or ``STOP``."""
+
+    @property
+    def completed(self) -> bool:
+        """True when the program has come to its end."""
+        return self.execution is Execution.PROGRAM_COMPLETED
+
+
+class CoordinateSystem:
+    """Commands return when they have had their effect.
+
+    Each command takes ``command_id``, which names it: a command that is repeated with the id of
+    :class:`~tandem_plc.NoAnswer` is not carried out twice. All commands raise ``Refused`` (nothing has changed),
+    ``CommandFailed`` (it was accepted, and something prevented its effect), ``NotConnected`` (nothing was sent) or
+    ``NoAnswer`` (nobody knows).
+    """
+
+    def __init__(self, plc: Plc, number: int) -> None:
+        self._plc = plc
+        self.number = number
+
+    # --- commands
+
+    async def load(self, program: int, *, command_id: str | None = None) -> CommandReply:
+        """Load a program of the store, 1 to 9999: READY."""
+        return await self.command("load", {"program": program}, command_id=command_id)
+
+    async def start(self, *, command_id: str | None = None) -> CommandReply:
+        """Start the loaded program from its head: ACTIVE."""
+        return await self.command("start", command_id=command_id)
+
+    async def hold(self, *, command_id: str | None = None) -> CommandReply:
+        """Feed hold: FEED_HOLD once the axes are at rest."""
+        return await self.command("hold", command_id=command_id)
+
+    async def resume(self, *, command_id: str | None = None) -> CommandReply:
+        """Go on after a pause."""
+        return await self.command("resume", command_id=command_id)
+
+    async def stop(self, *, command_id: str | None = None) -> CommandReply:
+        """Decelerate on the path and end the run; open outputs are cancelled."""
+        return await self.command("stop", command_id=command_id)
+
+    async def abort(self, *, command_id: str | None = None) -> CommandReply:
+        """Brake each motor at once and end the run; open outputs are cancelled."""
+        return await self.command("abort", command_id=command_id)
+
+    async def reset(self, *, command_id: str | None = None) -> CommandReply:
+        """End the run, cancel open outputs, and clear alarms."""
+        return await self.command("reset", command_id=command_id)
+
+    async def back_trace(self, on: bool, *, command_id: str | None = None) -> CommandReply:
+        """Move back along the passed path in a feed hold with G500, or forward again."""
+        return await self.command("back_trace", {"on": on}, command_id=command_id)
+
+    async def mdi(self, text: str, *, timeout_s: float = 3600.0, command_id: str | None = None) -> CommandReply:
+        """Run lines of NC text to their end, then READY."""
+        return await self.command("mdi", {"text": text}, command_id=command_id, timeout_s=timeout_s)
+
+    async def home(
+        self, axes: Sequence[str] = (), *, timeout_s: float = 600.0, command_id: str | None = None
+    ) -> CommandReply:
+        """Move axes to their first reference points, then READY; none named: all."""
+        args = {"axes": list(axes)} if axes else {}
+        return await self.command("home", args, command_id=command_id, timeout_s=timeout_s)
+
+    async def jog(
+        self,
+        axis: str,
+        velocity: float,
+        refresh_id: str,
+        *,
+        distance: float | None = None,
+        timeout_s: float = 600.0,
+        command_id: str | None = None,
+    ) -> CommandReply:
+        """Jog one axis as long as this is called again with the same ``refresh_id`` at least every 200 ms.
+
+        The first call returns when the jog has ended, the others at once.
+
+        Args:
+            axis: its letter.
+            velocity: mm/min or deg/min; the sign is the direction.
+            refresh_id: names the jog, 1 to 128 characters.
+            distance: the longest way, mm or degrees; ``None``: to the soft limit.
+            timeout_s: how long it may take.
+            command_id: names the command.
+        """
+        args: dict[str, Any] = {"axis": axis, "velocity": velocity, "refresh_id": refresh_id}
+        if distance is not None:
+            args["distance"] = distance
+        return await self.command("jog", args, command_id=command_id, timeout_s=timeout_s)
+
+    async def jog_end(self, refresh_id: str, *, command_id: str | None = None) -> CommandReply:
+        """End the jog of this ``refresh_id`` at once, and return when the axis rests."""
+        return await self.command("jog", {"refresh_id": refresh_id, "end": True}, command_id=command_id)
+
+    async def acknowledge_alarm(self, alarm_id: int, *, command_id: str | None = None) -> CommandReply:
+        """Record that an alarm has been seen, and by whom; it stays active until a reset."""
+        return await self.command("alarm_acknowledge", {"id": alarm_id}, command_id=command_id)
+
+    async def command(
+        self,
+        verb: str,
+        args: dict[str, Any] | None = None,
+        *,
+        command_id: str | None = None,
+        timeout_s: float = COMMAND_TIMEOUT_S,
+    ) -> CommandReply:
+        """Carry out a command by its verb and arguments, and return when it has had its effect."""
+        payload: dict[str, Any] = {"args": args} if args else {}
+        fence = self._plc._fences.get(self.number)
+        if fence is not None:
+            payload["fence"] = fence
+        path = f"cs/{self.number}/command/{verb}"
+        reply = await self._plc._ask(path, payload, command_id=command_id, timeout_s=timeout_s)
+        if reply.status == "failed":
+            raise CommandFailed(verb, reply.code, reply.text)
+        return reply
+
+    async def run(self, program: int | None = None) -> RunEnd:
+        """Load a program where one is named, start it, and wait until its run has ended.
+
+        Raises:
+            CommandFailed: the run was lost, since the machine has been started anew.
+        """
+        if program is not None:
+            await self.load(program)
+        async with self._following("state") as states:
+            reply = await self.start()
+            run_id: str | None = None
+            async for state in states:
+                if run_id is None:
+                    if state.last_command_id != reply.command_id:
+                        continue
+                    run_id = state.run_id or ""
+                if state.run_id != run_id:
+                    raise CommandFailed("start", "lost", f"run {run_id} is not the one of the machine any more")
+                if state.execution in (Execution.PROGRAM_COMPLETED, Execution.STOPPED):
+                    return RunEnd(run_id, state.execution, state.reason)
+        raise CommandFailed("start", "lost", "the connection was closed")
+
+    # --- the control lease
+
+    async def take_lease(self, holder: str, ttl_ms: int = 5_000) -> int:
+        """Take the control lease, or renew it: until it ends, only commands of this connection start motion.
+
+        Returns:
+            Its number, which this connection sends with each of its commands.
+
+        Raises:
+            Refused: another holds it.
+        """
+        payload: dict[str, Any] = {"holder": holder, "ttl_ms": ttl_ms}
+        fence = self._plc._fences.get(self.number)
+        if fence is not None:
+            payload["fence"] = fence
+        reply = await self._plc._ask(f"cs/{self.number}/lease/take", payload)
+        lease = reply.lease
+        if lease is None:
+            raise Refused("unavailable", "the machine did not say which lease it has given")
+        self._plc._fences[self.number] = lease.fence
+        return lease.fence
+
+    async def release_lease(self) -> None:
+        """Give the control lease back; without one nothing changes."""
+        fence = self._plc._fences.pop(self.number, None)
+        if fence is not None:
+            await self._plc._ask(f"cs/{self.number}/lease/release", {"fence": fence})
+
+    # --- inputs
+
+    async def set_optional_skip(self, number: int, value: bool) -> None:
+        """Set one optional block skip input, 1 to 31."""
+        await self._set("input/optional_skip", {"set": {str(number): value}})
+
+    async def set_optional_stop(self, value: bool) -> None:
+        """Set the optional stop input (M01)."""
+        await self._set("input/optional_stop", {"value": value})
+
+    async def set_single_block(self, value: bool) -> None:
+        """Set single block: after each block the axes stop until a resume."""
+        await self._set("input/single_block", {"value": value})
+
+    async def set_dry_run(self, value: bool) -> None:
+        """Set dry run: blocks move at the dry run feedrate instead of F."""
+        await self._set("input/dry_run", {"value": value})
+
+    async def set_interlock(self, value: bool, text: str = "", *, source: str = "default") -> None:
+        """Set a source of the interlock: while any is on, motion is held and none starts; ``text`` is the reason.
+
+        A program that serves the machine owns its sources: they are written again on each connection and at each boot,
+        nobody else clears them, and a machine that cannot be reached is waited for.
+
+        Raises:
+            Refused: the source is another handler's.
+        """
+        await self._plc._levels.set((self.number, "interlock", source), value, text)
+
+    async def set_start_lock(self, value: bool, text: str = "", *, source: str = "default") -> None:
+        """Set a source of the start lock, as :meth:`set_interlock`: while any is on, no program starts.
+
+        Raises:
+            Refused: the source is another handler's.
+        """
+        await self._plc._levels.set((self.number, "start_lock", source), value, text)
+
+    async def set_overrides(
+        self, *, feed: float | None = None, rapid: float | None = None, spindle: float | None = None
+    ) -> None:
+        """Set overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; what is left out stays."""
+        given = {"feed": feed, "rapid": rapid, "spindle": spindle}
+        await self._set("override", {name: value for name, value in given.items() if value is not None})
+
+    async def select_tool(self, number: int) -> None:
+        """Tell which tool is in the spindle; 0: none."""
+        await self._set("tool", {"id": number})
+
+    async def set_spindle(self, direction: str, rpm: float | None = None) -> None:
+        """Command the spindle: ``cw``, ``ccw``, ``stop`` or ``orient``; r/min with the first two."""
+        await self._set("spindle", {"direction": direction} if rpm is None else {"direction": direction, "rpm": rpm})
+
+    async def raise_alarm(self, alarm: Alarm) -> None:
+        """Raise an alarm that stops this coordinate system and cancels its open outputs."""
+        await self._plc.raise_alarm(alarm, cs=self.number)
+
+    async def read_q(self, first: int, count: int = 1) -> list[float]:
+        """Read Q variables, up to 1024 as they were at one moment."""
+        return await self._plc._read_variables(self.number, "Q", first, count)
+
+    async def write_q(self, first: int, values: Sequence[float]) -> None:
+        """Write Q variables, up to 1024, all or none."""
+        await self._plc._write_variables(self.number, "Q", first, values)
+
+    async def answer(self, output: PendingOutput, choice: str) -> None:
+        """Answer the question of an open output, as an operator does.
+
+        Raises:
+            Refused: the output asks nothing.
+        """
+        if output.question is None:
+            raise Refused("not_found", f"M{output.m} asks nothing")
+        payload = {
+            "boot_id": self._plc.boot_id,
+            "seq": output.seq,
+            "question_id": output.question.id,
+            "choice": choice,
+            "client_id": self._plc._connection.client_id,
+        }
+        await self._set_path(f"m_code/{output.m}/answer", payload)
+
+    async def _set(self, path: str, payload: dict[str, Any]) -> None:
+        await self._set_path(f"{path}/set", payload)
+
+    async def _set_path(self, path: str, payload: dict[str, Any]) -> None:
+        await self._plc._connection.request(f"cs/{self.number}/{path}", payload)
+
+    # --- readings
+
+    @property
+    def state(self) -> State:
+        """State word, reason, and the output that the program waits for."""
+        return self._last("state", State)
+
+    @property
+    def position(self) -> Position:
+        """Positions of the last servo cycle, at most 0.1 s old."""
+        return self._last("position", Position)
+
+    @property
+    def captured(self) -> Captured:
+        """Positions captured by the last G31."""
+        return self._last("captured", Captured)
+
+    @property
+    def tool(self) -> Tool:
+        """The tool in the spindle."""
+        return self._last("tool/state", Tool)
+
+    @property
+    def overrides(self) -> Overrides:
+        """Overrides, percent."""
+        return self._last("override/state", Overrides)
+
+    @property
+    def interlock(self) -> Lock:
+        """The interlock, and why it is on."""
+        return self._last("input/interlock/state", Lock)
+
+    @property
+    def start_lock(self) -> Lock:
+        """The start lock, and why it is on."""
+        return self._last("input/start_lock/state", Lock)
+
+    @property
+    def optional_skip(self) -> OptionalSkip:
+        """Optional block skip inputs."""
+        return self._last("input/optional_skip/state", OptionalSkip)
+
+    @property
+    def pending(self) -> tuple[PendingOutput, ...]:
+        """Open outputs."""
+        return self._last("m_code/pending", Pending).outputs
+
+    async def states(self) -> AsyncIterator[State]:
+        """Follow the state: the one of now, then each that comes."""
+        async with self._following("state") as states:
+            async for state in states:
+                yield state
+
+    async def pendings(self) -> AsyncIterator[tuple[PendingOutput, ...]]:
+        """Follow the open outputs: those of now, then after each change."""
+        async with self._following("m_code/pending") as pendings:
+            async for pending in pendings:
+                yield pending.outputs
+
+    async def wait_until(self, execution: Execution) -> State:
+        """Wait until the state word is ``execution``, and give that state."""
+        return await self.wait_for(lambda state: state.execution is execution)
+
+    async def wait_for(self, fits: Callable[[State], bool]) -> State:
+        """Wait for a state that fits, and give it."""
+        async with self._following("state") as states:
+            async for state in states:
+                if fits(state):
+                    found: State = state
+                    return found
+        raise NotConnected("the connection was closed here")
+
+    def _following(self, name: str) -> contextlib.aclosing[AsyncGenerator[Any, None]]:
+        return contextlib.aclosing(self._plc._connection.hub.follow(f"cs/{self.number}/{name}"))
+
+    def _last(self, name: str, kind: type[M]) -> M:
+        message = self._plc._connection.hub.last(f"cs/{self.number}/{name}")
+        if isinstance(message, kind):
+            return message
+        raise Refused("not_found", f"coordinate system {self.number} does not exist, or has no {name} yet")

@@ -1,0 +1,109 @@
+"""Interlocks and start locks that a program has set: they are written again on each connection and at each boot."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+from .connection import Connection
+from .errors import NoAnswer, NotConnected, Refused
+
+log = logging.getLogger("tandem_plc")
+
+_RETRY_S = 0.5
+_TIMEOUT_S = 2.0
+LEVELS_MAX = 256
+"""Sources that one program sets."""
+
+Place = tuple[int, str, str]
+"""Coordinate system, ``interlock`` or ``start_lock``, and the source."""
+
+
+class Levels:
+    """What is wanted of each source, and who owns it."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._wanted: dict[Place, tuple[bool, str]] = {}
+        self._dirty: set[Place] = set()
+        self._is_announced = asyncio.Event()
+        self._work = asyncio.Event()
+        self.owner: str | None = None
+        """The handler that owns them; it must be announced before they are written."""
+
+    async def set(self, place: Place, value: bool, text: str) -> None:
+        """Set a source.
+
+        Raises:
+            Refused: the machine refuses it, such as for a source that is another handler's.
+            NotConnected: there is no connection; a program that serves the machine waits for one instead.
+            NoAnswer: it was sent, and nobody knows whether it has arrived.
+        """
+        if place not in self._wanted and len(self._wanted) >= LEVELS_MAX:
+            raise Refused("invalid", f"one program sets at most {LEVELS_MAX} sources")
+        before = self._wanted.get(place)
+        self._wanted[place] = (value, text)
+        if self.owner is None:
+            await self._write(place)
+            return
+        while True:
+            try:
+                await self._is_announced.wait()
+                await self._write(place)
+            except (NotConnected, NoAnswer) as error:
+                log.warning("%s %s is not written yet: %s", place[1], place[2], error)
+                await asyncio.sleep(_RETRY_S)
+            except Refused:
+                if before is None:
+                    self._wanted.pop(place, None)
+                else:
+                    self._wanted[place] = before
+                raise
+            else:
+                return
+
+    def want(self, place: Place, value: bool, text: str) -> None:
+        """Set a source, without waiting; :meth:`keep_written` writes it."""
+        self._wanted[place] = (value, text)
+        self._dirty.add(place)
+        self._work.set()
+
+    def on_announced(self, owner: str) -> None:
+        """Write all again: the machine has been told anew who is there."""
+        self.owner = owner
+        self._is_announced.set()
+        self._dirty.update(self._wanted)
+        self._work.set()
+
+    def on_away(self) -> None:
+        """Wait with writing: the machine does not know the owner any more."""
+        self._is_announced.clear()
+
+    async def keep_written(self) -> None:
+        """Write what has changed, for ever."""
+        while True:
+            await self._work.wait()
+            await self._is_announced.wait()
+            if not self._dirty:
+                self._work.clear()
+                continue
+            place = self._dirty.pop()
+            try:
+                await self._write(place)
+            except Refused as error:
+                log.error(  # noqa: TRY400 -- what the machine says is enough
+                    "%s %s of coordinate system %d: %s", place[1], place[2], place[0], error
+                )
+            except (NotConnected, NoAnswer) as error:
+                log.warning("%s %s is not written yet: %s", place[1], place[2], error)
+                self._dirty.add(place)
+                await asyncio.sleep(_RETRY_S)
+
+    async def _write(self, place: Place) -> None:
+        cs, kind, source = place
+        value, text = self._wanted[place]
+        payload: dict[str, Any] = {"value": value, "text": text, "source": source}
+        if self.owner is not None:
+            payload["handler_id"] = self.owner
+        await self._connection.request(f"cs/{cs}/input/{kind}/set", payload, timeout_s=_TIMEOUT_S)

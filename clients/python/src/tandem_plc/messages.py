@@ -1,0 +1,336 @@
+"""What the machine says, as frozen dataclasses. Lengths are in mm or degrees, feedrates in mm/min."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import Any
+
+from .params import Params
+
+
+class Execution(str, enum.Enum):
+    """State word of a coordinate system."""
+
+    READY = "READY"
+    ACTIVE = "ACTIVE"
+    WAIT = "WAIT"
+    FEED_HOLD = "FEED_HOLD"
+    PROGRAM_STOPPED = "PROGRAM_STOPPED"
+    OPTIONAL_STOP = "OPTIONAL_STOP"
+    INTERRUPTED = "INTERRUPTED"
+    STOPPED = "STOPPED"
+    PROGRAM_COMPLETED = "PROGRAM_COMPLETED"
+
+
+class OutputState(str, enum.Enum):
+    """Where an open output stands."""
+
+    QUEUED = "QUEUED"
+    OUTPUT = "OUTPUT"
+    CLAIMED = "CLAIMED"
+
+
+class Redelivery(str, enum.Enum):
+    """What a handler does with an output on which a lost handler may already have worked."""
+
+    ASK = "ask"
+    """Nothing: an operator decides."""
+    REDO = "redo"
+    """Run the handler again from its start."""
+    VERIFY = "verify"
+    """Run the handler with ``output.redelivered`` true: it looks at the machine first."""
+
+
+class CancelReason(str, enum.Enum):
+    """Why an output was cancelled."""
+
+    RESET = "reset"
+    STOP = "stop"
+    ABORT = "abort"
+    ALARM = "alarm"
+    TIMEOUT = "timeout"
+    OPERATOR = "operator"
+    """An operator has reset it or failed it."""
+    SHUTDOWN = "shutdown"
+    """The runtime or this program ends, or another boot of the runtime is there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """A question of a handler to the operator."""
+
+    id: str
+    text: str
+    choices: tuple[str, ...]
+    since: str
+    answer: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """How far a handler is."""
+
+    text: str
+    percent: float | None = None
+    """0 to 100."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaitingOn:
+    """The output that a program waits for."""
+
+    m: int
+    seq: int
+    since: str
+    progress: Progress | None = None
+    question: Question | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """State of a coordinate system."""
+
+    boot_id: str
+    execution: Execution
+    transition: str | None
+    reason: str | None
+    """Such as ``HANDLER_LOST``, ``INTERLOCK`` or ``ALARM``."""
+    wait_state: str | None
+    waiting_on: WaitingOn | None
+    program: int | None
+    run_id: str | None
+    last_command_id: str | None
+    alarm_count: int
+    optional_skip: tuple[int, ...]
+    optional_stop: bool
+    single_block: bool
+    dry_run: bool
+    rev: int | None = None
+    hash: str | None = None
+    o_number: int | None = None
+    run_kind: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PendingOutput:
+    """One open output."""
+
+    seq: int
+    run_id: str
+    m: int
+    params: Params
+    timing: str
+    program: int
+    line: int
+    attempt: int
+    redelivered: bool
+    state: OutputState
+    handler_id: str | None
+    since: str
+    lost: bool = False
+    progress: Progress | None = None
+    how: Redelivery | None = None
+    question: Question | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pending:
+    """All open outputs of a coordinate system."""
+
+    boot_id: str
+    outputs: tuple[PendingOutput, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cancel:
+    """An output is cancelled."""
+
+    boot_id: str
+    seq: int
+    reason: CancelReason
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validate:
+    """Asks whether an M code may be put out with these parameters."""
+
+    request_id: str
+    program: int
+    line: int
+    params: Params
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandshakeResult:
+    """What became of a claim or reset."""
+
+    boot_id: str
+    seq: int
+    handler_id: str
+    status: str
+    text: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lease:
+    """The control lease."""
+
+    fence: int
+    holder: str
+    expires_at: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandReply:
+    """How far a command is."""
+
+    command_id: str
+    status: str
+    """``accepted``, ``done``, ``failed`` or ``rejected``."""
+    code: str
+    text: str
+    state_rev: int
+    hash: str | None = None
+    variables: dict[str, Any] | None = None
+    lease: Lease | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Presence:
+    """Whether the runtime is there."""
+
+    boot_id: str
+    online: bool
+    version: str
+    started_at: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateSystemInfo:
+    """One coordinate system of a machine."""
+
+    number: int
+    axes: dict[str, int]
+    """Motor number by axis letter."""
+    spindle: int | None
+    dialect: str
+    units: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Birth:
+    """What the machine is."""
+
+    boot_id: str
+    machine: str
+    coordinate_systems: tuple[CoordinateSystemInfo, ...]
+    servo_period_us: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class LockSource:
+    """One source of an interlock or start lock."""
+
+    source: str
+    value: bool
+    handler_id: str | None
+    """Its owner, which alone clears it."""
+    lost: bool
+    """Its owner is not there: the value is that of ``on_loss``."""
+    text: str = ""
+    forced_by: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lock:
+    """The interlock or the start lock: on while any of its sources is."""
+
+    value: bool
+    text: str
+    sources: tuple[LockSource, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptionalSkip:
+    """Optional block skip inputs, and those that the interpreter uses now."""
+
+    requested: tuple[int, ...]
+    effective: tuple[int, ...]
+    effective_from_line: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Captured:
+    """Positions captured by the last G31, by motor."""
+
+    run_id: str | None
+    line: int
+    motors: tuple[int, ...]
+    positions: tuple[float, ...]
+    """Machine positions, mm or degrees."""
+    captured: tuple[bool, ...]
+    """False where the skip input did not come; the position is then where the motor stopped."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Position:
+    """Positions of the last servo cycle, by axis letter."""
+
+    machine: dict[str, float]
+    work: dict[str, float]
+    actual: dict[str, float]
+    distance_to_go: dict[str, float]
+    feedrate: float
+    spindle_rpm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tool:
+    """The tool in the spindle; 0: none."""
+
+    id: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overrides:
+    """Overrides, percent."""
+
+    feed: float
+    rapid: float
+    spindle: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlarmRecord:
+    """One alarm."""
+
+    id: int
+    severity: str
+    """``warning`` or ``alarm``."""
+    number: int
+    """1 to 9999: the runtime's table; 10000 + code: a sequence program's."""
+    text: str
+    cs: int | None
+    program: int | None
+    line: int | None
+    raised_at: str
+    cleared_at: str | None
+    acknowledged_by: str | None
+    remedy: str | None = None
+    column: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActiveAlarms:
+    """Active alarms, ascending by id."""
+
+    alarms: tuple[AlarmRecord, ...] = field(default=())
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandlerPresence:
+    """Whether a handler is there."""
+
+    online: bool
+    validates: bool = False

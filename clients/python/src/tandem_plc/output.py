@@ -1,0 +1,221 @@
+"""One output, as its handler uses it."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from .errors import Ended, NoAnswer, NotConnected, Refused
+from .messages import CancelReason, PendingOutput
+from .params import Params
+
+if TYPE_CHECKING:
+    from .connection import Connection
+
+_RETRY_S = 0.5
+
+QUESTION_MAX = 200
+CHOICES_MAX = 8
+CHOICE_MAX = 40
+PROGRESS_MAX = 200
+
+
+class Output:
+    """An auxiliary function output: an M code with its parameters, on which a handler works.
+
+    When it is cancelled, the handler's task is: ``asyncio.CancelledError`` is raised where it waits, and
+    :attr:`cancel_reason` says why. What must be undone belongs in ``finally``.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        identity: dict[str, Any],
+        boot_id: str,
+        cs: int,
+        notice: PendingOutput,
+        *,
+        redelivered: bool,
+    ) -> None:
+        self._connection = connection
+        self._identity = identity
+        self._notice = notice
+        self._turn = asyncio.Lock()
+        self._progress: dict[str, Any] | None = None
+        self.boot_id = boot_id
+        """The boot of the runtime that has put it out."""
+        self.cs = cs
+        """Coordinate system that has put it out."""
+        self.redelivered = redelivered
+        """True when the work may have been begun before and it was decided to look first: check the machine."""
+        self.cancelled = False
+        """True once it is cancelled."""
+        self.cancel_reason: CancelReason | None = None
+        """Why it was cancelled; ``None`` if it is not, or if the reason was lost with a connection."""
+
+    @property
+    def m(self) -> int:
+        """M number, 0 to 191."""
+        return self._notice.m
+
+    @property
+    def seq(self) -> int:
+        """Identifies it within boot and coordinate system."""
+        return self._notice.seq
+
+    @property
+    def params(self) -> Params:
+        """VA to VH."""
+        return self._notice.params
+
+    @property
+    def a(self) -> float | None:
+        """VA, as written; ``None`` where it is not."""
+        return self._notice.params.A
+
+    @property
+    def b(self) -> float | None:
+        """VB."""
+        return self._notice.params.B
+
+    @property
+    def c(self) -> float | None:
+        """VC."""
+        return self._notice.params.C
+
+    @property
+    def d(self) -> float | None:
+        """VD."""
+        return self._notice.params.D
+
+    @property
+    def e(self) -> float | None:
+        """VE."""
+        return self._notice.params.E
+
+    @property
+    def f(self) -> float | None:
+        """VF."""
+        return self._notice.params.F
+
+    @property
+    def g(self) -> float | None:
+        """VG."""
+        return self._notice.params.G
+
+    @property
+    def h(self) -> float | None:
+        """VH."""
+        return self._notice.params.H
+
+    @property
+    def program(self) -> int:
+        """Number of its program."""
+        return self._notice.program
+
+    @property
+    def line(self) -> int:
+        """Line of the source file, from 1."""
+        return self._notice.line
+
+    @property
+    def run_id(self) -> str:
+        """The program run that has put it out."""
+        return self._notice.run_id
+
+    def __repr__(self) -> str:
+        return f"<Output M{self.m} seq {self.seq} of coordinate system {self.cs}>"
+
+    def _path(self, what: str) -> str:
+        return f"cs/{self.cs}/m_code/{self.m}/{what}"
+
+    def _named(self) -> dict[str, Any]:
+        return {"boot_id": self.boot_id, "seq": self.seq, **self._identity}
+
+    def progress(self, text: str, percent: float | None = None) -> None:
+        """Tell what the handler does now; panels show it while the program waits.
+
+        It is told again after a loss of the connection. No effect once the output is no longer this handler's.
+
+        Args:
+            text: at most 200 characters; a longer one is cut.
+            percent: 0 to 100.
+        """
+        report: dict[str, Any] = {**self._named(), "text": text[:PROGRESS_MAX]}
+        if percent is not None:
+            report["percent"] = min(max(float(percent), 0.0), 100.0)
+        self._progress = report
+        self._tell_progress()
+
+    def _tell_progress(self) -> None:
+        if self._progress is not None and not self.cancelled:
+            self._connection.post(self._path("progress"), self._progress)
+
+    async def ask(self, text: str, choices: Sequence[str]) -> str:
+        """Ask the operator, and wait for one of the choices.
+
+        The question is shown with the output and ends with it. Several are asked one after the other. A caller that is
+        cancelled takes the question back.
+
+        Args:
+            text: 1 to 200 characters.
+            choices: 1 to 8 different texts of 1 to 40 characters.
+
+        Raises:
+            ValueError: text or choices are out of range.
+            Ended: the output is no longer this handler's.
+        """
+        _check_question(text, choices)
+        async with self._turn:
+            question = {**self._named(), "question_id": f"question-{secrets.token_hex(6)}"}
+            try:
+                return await self._until_answered({**question, "text": text, "choices": list(choices)})
+            except (asyncio.CancelledError, Refused):
+                self._connection.post(self._path("ask"), {**question, "choices": []})
+                raise
+
+    async def _until_answered(self, question: dict[str, Any]) -> str:
+        pendings = self._connection.hub.follow(f"cs/{self.cs}/m_code/pending")
+        path, timeout_s = self._path("ask"), _RETRY_S * 4
+        is_shown = False
+        try:
+            next_pending = asyncio.ensure_future(anext(pendings))
+            while True:
+                if not is_shown:
+                    try:
+                        await self._connection.request(path, question, timeout_s=timeout_s)
+                    except (NoAnswer, NotConnected):
+                        continue
+                # until it is shown it is asked again: the claim may have been lost with the connection
+                done, _ = await asyncio.wait({next_pending}, timeout=None if is_shown else _RETRY_S)
+                if not done:
+                    continue
+                pending = next_pending.result()
+                next_pending = asyncio.ensure_future(anext(pendings))
+                if pending.boot_id != self.boot_id:
+                    continue
+                shown = next((output for output in pending.outputs if output.seq == self.seq), None)
+                if shown is None:
+                    raise Ended(f"M{self.m} has ended before it was answered")
+                asked = shown.question
+                is_shown = asked is not None and asked.id == question["question_id"]
+                if is_shown and asked is not None and asked.answer is not None:
+                    answer: str = asked.answer
+                    return answer
+        finally:
+            next_pending.cancel()
+
+
+def _check_question(text: str, choices: Sequence[str]) -> None:
+    if isinstance(choices, str):
+        raise TypeError(f"choices are texts, such as [{choices!r}]")
+    if not 1 <= len(text) <= QUESTION_MAX:
+        raise ValueError(f"a question has 1 to {QUESTION_MAX} characters")
+    if not 1 <= len(choices) <= CHOICES_MAX:
+        raise ValueError(f"a question has 1 to {CHOICES_MAX} choices")
+    if any(not 1 <= len(choice) <= CHOICE_MAX for choice in choices):
+        raise ValueError(f"a choice has 1 to {CHOICE_MAX} characters")
+    if len(set(choices)) != len(choices):
+        raise ValueError("a choice stands twice")

@@ -1,0 +1,176 @@
+"""A machine: its coordinate systems, alarms, and variables."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import AsyncIterator, Callable, Sequence
+from typing import Any
+
+from .connection import ANSWER_TIMEOUT_S, PRESENT_TIMEOUT_S, Connection, Credentials
+from .coordinate_system import CoordinateSystem
+from .errors import Alarm, Refused
+from .levels import Levels
+from .messages import AlarmRecord, Birth, CommandReply, Presence
+
+
+class Plc:
+    """One machine behind a broker.
+
+    ``async with Plc.connect("mqtt://127.0.0.1:1883/mill-1") as plc: await plc.cs(1).start()``
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._levels = Levels(connection)
+        self._numbers = itertools.count(1)
+        self._fences: dict[int, int] = {}
+
+    @classmethod
+    def connect(
+        cls, address: str, *, credentials: Credentials | None = None, timeout_s: float = PRESENT_TIMEOUT_S
+    ) -> Connecting:
+        """Connect to a machine, for use in ``async with`` or ``await``.
+
+        Args:
+            address: ``mqtt://[user:password@]host[:port][,host[:port]..]/[prefix/]machine``, ``mqtts://`` with TLS. Of
+                several nodes of a broker the first that answers is used until it is lost.
+            credentials: user, password and TLS, which an address should not contain.
+            timeout_s: how long the machine may take to be there; later it is waited for without limit.
+
+        Raises:
+            AddressError: the address is wrong.
+            ConnectError: no broker answers, it refuses the user, or no machine of that name is online.
+        """
+        return Connecting(cls(Connection(address, credentials)), timeout_s)
+
+    async def close(self) -> None:
+        """End the connection."""
+        await self._connection.stop()
+
+    def cs(self, number: int) -> CoordinateSystem:
+        """Give a coordinate system by its number, from 1. If there is none, each call on it is an error."""
+        return CoordinateSystem(self, number)
+
+    @property
+    def is_connected(self) -> bool:
+        """True while the machine can be reached."""
+        return self._connection.is_connected
+
+    @property
+    def boot_id(self) -> str | None:
+        """The boot of the runtime that is online; ``None`` while it is away."""
+        return self._connection.boot_id
+
+    @property
+    def birth(self) -> Birth | None:
+        """What the machine is."""
+        birth: Birth | None = self._connection.hub.last("birth")
+        return birth
+
+    async def until(self, holds: Callable[[], bool]) -> None:
+        """Wait until what the machine has said makes something hold, such as ``lambda: plc.cs(1).interlock.value``."""
+        await self._connection.until(holds)
+
+    async def presences(self) -> AsyncIterator[Presence]:
+        """Follow whether the runtime is there."""
+        async for presence in self._connection.hub.follow("presence"):
+            yield presence
+
+    @property
+    def alarms(self) -> tuple[AlarmRecord, ...]:
+        """Alarms and warnings that are active, ascending by id."""
+        active = self._connection.hub.last("alarm/active")
+        return () if active is None else tuple(active.alarms)
+
+    async def alarm_events(self) -> AsyncIterator[AlarmRecord]:
+        """Follow alarms: each that is raised, acknowledged or cleared from now on."""
+        async for record in self._connection.hub.follow("alarm/event"):
+            yield record
+
+    async def raise_alarm(self, alarm: Alarm, *, cs: int | None = None) -> None:
+        """Raise an alarm that belongs to no output, such as low air pressure: it stops one coordinate system, or all.
+
+        Raises:
+            NotConnected: it was not sent.
+            NoAnswer: it was sent, and nobody knows whether it has arrived.
+        """
+        payload: dict[str, Any] = {"code": alarm.code, "text": alarm.text}
+        if cs is not None:
+            payload["cs"] = cs
+        await self._connection.request("alarm/raise", payload)
+
+    async def set_skip_input(self, motor: int, value: bool) -> None:
+        """Set the skip input of a motor (G31). Not real time: it captures where the motor is when the servo hears it.
+
+        Raises:
+            NotConnected: it was not sent.
+            NoAnswer: it was sent, and nobody knows whether it has arrived.
+        """
+        await self._connection.request(f"motor/{motor}/skip_input/set", {"value": value})
+
+    async def read_p(self, first: int, count: int = 1) -> list[float]:
+        """Read P variables, up to 1024 as they were at one moment.
+
+        Raises:
+            Refused: there are no such variables.
+        """
+        return await self._read_variables(1, "P", first, count)
+
+    async def write_p(self, first: int, values: Sequence[float]) -> None:
+        """Write P variables, up to 1024, all or none.
+
+        Raises:
+            Refused: there are no such variables.
+        """
+        await self._write_variables(1, "P", first, values)
+
+    async def _read_variables(self, cs: int, kind: str, first: int, count: int) -> list[float]:
+        reply = await self._ask(f"cs/{cs}/variable/get", {"kind": kind, "from": first, "count": count})
+        values = (reply.variables or {}).get("values")
+        if not isinstance(values, list) or len(values) != count:
+            raise Refused("unavailable", f"the machine did not answer with {count} values")
+        return [float(value) for value in values]
+
+    async def _write_variables(self, cs: int, kind: str, first: int, values: Sequence[float]) -> None:
+        numbers = [value if math.isfinite(value) else _word(value) for value in values]
+        await self._ask(f"cs/{cs}/variable/set", {"kind": kind, "from": first, "values": numbers})
+
+    async def _ask(
+        self,
+        path: str,
+        payload: dict[str, Any],
+        *,
+        command_id: str | None = None,
+        timeout_s: float = ANSWER_TIMEOUT_S,
+    ) -> CommandReply:
+        client_id = self._connection.client_id
+        command_id = command_id or f"{client_id}-{next(self._numbers)}"
+        payload = {**payload, "command_id": command_id, "client_id": client_id}
+        reply: CommandReply = await self._connection.request(path, payload, command_id=command_id, timeout_s=timeout_s)
+        return reply
+
+
+class Connecting:
+    """A connection that is being made: ``async with`` it, or ``await`` it and close it by hand."""
+
+    def __init__(self, plc: Plc, timeout_s: float) -> None:
+        self._plc = plc
+        self._timeout_s = timeout_s
+
+    async def _open(self) -> Plc:
+        await self._plc._connection.start(self._timeout_s)
+        return self._plc
+
+    def __await__(self) -> Any:
+        return self._open().__await__()
+
+    async def __aenter__(self) -> Plc:
+        return await self._open()
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._plc.close()
+
+
+def _word(value: float) -> str:
+    return "NaN" if math.isnan(value) else "inf" if value > 0 else "-inf"

@@ -1,0 +1,291 @@
+"""A sequence program: handlers by M code, and what is no M code beside them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import inspect
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from .connection import PRESENT_TIMEOUT_S, Connection, Credentials
+from .errors import ProgramError
+from .messages import Redelivery
+from .output import Output
+from .params import Params
+from .plc import Plc
+from .runner import Runner
+
+M_CODE_MAX = 191
+RUNTIME_M_CODES = frozenset({0, 1, 2, 30, 98, 99})
+"""M codes that the runtime handles itself; they never reach a handler."""
+
+Handler = Callable[[Output], Awaitable[None]] | Callable[[Output, Plc], Awaitable[None]]
+"""``async def handler(output)`` or ``async def handler(output, plc)``."""
+
+Check = Callable[[Params], object]
+"""Raises :class:`~tandem_plc.Alarm` for parameters that are wrong; what it gives is passed over."""
+
+H = TypeVar("H", bound=Handler)
+C = TypeVar("C", bound=Check)
+Task = Callable[[Plc], Awaitable[None]]
+T = TypeVar("T", bound=Task)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A handler of the table."""
+
+    call: Callable[[Output, Plc], Awaitable[None]]
+    redelivery: Redelivery
+
+
+class Level:
+    """A source of an interlock or start lock that belongs to the program."""
+
+    def __init__(self, place: tuple[int, str, str], text: str, value: bool) -> None:
+        self.place = place
+        self.text = text
+        self.value = value
+        self._changed: Callable[[Level], None] = lambda _level: None
+
+    def set(self, value: bool, text: str | None = None) -> None:
+        """Set it; the machine is told as soon as it can be, and again on each connection and at each boot."""
+        self.value = value
+        if text is not None:
+            self.text = text
+        self._changed(self)
+
+    def follow(self, changed: Callable[[Level], None]) -> None:
+        """Tell ``changed`` of the level of now, and of each that comes."""
+        self._changed = changed
+        changed(self)
+
+
+class SequenceProgram:
+    """What serves M codes of a machine, under one name.
+
+    ::
+
+        program = SequenceProgram("changer")
+
+        @program.on(6)
+        async def change_tool(output: Output, plc: Plc) -> None:
+            ...
+
+        asyncio.run(program.run("mqtt://127.0.0.1:1883/mill-1"))
+
+    A handler that returns resets its output, and the NC program goes on. :class:`~tandem_plc.Alarm` stops it with its
+    text, and so does any other exception.
+    """
+
+    def __init__(self, handler_id: str) -> None:
+        """Name it: 1 to 64 characters without ``/ + #``, always the same, so that the machine knows it again."""
+        if not 1 <= len(handler_id) <= 64 or any(char in handler_id for char in "/+#\0"):
+            raise ProgramError(f"handler_id {handler_id!r}: write 1 to 64 characters without / + #")
+        self.handler_id = handler_id
+        self.handlers: dict[tuple[int | None, int], Entry] = {}
+        self.checks: dict[tuple[int | None, int], Check] = {}
+        self._levels: list[Level] = []
+        self._tasks: list[Task] = []
+
+    # --- what it consists of
+
+    def on(
+        self,
+        *codes: int | Iterable[int],
+        cs: int | None = None,
+        validate: Check | None = None,
+        redelivery: Redelivery = Redelivery.ASK,
+    ) -> Callable[[H], H]:
+        """Register a handler, as a decorator.
+
+        Args:
+            codes: M numbers, and ranges such as ``range(20, 30)``.
+            cs: its coordinate system; ``None``: all that have no handler of their own for the M code.
+            validate: checks parameters when a program is loaded: one that raises ``Alarm`` is not loaded.
+            redelivery: what is done with an output on which this program may have worked before it was lost.
+
+        Raises:
+            ProgramError: two handlers for one M code, or one that is no async function of ``(output)`` or
+                ``(output, plc)``.
+        """
+
+        def register(handler: H) -> H:
+            entry = Entry(_two_arguments(handler), redelivery)
+            for m in _numbers(codes):
+                if (cs, m) in self.handlers:
+                    raise ProgramError(f"M{m}{_of(cs)} has two handlers")
+                self.handlers[cs, m] = entry
+                if validate is not None:
+                    self._add_check(cs, m, validate)
+            return handler
+
+        return register
+
+    def validate(self, *codes: int | Iterable[int], cs: int | None = None) -> Callable[[C], C]:
+        """Register a check of parameters, as a decorator; it runs when a program is loaded.
+
+        Raises:
+            ProgramError: two checks for one M code.
+        """
+
+        def register(check: C) -> C:
+            for m in _numbers(codes):
+                self._add_check(cs, m, check)
+            return check
+
+        return register
+
+    def _add_check(self, cs: int | None, m: int, check: Check) -> None:
+        if (cs, m) in self.checks:
+            raise ProgramError(f"M{m}{_of(cs)} is validated twice")
+        self.checks[cs, m] = check
+
+    def interlock(self, cs: int, source: str, text: str, *, value: bool = True) -> Level:
+        """Own a source of the interlock, which holds motion: a door, the air pressure.
+
+        Args:
+            cs: coordinate system.
+            source: its name, such as one of ``[input.interlock.source.NAME]``.
+            text: why it is on, in the operator's words.
+            value: on until it is set.
+        """
+        return self._add_level(Level((cs, "interlock", source), text, value))
+
+    def start_lock(self, cs: int, source: str, text: str, *, value: bool = True) -> Level:
+        """Own a source of the start lock, which refuses starts; as :meth:`interlock`."""
+        return self._add_level(Level((cs, "start_lock", source), text, value))
+
+    def _add_level(self, level: Level) -> Level:
+        if any(other.place == level.place for other in self._levels):
+            raise ProgramError(f"{level.place[1]} {level.place[2]} of coordinate system {level.place[0]} stands twice")
+        self._levels.append(level)
+        return level
+
+    def task(self, task: T) -> T:
+        """Register what runs beside the handlers from the first connection on, as a decorator.
+
+        It runs through losses of the connection. When it raises, the program ends with that exception.
+        """
+        _check_async(task, 1, "(plc)")
+        self._tasks.append(task)
+        return task
+
+    # --- what it does
+
+    async def run(self, address: str, *, credentials: Credentials | None = None) -> None:
+        """Serve the machine at an address, through every loss of the connection, until this is cancelled.
+
+        Raises:
+            AddressError: the address is wrong.
+            ConnectError: no machine is there within 10 s, or the broker refuses this client.
+            ProgramError: the program has a mistake.
+            ExceptionGroup: a task has ended with an exception; on Python 3.10 the exception itself.
+        """
+        async with self.serving(address, credentials=credentials) as serving:
+            await serving.ended
+
+    @contextlib.asynccontextmanager
+    async def serving(
+        self,
+        address: str,
+        *,
+        credentials: Credentials | None = None,
+        timeout_s: float = PRESENT_TIMEOUT_S,
+    ) -> AsyncIterator[Serving]:
+        """Serve the machine within the block, which begins when it knows the handlers. Raises as :meth:`run`."""
+        self._check()
+        connection = Connection(address, credentials, self.handler_id)
+        plc = Plc(connection)
+        runner = Runner(self.handler_id, self.handlers, self.checks, connection, plc)
+        jobs: list[asyncio.Future[Any]] = []
+        try:
+            for level in self._levels:
+                level.follow(lambda level: plc._levels.want(level.place, level.value, level.text))
+            await connection.start(timeout_s)
+            jobs.append(asyncio.ensure_future(runner.run()))
+            jobs.append(asyncio.ensure_future(plc._levels.keep_written()))
+            announced = asyncio.ensure_future(runner.announced.wait())
+            await asyncio.wait({announced, *jobs}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+            announced.cancel()
+            jobs.extend(asyncio.ensure_future(_forever(task, plc)) for task in self._tasks)
+            yield Serving(plc, asyncio.ensure_future(_first_failure(jobs)))
+        finally:
+            for job in jobs:
+                job.cancel()
+            await asyncio.gather(*jobs, return_exceptions=True)
+            await runner.leave()
+            await connection.stop()
+
+    def _check(self) -> None:
+        for cs, m in self.checks:
+            is_served = any(number == m and (cs is None or other in (None, cs)) for other, number in self.handlers)
+            if not is_served:
+                raise ProgramError(f"M{m}{_of(cs)} is validated and has no handler")
+
+
+@dataclass(frozen=True)
+class Serving:
+    """A program that serves a machine."""
+
+    plc: Plc
+    """The machine."""
+    ended: asyncio.Future[None]
+    """Ends when a task of the program fails, or the machine refuses it."""
+
+
+async def _first_failure(jobs: list[asyncio.Future[Any]]) -> None:
+    done, _ = await asyncio.wait(jobs, return_when=asyncio.FIRST_EXCEPTION)
+    for job in done:
+        job.result()
+
+
+async def _forever(task: Task, plc: Plc) -> None:
+    await task(plc)
+    await asyncio.get_running_loop().create_future()
+
+
+def _of(cs: int | None) -> str:
+    return "" if cs is None else f" in coordinate system {cs}"
+
+
+def _numbers(codes: tuple[int | Iterable[int], ...]) -> list[int]:
+    numbers: list[int] = []
+    for code in codes:
+        for m in [code] if isinstance(code, int) else code:
+            if isinstance(m, bool) or not isinstance(m, int) or not 0 <= m <= M_CODE_MAX:
+                raise ProgramError(f"M{m}: M codes are 0 to {M_CODE_MAX}")
+            if m in RUNTIME_M_CODES:
+                raise ProgramError(f"M{m}: the runtime handles it itself, leave it out")
+            numbers.append(m)
+    if not numbers:
+        raise ProgramError("no M code is named")
+    return numbers
+
+
+def _check_async(function: Any, most: int, arguments: str) -> int:
+    name = getattr(function, "__name__", repr(function))
+    is_async = inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
+        getattr(function, "__call__", None)  # noqa: B004
+    )
+    if not is_async:
+        raise ProgramError(f"{name} is not async: write `async def {name}{arguments}`")
+    places = [
+        parameter
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)
+        and parameter.default is parameter.empty
+    ]
+    if not 1 <= len(places) <= most:
+        raise ProgramError(f"{name} takes {len(places)} arguments: write `async def {name}{arguments}`")
+    return len(places)
+
+
+def _two_arguments(handler: Any) -> Callable[[Output, Plc], Awaitable[None]]:
+    count = _check_async(handler, 2, "(output) or (output, plc)")
+    if count == 2:
+        both: Callable[[Output, Plc], Awaitable[None]] = handler
+        return both
+    return lambda output, _plc: handler(output)

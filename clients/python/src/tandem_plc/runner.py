@@ -1,0 +1,326 @@
+"""The loop of a sequence program: it reads what the machine says, and starts handlers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from .connection import Connection
+from .errors import CODE_OF_ERROR, CODE_OF_EXCEPTION, Alarm, NoAnswer, NotConnected, Refused, TandemError
+from .messages import (
+    Birth,
+    Cancel,
+    CancelReason,
+    HandlerPresence,
+    HandshakeResult,
+    OutputState,
+    Pending,
+    PendingOutput,
+    Presence,
+    Redelivery,
+    Validate,
+)
+from .output import Output
+from .params import Params
+from .topics import number_at
+
+if TYPE_CHECKING:
+    from .plc import Plc
+
+log = logging.getLogger("tandem_plc")
+
+_RETRY_S = 0.5
+_CLEAN_UP_S = 5.0
+
+OutputId = tuple[str, int, int]
+"""Boot, coordinate system and sequence number."""
+
+
+class Entry(Protocol):
+    """A handler of the table."""
+
+    @property
+    def call(self) -> Callable[[Output, Plc], Awaitable[None]]:
+        """Does the work."""
+
+    @property
+    def redelivery(self) -> Redelivery:
+        """What is done with work that may have been begun."""
+
+
+class _Running:
+    def __init__(self, output: Output) -> None:
+        self.output = output
+        self.is_answering = False
+        self.is_reclaiming = False
+        self.task: asyncio.Task[None] | None = None
+
+    def cancel(self, reason: CancelReason | None) -> None:
+        if self.is_answering or self.output.cancelled:
+            return
+        self.output.cancelled = True
+        self.output.cancel_reason = reason
+        if self.task is not None:
+            self.task.cancel()
+
+
+class Runner:
+    """Presence, claims, handlers and resets of one handler id."""
+
+    def __init__(
+        self,
+        handler_id: str,
+        handlers: Mapping[tuple[int | None, int], Entry],
+        checks: Mapping[tuple[int | None, int], Callable[[Params], object]],
+        connection: Connection,
+        plc: Plc,
+    ) -> None:
+        self._identity: dict[str, Any] = {"handler_id": handler_id}
+        self._handler_id = handler_id
+        self._handlers = handlers
+        self._checks = checks
+        self._connection = connection
+        self._plc = plc
+        self._running: dict[OutputId, _Running] = {}
+        self._jobs: set[asyncio.Task[None]] = set()
+        self._must_announce = asyncio.Event()
+        self._has_announced = False
+        self._announced_systems: list[int] = []
+        self.announced = asyncio.Event()
+        """The machine knows these handlers."""
+        connection.will = json.dumps(self._offline())
+        connection.on_message = self._on_message
+        connection.on_connected = self._on_connected
+
+    async def run(self) -> None:
+        """Announce the handlers whenever that must be, for ever.
+
+        Raises:
+            Refused: the machine does not take these handlers.
+        """
+        self._must_announce.set()
+        while True:
+            await self._must_announce.wait()
+            self._must_announce.clear()
+            try:
+                await self._announce()
+            except (NotConnected, NoAnswer) as error:
+                log.warning("the machine does not know the handlers yet: %s", error)
+                await asyncio.sleep(_RETRY_S)
+                self._must_announce.set()
+
+    async def leave(self) -> None:
+        """End all handlers, and tell the machine that they have gone."""
+        self._cancel(lambda _id: True, CancelReason.SHUTDOWN)
+        tasks = [running.task for running in self._running.values() if running.task is not None]
+        if tasks:
+            await asyncio.wait(tasks, timeout=_CLEAN_UP_S)
+        for job in self._jobs:
+            job.cancel()
+        if self._connection.is_connected:
+            try:
+                await self._connection.request(self._presence_path(), self._offline(), retain=True, timeout_s=1.0)
+            except TandemError as error:
+                log.warning("the machine was not told that the handlers have gone: %s", error)
+
+    # --- presence
+
+    def _presence_path(self) -> str:
+        return f"handler/{self._handler_id}/presence"
+
+    def _offline(self) -> dict[str, Any]:
+        return {"online": False, "handles": [], "validates": False}
+
+    def _systems(self) -> list[int]:
+        birth = self._plc.birth
+        return [cs.number for cs in birth.coordinate_systems] if birth is not None else []
+
+    def _online(self) -> dict[str, Any]:
+        served = {(cs, m) for of, m in self._handlers for cs in (self._announced_systems if of is None else [of])}
+        return {
+            "online": True,
+            "handles": [{"cs": cs, "m": m} for cs, m in sorted(served)],
+            "validates": bool(self._checks),
+        }
+
+    async def _announce(self) -> None:
+        if not self._has_announced:
+            # releases claims of an earlier program of the same name whose end was not noticed
+            await self._connection.request(self._presence_path(), self._offline(), retain=True)
+        self._announced_systems = self._systems()
+        await self._connection.request(self._presence_path(), self._online(), retain=True)
+        self._has_announced = True
+        self.announced.set()
+        self._plc._levels.on_announced(self._handler_id)
+        self._look_at_all()
+
+    def _on_connected(self) -> None:
+        self._plc._levels.on_away()
+        self._must_announce.set()
+
+    # --- what the machine says
+
+    def _on_message(self, path: str, message: Any) -> None:
+        if isinstance(message, Pending):
+            self._look_at(number_at(path, 1), message)
+        elif isinstance(message, Cancel):
+            meant = (message.boot_id, number_at(path, 1), message.seq)
+            self._cancel(lambda other: other == meant, message.reason)
+        elif isinstance(message, Validate):
+            self._validate(number_at(path, 1), number_at(path, 3), message)
+        elif isinstance(message, Presence):
+            if message.online:
+                self._cancel(lambda other: other[0] != message.boot_id, CancelReason.SHUTDOWN)
+                self._look_at_all()
+        elif isinstance(message, Birth):
+            if self._has_announced and self._systems() != self._announced_systems:
+                self._must_announce.set()
+        elif isinstance(message, HandlerPresence) and not message.online and self._has_announced:
+            # the last will of an earlier connection, which came after the announcement
+            self._must_announce.set()
+
+    def _find(self, cs: int, m: int) -> Entry | None:
+        return self._handlers.get((cs, m)) or self._handlers.get((None, m))
+
+    def _validate(self, cs: int, m: int, asked: Validate) -> None:
+        if not self._checks or self._find(cs, m) is None:
+            return
+        check = self._checks.get((cs, m))
+        if check is None and (cs, m) not in self._handlers:
+            check = self._checks.get((None, m))
+        result: dict[str, Any] = {"request_id": asked.request_id, "handler_id": self._handler_id, "ok": True}
+        try:
+            if check is not None:
+                check(asked.params)
+        except Alarm as alarm:
+            result.update(ok=False, text=alarm.text)
+        except Exception as error:
+            log.exception("the check of M%d has failed", m)
+            result.update(ok=False, text=f"the check of M{m} has failed: {type(error).__name__}: {error}"[:1000])
+        self._connection.post(f"cs/{cs}/m_code/{m}/validate_result", result)
+
+    def _look_at_all(self) -> None:
+        for cs in self._systems():
+            pending = self._connection.hub.last(f"cs/{cs}/m_code/pending")
+            if pending is not None:
+                self._look_at(cs, pending)
+
+    def _look_at(self, cs: int, pending: Pending) -> None:
+        """End handlers whose output is over or another handler's, and start handlers of open ones."""
+        if pending.boot_id != self._connection.boot_id or not self.announced.is_set():
+            return
+        ours = {output.seq for output in pending.outputs if output.handler_id in (None, self._handler_id)}
+        self._cancel(lambda id_: id_[:2] == (pending.boot_id, cs) and id_[2] not in ours, None)
+        for output in pending.outputs:
+            if output.state is OutputState.OUTPUT and output.handler_id is None:
+                self._take_up((pending.boot_id, cs, output.seq), output)
+
+    # --- outputs
+
+    def _take_up(self, id_: OutputId, pending: PendingOutput) -> None:
+        running = self._running.get(id_)
+        if running is not None:
+            # the handler still works: only its connection was lost
+            if pending.lost and not running.is_answering and not running.output.cancelled:
+                self._reclaim(running)
+            return
+        entry = self._find(id_[1], pending.m)
+        if entry is None:
+            return
+        how = pending.how or (entry.redelivery if pending.lost else Redelivery.REDO)
+        if how is Redelivery.ASK:
+            return
+        output = Output(self._connection, self._identity, id_[0], id_[1], pending, redelivered=how is Redelivery.VERIFY)
+        running = self._running[id_] = _Running(output)
+        running.task = asyncio.create_task(self._work(running, entry), name=repr(output))
+        running.task.add_done_callback(lambda task: self._on_end(id_, task))
+
+    def _on_end(self, id_: OutputId, task: asyncio.Task[None]) -> None:
+        ended = self._running.pop(id_, None)
+        if not task.cancelled() and task.exception() is not None:
+            log.error("a handler could not be ended", exc_info=task.exception())
+        if ended is not None and ended.output.cancelled:
+            pending = self._connection.hub.last(f"cs/{id_[1]}/m_code/pending")
+            if pending is not None:
+                self._look_at(id_[1], pending)
+
+    def _cancel(self, is_meant: Callable[[OutputId], bool], reason: CancelReason | None) -> None:
+        for id_, running in list(self._running.items()):
+            if is_meant(id_):
+                running.cancel(reason)
+
+    async def _work(self, running: _Running, entry: Entry) -> None:
+        output = running.output
+        status = await self._until_answered(output, "claim", {})
+        if status != "accepted":
+            log.debug("%r is left to others: %s", output, status)
+            return
+        alarm = await self._call(output, entry)
+        if output.cancelled:
+            return
+        running.is_answering = True
+        if alarm is None:
+            reset: dict[str, Any] = {"result": "ok"}
+        else:
+            reset = {"result": "fault", "code": alarm.code, "text": alarm.text}
+        status = await self._until_answered(output, "reset", reset)
+        # a duplicate is this reset itself, sent twice because its answer was late
+        if status not in ("accepted", "duplicate"):
+            log.warning("the reset of %r did not count: %s", output, status)
+
+    async def _call(self, output: Output, entry: Entry) -> Alarm | None:
+        try:
+            await entry.call(output, self._plc)
+        except Alarm as alarm:
+            return alarm
+        except asyncio.CancelledError:
+            if output.cancelled:
+                raise
+            # the handler has cancelled itself, or what it waits for was
+            return Alarm(CODE_OF_EXCEPTION, f"the handler of M{output.m} was cancelled, and not by the machine")
+        except TandemError as error:
+            log.warning("the handler of M%d: %s", output.m, error)
+            return Alarm(CODE_OF_ERROR, str(error) or type(error).__name__)
+        except Exception as error:
+            log.exception("the handler of M%d has failed", output.m)
+            return Alarm(CODE_OF_EXCEPTION, f"the handler of M{output.m} has failed: {type(error).__name__}: {error}")
+        return None
+
+    async def _until_answered(self, output: Output, kind: str, more: dict[str, Any]) -> str | None:
+        """Claim or reset until the machine answers; ``None`` when it refuses that for good."""
+        payload = {**output._named(), **more}
+        result_of = (output._path("result"), output.seq, self._handler_id, kind)
+        while True:
+            try:
+                result: HandshakeResult = await self._connection.request(
+                    output._path(kind), payload, result_of=result_of
+                )
+            except (NotConnected, NoAnswer) as error:
+                log.warning("%s of %r: %s", kind, output, error)
+                await asyncio.sleep(_RETRY_S)
+            except Refused as error:
+                log.warning("%s of %r is refused: %s", kind, output, error)
+                return None
+            else:
+                return result.status
+
+    def _reclaim(self, running: _Running) -> None:
+        """Repeat the claim of an output on which a handler still works."""
+        if running.is_reclaiming:
+            return
+        running.is_reclaiming = True
+
+        async def claim() -> None:
+            status = await self._until_answered(running.output, "claim", {})
+            running.is_reclaiming = False
+            if status == "accepted":
+                running.output._tell_progress()
+            else:
+                running.cancel(None)
+
+        job = asyncio.create_task(claim(), name=f"claims {running.output!r} again")
+        self._jobs.add(job)
+        job.add_done_callback(self._jobs.discard)

@@ -1,0 +1,70 @@
+"""Topics of a machine below its root, and the form of what each says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .messages import (
+    ActiveAlarms,
+    AlarmRecord,
+    Birth,
+    Cancel,
+    Captured,
+    CommandReply,
+    HandlerPresence,
+    HandshakeResult,
+    Lock,
+    OptionalSkip,
+    Overrides,
+    Pending,
+    Position,
+    Presence,
+    State,
+    Tool,
+    Validate,
+)
+
+_FORMS: dict[str, Any] = {
+    "presence": Presence,
+    "birth": Birth,
+    "alarm/active": ActiveAlarms,
+    "alarm/event": AlarmRecord,
+    "handler/+/presence": HandlerPresence,
+    "cs/+/state": State,
+    "cs/+/captured": Captured,
+    "cs/+/position": Position,
+    "cs/+/tool/state": Tool,
+    "cs/+/override/state": Overrides,
+    "cs/+/input/interlock/state": Lock,
+    "cs/+/input/start_lock/state": Lock,
+    "cs/+/input/optional_skip/state": OptionalSkip,
+    "cs/+/m_code/pending": Pending,
+    "cs/+/m_code/+/result": HandshakeResult,
+    "cs/+/m_code/+/cancel": Cancel,
+    "cs/+/m_code/+/validate": Validate,
+}
+
+FILTERS: tuple[str, ...] = tuple(path for path in _FORMS if not path.startswith("handler/"))
+"""What each client subscribes to, beside its ``reply`` and what is said to its handler."""
+
+_LEVELS = {tuple(path.split("/")): form for path, form in _FORMS.items()}
+
+
+def form_of(path: str) -> Any | None:
+    """Give the dataclass of a topic's messages; ``None`` for a topic that this package does not use."""
+    levels = path.split("/")
+    if levels[0] == "reply" and len(levels) == 2:
+        return CommandReply
+    for at in ("cs", "handler"):
+        if levels[0] == at and len(levels) > 1:
+            levels[1] = "+"
+    if len(levels) == 5 and levels[2] == "m_code":
+        levels[3] = "+"
+    return _LEVELS.get(tuple(levels))
+
+
+def number_at(path: str, level: int) -> int:
+    """Give the number that a level of a path is; -1 where it is none."""
+    levels = path.split("/")
+    text = levels[level] if level < len(levels) else ""
+    return int(text) if text.isascii() and text.isdigit() else -1

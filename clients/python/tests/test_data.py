@@ -1,0 +1,189 @@
+"""What needs no machine: addresses, parameters, mistakes, and data that is not right."""
+
+from __future__ import annotations
+
+import asyncio
+import enum
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import MISSING, fields
+from typing import Any
+
+import pytest
+from conftest import ROOT
+
+from tandem_plc import AddressError, Alarm, Output, Params, ProgramError, SequenceProgram, messages
+from tandem_plc.address import Address
+from tandem_plc.connection import Connection
+from tandem_plc.decode import DecodeError, decode
+from tandem_plc.hub import BACKLOG_MAX, TOPICS_MAX, Hub
+from tandem_plc.topics import FILTERS, form_of
+
+
+def test_an_address_names_brokers_user_prefix_and_machine() -> None:
+    address = Address.parse("mqtts://anna:p%40ss@a,b:1884,[::1]/hall/3/mill-1")
+    assert address.nodes == (("a", 8883), ("b", 1884), ("::1", 8883))
+    assert (address.user, address.password, address.root) == ("anna", "p@ss", "hall/3/tandem/v1/mill-1")
+    assert Address.parse("127.0.0.1/m").nodes == (("127.0.0.1", 1883),)
+    assert "p@ss" not in repr(address)
+    assert "p%40ss" not in address.shown
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "mqtt://u:secret@host:1883",
+        "mqtt://u:secret@:1883/m",
+        "mqtt://u:secret@h:x/m",
+        "mqtt://u:secret@h/a/#/m",
+        "mqtt://u:secret@h//m",
+        "mqtt://u:secret@[::1/m",
+        "http://u:secret@h/m",
+        f"mqtt://u:secret@{'a,' * 16}a/m",
+    ],
+)
+def test_a_wrong_address_is_refused_without_the_password(wrong: str) -> None:
+    with pytest.raises(AddressError) as refused:
+        Address.parse(wrong)
+    assert "secret" not in str(refused.value)
+
+
+def test_parameters_have_ranges_and_whole_numbers() -> None:
+    params = Params(A=24, B=2.5, C=0.1 * 30)
+    assert (params.whole("A", 1, 24, "the pocket"), params.real("B", 0, 2.5, "the force, kN")) == (24, 2.5)
+    assert params.whole("C", 1, 3, "parts") == 3
+    mistakes: list[tuple[Callable[[], object], str]] = [
+        (lambda: params.whole("A", 1, 23, "the pocket"), "VA is 24: write the pocket, 1 to 23"),
+        (lambda: params.whole("B", 1, 3, "the side"), "VB is 2.5: write the side, a whole number from 1 to 3"),
+        (lambda: params.real("H", 0, 1, "the way"), "VH is missing: write the way, 0 to 1"),
+    ]
+    for wrong, text in mistakes:
+        with pytest.raises(Alarm) as alarm:
+            wrong()
+        assert alarm.value.text == text
+    with pytest.raises(ValueError, match="write 'A' to 'H'"):
+        params.real("J", 0, 1, "x")
+
+
+def test_an_alarm_has_number_10000_plus_code() -> None:
+    assert (Alarm(17, "x").number, len(Alarm(0, "é" * 2_000).text)) == (10_017, 1_000)
+    for code, text in [(-1, "x"), (10_000, "x"), (1, "")]:
+        with pytest.raises(ValueError, match="alarm"):
+            Alarm(code, text)
+
+
+async def handler(_output: Output) -> None: ...
+
+
+def test_mistakes_of_a_program_are_said_in_a_sentence() -> None:
+    program = SequenceProgram("p")
+    program.on(6, range(20, 22))(handler)
+    program.on(6, cs=2)(handler)
+    mistakes: list[tuple[Callable[[], object], str]] = [
+        (lambda: program.on(21)(handler), "M21 has two handlers"),
+        (lambda: program.on(30)(handler), "M30: the runtime handles it itself"),
+        (lambda: program.on(192)(handler), "M192: M codes are 0 to 191"),
+        (lambda: program.on(range(0))(handler), "no M code is named"),
+        (lambda: program.on(8)(lambda output: None), "is not async: write `async def"),  # type: ignore[type-var]
+        (lambda: SequenceProgram("a/b"), "write 1 to 64 characters"),
+    ]
+    for wrong, text in mistakes:
+        with pytest.raises(ProgramError, match=text.replace("(", r"\(").replace("+", r"\+")):
+            wrong()
+
+    async def three(_output: Output, _plc: Any, _more: int) -> None: ...
+
+    with pytest.raises(ProgramError, match="takes 3 arguments: write `async def three"):
+        program.on(9)(three)  # type: ignore[type-var]
+    program.validate(9)(lambda _params: None)
+    with pytest.raises(ProgramError, match="M9 is validated and has no handler"):
+        asyncio.run(program.run("mqtt://127.0.0.1:9/none"))
+
+
+CANCEL = {"boot_id": "b", "seq": 7, "reason": "stop", "later": ["a", "field"]}
+
+
+def test_a_message_is_read_and_what_is_new_in_it_passed_over() -> None:
+    assert decode(messages.Cancel, CANCEL) == messages.Cancel(boot_id="b", seq=7, reason=messages.CancelReason.STOP)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        None,
+        [],
+        7,
+        {},
+        {**CANCEL, "seq": "7"},
+        {**CANCEL, "seq": True},
+        {**CANCEL, "seq": 7.5},
+        {**CANCEL, "reason": "for fun"},
+        {**CANCEL, "boot_id": None},
+    ],
+)
+def test_a_message_that_is_not_of_its_form_is_an_error_that_says_what(wrong: object) -> None:
+    with pytest.raises(DecodeError, match="Cancel"):
+        decode(messages.Cancel, wrong)
+
+
+def test_payloads_of_any_kind_end_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async def hear() -> Connection:
+        return Connection("mqtt://127.0.0.1:9/m")
+
+    connection = asyncio.run(hear())
+    deep = b"[" * 100_000
+    for path in ["cs/1/m_code/pending", "presence", "cs/1/m_code/6/cancel", "reply/x", "cs/x/state", "alarm/active"]:
+        for payload in [b"\xff\xfe", b"{", deep, b"null", b"[]", b'{"outputs":[{}]}', b'{"seq":1e999}', b"NaN", b""]:
+            with caplog.at_level(logging.CRITICAL):
+                connection._received(f"tandem/v1/m/{path}", payload)
+    assert connection.hub.last("cs/1/m_code/pending") is None
+
+
+def test_a_hub_keeps_so_many_topics_and_a_follower_so_many_messages() -> None:
+    async def work() -> None:
+        hub = Hub()
+        for number in range(TOPICS_MAX + 5):
+            hub.publish(f"t/{number}", number)
+        assert (hub.last("t/4"), hub.last("t/5")) == (None, 5)
+        followed = hub.follow("t/9")
+        assert await anext(followed) == 9
+        for number in range(BACKLOG_MAX + 3):
+            hub.publish("t/9", number)
+        assert await anext(followed) == 3, "the oldest have given way"
+        hub.close()
+        assert [message async for message in followed][-1] == BACKLOG_MAX + 2
+
+    asyncio.run(work())
+
+
+def schema_of(document: dict[str, Any], name: str) -> dict[str, Any]:
+    schemas: dict[str, Any] = document["components"]["schemas"]
+    schema: dict[str, Any] = schemas.get(f"{name}Message") or schemas[name]
+    return schema
+
+
+def test_the_forms_are_those_of_the_asyncapi_document() -> None:
+    document = json.loads((ROOT / "runtime/gateway/api/asyncapi.json").read_text())
+    renamed = {"Birth": "Birth", "ActiveAlarms": "ActiveAlarms", "Validate": "Validate"}
+    forms: set[Any] = {form_of(path.replace("+", "1")) for path in FILTERS} | {form_of("reply/x")}
+    nested = {messages.PendingOutput, messages.Question, messages.Progress, messages.WaitingOn, messages.LockSource}
+    nested |= {messages.CoordinateSystemInfo, messages.Lease, messages.HandlerPresence, Params}
+    assert None not in forms
+    for form in forms | nested:
+        schema = schema_of(document, renamed.get(form.__name__, form.__name__))
+        for item in fields(form):
+            where = f"{form.__name__}.{item.name}"
+            assert item.name in schema["properties"], where
+            is_required = item.default is MISSING and item.default_factory is MISSING
+            # what this package needs is there always
+            assert not is_required or item.name in schema["required"], where
+    enumerations: list[type[enum.Enum]] = [
+        messages.Execution,
+        messages.OutputState,
+        messages.CancelReason,
+        messages.Redelivery,
+    ]
+    for enumeration in enumerations:
+        said = {word["const"] for word in document["components"]["schemas"][enumeration.__name__]["oneOf"]}
+        assert said == {member.value for member in enumeration}, enumeration

@@ -1,0 +1,163 @@
+"""Handlers against a real machine."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from tandem_plc import Alarm, CancelReason, Output, Params, Plc, Refused, SequenceProgram
+from tandem_plc.testing import Machine
+
+
+def pocket(params: Params) -> int:
+    return params.whole("A", 1, 24, "the pocket")
+
+
+def test_the_program_goes_on_when_the_handler_has_returned(tandem_machine: Machine) -> None:
+    program, seen = SequenceProgram("changer"), []
+
+    @program.on(6, validate=pocket)
+    async def change_tool(output: Output, plc: Plc) -> None:
+        seen.append((pocket(output.params), plc.cs(output.cs).state.execution.value, output.line, output.a, output.b))
+        await plc.cs(output.cs).select_tool(pocket(output.params))
+
+    with tandem_machine.serve(program):
+        run = tandem_machine.run("M06 VA5\nG01 X1 F3000\nM06 VA6 VB-0.5\nM30")
+    assert run.completed
+    assert seen == [(5, "WAIT", 1, 5.0, None), (6, "WAIT", 3, 6.0, -0.5)]
+    assert [line["m"] for line in run.events("reset")] == [6, 6]
+    assert tandem_machine.rest("GET", "/cs/1/tool")["id"] == 6
+
+
+def test_parameters_are_refused_when_the_program_is_loaded(tandem_machine: Machine) -> None:
+    program = SequenceProgram("changer")
+
+    @program.on(6, validate=pocket)
+    async def change_tool(_output: Output) -> None: ...
+
+    with tandem_machine.serve(program), pytest.raises(Refused, match=r"line 2: E0190.*VA is 99.*1 to 24"):
+        tandem_machine.run("G01 X0 F3000\nM06 VA99\nM30")
+
+
+def test_a_check_that_fails_refuses_the_program_and_the_program_goes_on_serving(tandem_machine: Machine) -> None:
+    program = SequenceProgram("changer")
+
+    @program.on(6, 7)
+    async def change_tool(_output: Output) -> None: ...
+
+    @program.validate(6)
+    def check(_params: Params) -> None:
+        raise ZeroDivisionError("a mistake")
+
+    with tandem_machine.serve(program):
+        with pytest.raises(Refused, match="the check of M6 has failed: ZeroDivisionError"):
+            tandem_machine.run("M06\nM30")
+        assert tandem_machine.run("M07\nM30").completed
+
+
+def test_an_alarm_stops_the_program_with_its_text(tandem_machine: Machine) -> None:
+    program = SequenceProgram("coolant")
+
+    @program.on(7)
+    async def coolant(_output: Output) -> None:
+        raise Alarm(7, "the tank is empty")
+
+    with tandem_machine.serve(program):
+        run = tandem_machine.run("M07\nM30")
+        numbers = [alarm["number"] for alarm in tandem_machine.rest("GET", "/alarms")["alarms"]]
+    assert (run.execution, run.reason, run.alarms) == ("STOPPED", "ALARM", ["the tank is empty"])
+    assert numbers == [10_007]
+
+
+def test_an_exception_stops_the_program_and_no_other_handler(tandem_machine: Machine) -> None:
+    program = SequenceProgram("coolant")
+
+    @program.on(7)
+    async def coolant(output: Output) -> None:
+        if output.a is None:
+            raise KeyError("no such valve")
+
+    with tandem_machine.serve(program):
+        run = tandem_machine.run("M07\nM30")
+        assert run.alarms == ["the handler of M7 has failed: KeyError: 'no such valve'"]
+        tandem_machine.rest("POST", "/cs/1/reset?wait=1")
+        assert tandem_machine.run("M07 VA1\nM30").completed
+
+
+def test_a_question_is_answered_by_the_operator(tandem_machine: Machine) -> None:
+    program = SequenceProgram("inspection")
+    answers: list[str] = []
+
+    @program.on(80)
+    async def inspect(output: Output) -> None:
+        output.progress("the part is at the window", 50)
+        answers.append(await output.ask("Is the part clean?", ["yes", "no"]))
+        answers.append(await output.ask("And dry?", ["yes", "no"]))
+
+    with tandem_machine.serve(program):
+        tandem_machine.load("M80\nM30")
+        run = tandem_machine.started()
+        assert tandem_machine.answer("no") == "Is the part clean?"
+        tandem_machine.wait_for(lambda state: (state["waiting_on"].get("question") or {}).get("text") == "And dry?")
+        assert tandem_machine.state()["waiting_on"]["progress"] == {"text": "the part is at the window", "percent": 50}
+        tandem_machine.answer("yes")
+        assert run.end().completed
+    assert answers == ["no", "yes"]
+
+
+@pytest.mark.parametrize("verb", ["stop", "abort", "reset"])
+def test_a_handler_is_cancelled_with_the_reason_and_cleans_up(tandem_machine: Machine, verb: str) -> None:
+    program = SequenceProgram("rinse")
+    ends: list[object] = []
+
+    @program.on(20)
+    async def rinse(output: Output) -> None:
+        output.progress("it rinses")
+        try:
+            await asyncio.sleep(1_000)
+        finally:
+            await asyncio.sleep(0.01)  # the pump stops
+            ends.append((output.cancelled, output.cancel_reason))
+
+    with tandem_machine.serve(program):
+        tandem_machine.load("M20\nM30")
+        run = tandem_machine.started()
+        tandem_machine.wait_for(lambda state: bool((state["waiting_on"] or {}).get("progress")))
+        tandem_machine.rest("POST", f"/cs/1/{verb}?wait=1")
+        if verb != "reset":
+            assert run.end().execution == "STOPPED"
+        tandem_machine.wait_for(lambda _state: bool(ends))
+    assert ends == [(True, CancelReason(verb))]
+
+
+def test_what_a_program_owns_is_set_from_its_first_moment_on_and_when_it_changes(tandem_machine: Machine) -> None:
+    program = SequenceProgram("cell")
+    door = program.interlock(1, "door", "the door is open")
+
+    @program.task
+    async def close_it(plc: Plc) -> None:
+        await plc.until(lambda: plc.cs(1).interlock.value)
+        door.set(False)
+
+    with tandem_machine.serve(program) as serving:
+        mill = serving.plc.cs(1)
+        tandem_machine.wait_for(lambda _state: bool(mill.interlock.sources) and not mill.interlock.value)
+        source = mill.interlock.sources[0]
+        assert (source.source, source.handler_id, source.value) == ("door", "cell", False)
+
+
+def test_a_task_that_fails_ends_the_program(tandem_machine: Machine) -> None:
+    program = SequenceProgram("cell")
+
+    @program.task
+    async def watch(_plc: Plc) -> None:
+        raise ZeroDivisionError("a mistake")
+
+    async def run() -> None:
+        await asyncio.wait_for(program.run(tandem_machine.mqtt), 20)
+
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(run())
+    handlers = tandem_machine.rest("GET", "/handlers")["handlers"]
+    assert not handlers.get("cell", {"online": False})["online"]
