@@ -141,7 +141,7 @@ export const api = {
     await request("POST", `/cs/${cs}/lease/break`, {});
   },
 
-  /** @param {number} cs @param {"interlock" | "start_lock"} input @param {{value: boolean, text: string}} lock */
+  /** @param {number} cs @param {"interlock" | "start_lock"} input @param {{value: boolean, text: string, source?: string, force?: boolean}} lock */
   async setLock(cs, input, lock) {
     await request("PUT", `/cs/${cs}/inputs/${input}`, lock);
   },
@@ -239,6 +239,22 @@ export const api = {
   /** What a name means. @param {string} what @returns {Promise<import("./types.d.ts").Explanation>} */
   async explain(what) {
     return (await request("GET", `/explain/${encodeURIComponent(what)}`)).json();
+  },
+
+  /**
+   * Lines of the journal in the order of time: the newest but for `from` of them.
+   * @param {number} from @param {number} count @param {Record<string, string>} wanted what the machine filters by; empty: anything
+   * @returns {Promise<import("./history/journal.js").Line[]>}
+   */
+  async journal(from, count, wanted) {
+    const asked = Object.entries(wanted).filter(([, value]) => value !== "");
+    const query = new URLSearchParams([["from", String(from)], ["count", String(count)], ...asked]);
+    return (await (await request("GET", `/journal?${query}`)).json()).lines;
+  },
+
+  /** @returns {Promise<import("./types.d.ts").AlarmRecord[]>} */
+  async alarmHistory() {
+    return (await (await request("GET", "/alarms/history")).json()).alarms;
   },
 
   /** @returns {Promise<import("./types.d.ts").ProgramInfo[]>} */

@@ -32,6 +32,14 @@ export function plain(value) {
 }
 
 /**
+ * A text in which numbers have three decimals at most.
+ * @param {string} text
+ */
+export function rounded(text) {
+  return text.replace(/\d+\.\d{4,}/g, (number) => Number(number).toFixed(3));
+}
+
+/**
  * How long something has lasted: `0.4 s` never, `7 s`, `3 min 07 s`, `2 h 05 min`.
  * @param {number} ms
  */

@@ -1,6 +1,6 @@
 // The state in the operator's words: one sentence that says what the machine waits for, or what to do next.
 
-import { duration, params, programName } from "./format.js";
+import { duration, params, programName, rounded } from "./format.js";
 
 /**
  * How a state is shown.
@@ -177,7 +177,7 @@ function stopped({ state, info, lastRun }, alarms) {
   switch (state?.reason) {
     case "ALARM": {
       const alarm = alarms.findLast((a) => a.severity === "alarm" && (a.cs === null || a.cs === info.number));
-      const what = alarm ? `Alarm ${alarm.number}: ${brief(alarm.text)}`.replace(/(?<!…)[.\s]*$/, ".") : "Stopped by an alarm.";
+      const what = alarm ? `Alarm ${alarm.number}: ${brief(rounded(alarm.text))}`.replace(/(?<!…)[.\s]*$/, ".") : "Stopped by an alarm.";
       return `${what} Remove the cause, then press Reset.`;
     }
     case "NO_PROGRAM":

@@ -2,6 +2,7 @@
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
+import { openHistory } from "./history/dialog.js";
 
 /** @type {{key: string, says: string, does: (app: import("./main.js").App) => void}[]} */
 const SHORTCUTS = [
@@ -11,6 +12,7 @@ const SHORTCUTS = [
   { key: "p", says: "programs", does: (app) => app.open("programs") },
   { key: "b", says: "by hand", does: (app) => app.open("by-hand") },
   { key: "s", says: "set up", does: (app) => app.open("set-up") },
+  { key: "t", says: "history: timeline, journal, past alarms", does: (app) => openHistory(app) },
   { key: "n", says: "next coordinate system", does: next },
 ];
 

@@ -11,6 +11,10 @@ import { Screen } from "./screen.mjs";
 
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
+const line = (event, t_s, more) => ({ event, t_s, ts: new Date(Date.UTC(2026, 0, 1) + t_s * 1000).toISOString(), cs: 1, boot_id: "boot-1", n: t_s, ...more });
+/** The journal of a run with one wait. */
+const RUN = [line("start", 1, { program: 1, run_id: "1-1" }), line("output", 2, { seq: 1, m: 100, line: 2, timing: "after_motion" }), line("reset", 5, { seq: 1, m: 100, handler_id: "magazine" }), line("end", 7, { outcome: "PROGRAM_COMPLETED" })];
+
 let browser;
 before(async () => {
   browser = await launch();
@@ -48,6 +52,24 @@ const PARTS = {
     machine.say("alarm/active", { alarms: [{ id: 1, severity: "alarm", number: 10001, text: "Clamp", cs: 1, program: 1, line: 1, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
     machine.state(1, { execution: "WAIT", waiting_on: { m: 100, seq: 12, since: open.since } });
     await page.locator(".alarm").waitFor();
+  },
+  async timeline(page, machine) {
+    machine.answers.set("GET /journal", { status: 200, body: { lines: RUN } });
+    await page.getByRole("button", { name: "History" }).click();
+    await page.locator(".span-waiting").waitFor();
+  },
+  async journal(page, machine) {
+    machine.answers.set("GET /journal", { status: 200, body: { lines: RUN } });
+    await page.getByRole("button", { name: "History" }).click();
+    await page.getByRole("radio", { name: "Journal" }).click();
+    await page.getByRole("cell", { name: "output" }).waitFor();
+  },
+  async "past alarms"(page, machine) {
+    const alarm = { id: 1, severity: "alarm", number: 102, text: "X would go to 960.000000", cs: 1, program: 1, line: 3, raised_at: now(9000), cleared_at: now(2000), acknowledged_by: null, remedy: "Move less." };
+    machine.answers.set("GET /alarms/history", { status: 200, body: { alarms: [alarm] } });
+    await page.getByRole("button", { name: "History" }).click();
+    await page.getByRole("radio", { name: "Past alarms" }).click();
+    await page.getByText("X would go to 960.000", { exact: true }).waitFor();
   },
   async editor(page) {
     await page.getByRole("button", { name: "Edit O0001" }).click();

@@ -1,6 +1,8 @@
 // By hand on the real runtime: jog, MDI, locks, and programs that the operator brings.
 
 import assert from "node:assert/strict";
+import { appendFile } from "node:fs/promises";
+import { join } from "node:path";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
 
@@ -238,10 +240,36 @@ test("interlock holds the motion, says why, and lets it go on", async () => {
   await screen.sees("STOPPED");
 });
 
+test("a source that a handler watches is cleared by force only, which is asked and then said", async () => {
+  await runtime.stop();
+  const door = '\n[input.interlock.source.door]\non_loss = "on"\ncoordinate_systems = [1]\n';
+  await appendFile(join(runtime.folder, "tandem.toml"), door);
+  await runtime.start();
+  await page.reload();
+  await page.getByText("Connected", { exact: true }).waitFor();
+  await screen.openByHand();
+  const interlock = page.getByRole("switch", { name: "Interlock" });
+  await interlock.and(page.locator('[aria-checked="true"]')).click();
+  const dialog = page.getByRole("dialog", { name: "Interlock is held" });
+  await dialog.getByText("door", { exact: true }).waitFor();
+  await dialog.getByRole("button", { name: "Keep" }).click();
+  assert.equal((await other("GET", "/cs/1/inputs/interlock")).body.value, true);
+  await interlock.click();
+  await dialog.getByRole("button", { name: "Clear door by force" }).click();
+  await dialog.waitFor({ state: "detached" });
+  await interlock.and(page.locator('[aria-checked="false"]')).waitFor();
+  await page.getByText(/Interlock: door is cleared by force \(operator\)/).waitFor();
+  // what anybody has set anybody clears, without a question
+  await interlock.click();
+  await interlock.and(page.locator('[aria-checked="true"]')).click();
+  await interlock.and(page.locator('[aria-checked="false"]')).waitFor();
+  errors.length = 0;
+});
+
 /** A request of another client; gives the status. */
 async function other(method, path, body, headers = {}) {
   const all = { "Content-Type": "application/json", ...headers };
-  const answer = await fetch(`${runtime.url}/api/v1${path}`, { method, headers: all, body: JSON.stringify(body) });
+  const answer = await fetch(`${runtime.url}/api/v1${path}`, { method, headers: all, body: body && JSON.stringify(body) });
   return { status: answer.status, body: await answer.json() };
 }
 

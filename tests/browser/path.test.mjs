@@ -173,6 +173,8 @@ test("pictures at every size in both schemes", async () => {
       await until(statistics, ({ calls, lines }) => calls >= 4 && lines > 90, "what is drawn");
       await page.getByText(/^Cycle/).waitFor();
       await page.screenshot({ path: `${OUT}path-${width}-${colorScheme}.png` });
+      const tops = await page.locator(".path-summary, .path-buttons button").evaluateAll((all) => all.map((one) => one.getBoundingClientRect()).map(({ top, height }) => Math.round(top + height / 2)));
+      assert.ok(Math.max(...tops) - Math.min(...tops) <= 2, `the foot of the path is one row at ${width}: ${tops}`);
       const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
       assert.ok(overflow <= 0, `${overflow} px too wide at ${width}`);
       await close();

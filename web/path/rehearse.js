@@ -46,7 +46,7 @@ export class Rehearse {
       this.#show();
       changed();
     });
-    this.element = h("div", { class: "path-foot" }, this.#summary, this.#away, this.#bar, this.#slider, this.#shown, this.#toggle, this.#details);
+    this.element = h("div", { class: "path-foot" }, this.#summary, this.#away, this.#bar, this.#slider, this.#shown, h("span", { class: "path-buttons" }, this.#toggle, this.#details));
   }
 
   /** @param {import("../model.js").CoordinateSystem} system @param {import("./bytes.js").Answer | null} path */

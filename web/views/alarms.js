@@ -2,7 +2,7 @@
 
 import { button, card, fill, h, setText } from "../dom.js";
 import { explained } from "../explain.js";
-import { programName, timeOfDay } from "../format.js";
+import { programName, rounded, timeOfDay } from "../format.js";
 import { icon } from "../icons.js";
 
 /** @type {import("../main.js").View} */
@@ -41,7 +41,7 @@ function entry(app, alarm) {
       "div",
       { class: "grow" },
       h("div", { class: "row" }, h("strong", {}, alarm.severity === "alarm" ? "Alarm" : "Warning"), explained(`alarm ${alarm.number}`), h("span", { class: "spring" }), h("span", { class: "muted" }, facts.join(" · "))),
-      h("p", {}, alarm.text),
+      h("p", {}, rounded(alarm.text)),
       remedy && h("p", { class: "remedy" }, remedy),
       alarm.acknowledged_by ? h("p", { class: "muted" }, `Acknowledged by ${alarm.acknowledged_by}`) : alarm.severity === "warning" && h("div", { class: "row end" }, acknowledge),
     ),

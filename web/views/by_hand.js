@@ -6,6 +6,7 @@ import { plain } from "../format.js";
 import { icon } from "../icons.js";
 import { jogButton } from "../jog.js";
 import { leaseButton } from "../lease.js";
+import { forcedNote } from "../locks.js";
 import { mdiLine } from "../mdi.js";
 import { axesOf } from "../model.js";
 import { Pad } from "../pad.js";
@@ -49,6 +50,7 @@ export const byHand = {
     const back = backButton(app);
     const lease = leaseButton(app);
     const switches = [dryRunSwitch(app), lockSwitch(app, "interlock", "Interlock"), lockSwitch(app, "start_lock", "Start lock")];
+    const forced = forcedNote(app);
     const element = h(
       "div",
       { class: "by-hand" },
@@ -61,6 +63,7 @@ export const byHand = {
       mdi.element,
       h("div", { class: "by-hand-foot" }, back.element, lease.element),
       h("div", { class: "by-hand-foot" }, ...switches.map((one) => one.element)),
+      forced.element,
     );
     /** @type {{render: () => void}[]} */
     let parts = [];
@@ -100,7 +103,7 @@ export const byHand = {
       setAttr(padNote, "hidden", !pad.on);
       for (const one of parts) one.render();
       mdi.render(whyNot(app.model, "mdi"));
-      for (const one of [back, lease, ...switches]) one.render();
+      for (const one of [back, lease, ...switches, forced]) one.render();
     };
     return { element, render };
   },

@@ -1,6 +1,7 @@
 // Machine name, one tab for each coordinate system with its state, connection, colour scheme.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
+import { openHistory } from "../history/dialog.js";
 import { icon, setIcon } from "../icons.js";
 import { look } from "../sentence.js";
 import { showShortcuts, toggleFar } from "../shortcuts.js";
@@ -28,6 +29,7 @@ export const header = {
     };
     const unitsButton = button({ class: "icon-button units", onclick: onUnits });
     const farButton = button({ class: "icon-button", "aria-label": "Read from three metres", title: "Read from three metres (F)", onclick: () => toggleFar(app) }, icon("far"));
+    const historyButton = button({ class: "icon-button", "aria-label": "History", title: "History (T)", onclick: () => openHistory(app) }, icon("history"));
     const helpButton = button({ class: "icon-button help", "aria-label": "Shortcuts", title: "Shortcuts (?)", onclick: showShortcuts }, "?");
     const user = userButton(app);
     /** @type {Map<number, ReturnType<typeof tab>>} */
@@ -67,7 +69,7 @@ export const header = {
       setAttr(unitsButton, "data-chosen", chosenUnits() !== "auto");
       setAttr(themeButton, "aria-label", theme() === "dark" ? "Use light colours" : "Use dark colours");
     };
-    return { element: h("div", { class: "bar" }, machine, tabs, h("span", { class: "spring" }), link, h("div", { class: "bar-tools" }, user.element, unitsButton, farButton, themeButton, helpButton)), render };
+    return { element: h("div", { class: "bar" }, machine, tabs, h("span", { class: "spring" }), link, h("div", { class: "bar-tools" }, user.element, historyButton, unitsButton, farButton, themeButton, helpButton)), render };
   },
 };
 

@@ -1,6 +1,7 @@
 // Inputs of the operator: single block, optional stop, block skip 1 to 9, and the locks.
 
 import { button, h, setAttr } from "../dom.js";
+import { switchLock } from "../locks.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
 /** @type {import("../main.js").View} */
@@ -41,9 +42,7 @@ const SKIPS = { dgshape: 1 };
  */
 export function lockSwitch(app, input, says) {
   const field = input === "interlock" ? "interlock" : "startLock";
-  return switchButton(app, says, says, (cs) => cs[field]?.value, (cs, value) =>
-    app.api.setLock(cs, input, { value, text: value ? "set at the HMI" : "" }),
-  );
+  return switchButton(app, says, says, (cs) => cs[field]?.value, (cs, value) => switchLock(app, cs, input, value));
 }
 
 /** Blocks that are interpreted now move at the dry run feedrate. @param {import("../main.js").App} app */

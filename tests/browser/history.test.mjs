@@ -1,0 +1,165 @@
+// What was: the timeline of runs from the journal, by rule and on the real runtime; the journal with filters; past alarms.
+
+import assert from "node:assert/strict";
+import { after, afterEach, before, beforeEach, test } from "node:test";
+
+import { describe, losses, timelineOf } from "../../web/history/timeline.js";
+import { rounded } from "../../web/format.js";
+import { launch, openPage } from "./browser.mjs";
+import { takePictures } from "./pictures.mjs";
+import { Runtime } from "./runtime.mjs";
+import { Screen, until } from "./screen.mjs";
+
+const BEGIN = Date.UTC(2026, 0, 1);
+const line = (event, t_s, more = {}) => ({ event, t_s, ts: new Date(BEGIN + t_s * 1000).toISOString(), cs: 1, boot_id: "a", ...more });
+const output = (t_s, seq, m, more = {}) => line("output", t_s, { seq, m, line: 10 * seq, timing: "after_motion", ...more });
+/** Spans as `kind from-to says`, in seconds since the begin. */
+const spans = (lines, now = 100) => timelineOf(lines, BEGIN + now * 1000).map((run) => run.spans.map(({ kind, from, to, says }) => `${kind} ${(from - BEGIN) / 1000}-${(to - BEGIN) / 1000} ${says}`));
+
+test("a run moves, waits for an M code until its reset, and moves on", () => {
+  assert.deepEqual(spans([line("start", 1, { program: 7 }), output(3, 1, 100), line("claim", 3, { seq: 1, handler_id: "magazine" }), line("reset", 8, { seq: 1 }), line("end", 9, { outcome: "PROGRAM_COMPLETED" })]), [["moving 1-3 moves", "waiting 3-8 M100", "moving 8-9 moves"]]);
+});
+
+test("an M code beside the motion is no wait", () => {
+  assert.deepEqual(spans([line("start", 1, { program: 7 }), output(2, 1, 8, { timing: "with_motion" }), line("end", 4, { outcome: "PROGRAM_COMPLETED" })]), [["moving 1-4 moves"]]);
+});
+
+test("held from the command or its reason to the resume, also while an M code is open; then it waits again", () => {
+  const lines = [line("start", 0, { program: 7 }), output(1, 1, 100), line("command", 2, { verb: "hold" }), line("command", 4, { verb: "resume" }), line("resume", 4), line("reset", 6, { seq: 1 }), line("hold", 7, { reason: "BUS_LOST" }), line("resume", 8), line("end", 9, { outcome: "STOPPED" })];
+  assert.deepEqual(spans(lines), [["moving 0-1 moves", "waiting 1-2 M100", "held 2-4 hold", "waiting 4-6 M100", "moving 6-7 moves", "held 7-8 bus lost", "moving 8-9 moves"]]);
+});
+
+test("a stop in the program, and a question to the operator, are told apart from waits", () => {
+  const lines = [line("start", 0, { program: 7 }), line("stop", 1, { m: 1 }), line("resume", 2), line("stop", 3, { reason: "SINGLE_BLOCK" }), line("resume", 4), output(5, 1, 60), line("question", 6, { seq: 1 }), line("answer", 8, { seq: 1 }), line("reset", 9, { seq: 1 }), line("end", 9, { outcome: "PROGRAM_COMPLETED" })];
+  assert.deepEqual(spans(lines), [["moving 0-1 moves", "stopped 1-2 M01", "moving 2-3 moves", "stopped 3-4 single block", "moving 4-5 moves", "waiting 5-6 M60", "asked 6-8 M60", "waiting 8-9 M60"]]);
+});
+
+test("a run that goes on lasts until now, and one that a kill cut short until the last line before it", () => {
+  assert.deepEqual(spans([line("start", 1, { program: 7 }), output(3, 1, 100)], 20), [["moving 1-3 moves", "waiting 3-20 M100"]]);
+  const killed = timelineOf([line("start", 1, { program: 7 }), output(3, 1, 100), line("claim", 5, { seq: 1, handler_id: "x" }), { ...line("boot", 0, { boot_id: "b" }), ts: new Date(BEGIN + 60_000).toISOString() }], BEGIN + 90_000);
+  assert.deepEqual(killed.map((run) => [run.spans.length, (run.to - BEGIN) / 1000, run.ended]), [[2, 5, "cut short by the end of the runtime"]]);
+});
+
+test("times follow the machine's running clock, although the clock of the day is set meanwhile", () => {
+  const set = [line("start", 1, { program: 7 }), { ...output(3, 1, 100), ts: new Date(BEGIN + 5_000_000).toISOString() }, { ...line("end", 4, { outcome: "STOPPED" }), ts: new Date(BEGIN - 5_000_000).toISOString() }];
+  assert.deepEqual(spans(set), [["moving 1-3 moves", "waiting 3-4 M100"]]);
+});
+
+test("of two that meet at an M code the first one waited for the second", () => {
+  const other = (event, t_s, more) => line(event, t_s, { cs: 2, ...more });
+  const runs = timelineOf([line("start", 0, { program: 3 }), other("start", 0, { program: 20 }), output(2, 1, 70), output(6, 2, 70, { cs: 2 }), line("reset", 6.5, { seq: 1 }), other("reset", 6.5, { seq: 2 }), line("end", 7, { outcome: "PROGRAM_COMPLETED" }), other("end", 9, { outcome: "PROGRAM_COMPLETED" })], BEGIN + 10_000);
+  const waits = runs.map((run) => run.spans.find(({ m }) => m === 70));
+  assert.deepEqual(waits.map(({ met }) => met), [2, null]);
+  assert.equal(describe(waits[0]), "waits for M70, which coordinate system 2 reaches later, line 10");
+  const { shares, causes } = losses(runs);
+  assert.deepEqual([...shares], [[1, { moving: 2500, total: 7000 }], [2, { moving: 8500, total: 9000 }]]);
+  assert.deepEqual(causes.map(({ cs, says, whom, total }) => [cs, says, whom, total]), [[1, "M70", "coordinate system 2", 4500], [2, "M70", "nobody has claimed it", 500]]);
+});
+
+test("numbers in texts have three decimals at most", () => {
+  assert.equal(rounded("Axis X would go to 960.000000 (machine), beyond 500.12; 7 of 8"), "Axis X would go to 960.000 (machine), beyond 500.12; 7 of 8");
+});
+
+let runtime;
+let browser;
+let page;
+let errors;
+let close;
+let screen;
+
+before(async () => {
+  runtime = await Runtime.create();
+  await runtime.start();
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await runtime?.remove();
+});
+beforeEach(async () => {
+  ({ page, errors, close } = await openPage(browser));
+  screen = new Screen(page);
+  await page.goto(runtime.url);
+  await page.getByText("Connected", { exact: true }).waitFor();
+});
+afterEach(async () => {
+  await close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors");
+});
+
+const history = () => page.getByRole("dialog", { name: "History" });
+const part = (name) => history().getByRole("radio", { name }).click();
+
+async function post(path, body = {}) {
+  const answer = await fetch(`${runtime.url}/api/v1${path}`, { method: "POST", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+  assert.ok(answer.ok, `${path}: ${await answer.text()}`);
+}
+
+test("a run is seen while it goes on: it moves, is held, waits for its M code; tables beside say the same", async () => {
+  await screen.load("O0001");
+  await screen.sees("READY");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await screen.command("Hold").click();
+  await screen.sees("FEED_HOLD");
+  await page.keyboard.press("t");
+  await history().locator(".span-held").waitFor();
+  await screen.command("Resume").click();
+  await screen.sees("WAIT");
+  await history().locator(".span-waiting").waitFor();
+  await history().getByRole("cell", { name: /waits for M100, nobody has claimed it, line 14/ }).waitFor();
+  const chart = history().getByRole("group", { name: /^Timeline/ });
+  await chart.focus();
+  for (let i = 0; i < 4; i += 1) await page.keyboard.press("ArrowRight");
+  await history().getByText(/CS 1, .*waits for M100/).waitFor();
+  await post("/cs/1/stop?wait=1");
+  await history().getByText(/CS 1 moved .* of /).waitFor();
+  await until(() => history().getByLabel("Show").locator("option").allTextContents(), (names) => names.some((name) => /CS 1 O0001, .*stopped/.test(name)), "the runs to choose from");
+  await page.keyboard.press("Escape");
+  await history().waitFor({ state: "detached" });
+});
+
+test("the journal is filtered by M code, event and run, and says who did what", async () => {
+  await page.getByRole("button", { name: "History" }).click();
+  await part("Journal");
+  await history().getByRole("cell", { name: "start", exact: true }).first().waitFor();
+  await history().getByLabel("M code").fill("100");
+  await until(() => history().locator("tbody tr").count(), (rows) => rows >= 1 && rows < 6, "the lines of M100");
+  await history().getByLabel("M code").fill("");
+  await history().getByLabel("Event").selectOption("command");
+  await history().getByRole("cell", { name: /verb hold/ }).first().waitFor();
+  assert.equal(await history().locator("tbody tr:not([data-event=command])").count(), 0);
+  await history().getByLabel("User, client or handler").fill("nobody");
+  await history().getByText("No line is like that.").waitFor();
+});
+
+test("an alarm of the past is told with its help and how long it lasted", async () => {
+  const raised = await fetch(`${runtime.url}/api/v1/cs/1/mdi?wait=1`, { method: "POST", body: JSON.stringify({ text: "G00 X900" }), headers: { "Content-Type": "application/json" } });
+  await raised.text();
+  await page.locator(".alarms-card .alarm").waitFor();
+  await until(() => page.locator(".alarms-card .alarm").textContent(), (text) => !/\.\d{4}/.test(text), "the alarm's text");
+  await screen.command("Reset").click();
+  await page.locator(".alarms-card .alarm").waitFor({ state: "detached" });
+  await page.getByRole("button", { name: "History" }).click();
+  await part("Past alarms");
+  await history().getByText(/lasted \d+\.\d s · coordinate system 1/).waitFor();
+  await history().getByRole("button", { name: "Explain alarm 102" }).waitFor();
+  await history().locator(".remedy").first().waitFor();
+});
+
+test("pictures of the history", async () => {
+  await post("/cs/1/load?wait=1", { program: 1 });
+  await post("/cs/2/load?wait=1", { program: 3 });
+  await post("/cs/1/start");
+  await post("/cs/2/start");
+  await until(async () => (await (await fetch(`${runtime.url}/api/v1/cs/1/state`)).json()).execution, "WAIT", "the bracket");
+  const said = [];
+  for (const [name, wanted] of [["timeline", ".span-waiting"], ["journal", "tbody tr"], ["past-alarms", ".alarm"]]) {
+    said.push(...(await takePictures(browser, runtime.url, name, async (one) => {
+      await one.getByRole("button", { name: "History" }).click();
+      await one.getByRole("radio", { name: name.replace("-", " ") }).click();
+      await one.getByRole("dialog").locator(wanted).first().waitFor();
+    })));
+  }
+  assert.deepEqual(said, []);
+});
