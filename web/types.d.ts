@@ -224,8 +224,8 @@ export interface OptionalSkipMessage {
 
 /** One output as `m_code/{m}/output` says it. */
 export interface OutputNoticeMessage {
-  attempt: number; boot_id: BootId; line: number; m: number; params: Params; program: number; redelivered: boolean;
-  rev?: number; run_id: string; seq: number; timing: Timing; ts: string; v: 1;
+  attempt: number; boot_id: BootId; id: string; line: number; m: number; params: Params; program: number;
+  redelivered: boolean; rev?: number; run_id: string; seq: number; timing: Timing; ts: string; v: 1;
 }
 
 /** Where an open output stands in its life. */
@@ -249,9 +249,9 @@ export interface PendingMessage {
 
 /** One open output as `m_code/pending` says it. */
 export interface PendingOutput {
-  attempt: number; handler_id: string | null; how?: Redelivery; line: number; lost: boolean; m: number; params: Params;
-  program: number; progress?: Progress; question?: Question; redelivered: boolean; run_id: string; seq: number;
-  since: Timestamp; state: OutputState; timing: Timing;
+  attempt: number; handler_id: string | null; how?: Redelivery; id: string; line: number; lost: boolean; m: number;
+  params: Params; program: number; progress?: Progress; question?: Question; redelivered: boolean; run_id: string;
+  seq: number; since: Timestamp; state: OutputState; timing: Timing;
 }
 
 /** A block of a program. */

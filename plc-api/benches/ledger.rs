@@ -37,7 +37,7 @@ fn spec() -> OutputSpec {
 #[divan::bench(args = [0, 8, 63])]
 fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     let boot_id = BootId("boot".to_owned());
-    let mut ledger = Ledger::new(boot_id.clone(), 64);
+    let mut ledger = Ledger::new(boot_id.clone(), 1, 64);
     for _ in 0..open {
         let seq = ledger.enqueue(NOW, spec()).unwrap_or_default();
         ledger.put_out(NOW, seq);
@@ -73,7 +73,7 @@ fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
 /// A claim that comes too late, as after a reconnect.
 #[divan::bench]
 fn stale_claim(bencher: Bencher<'_, '_>) {
-    let mut ledger = Ledger::new(BootId("boot".to_owned()), 64);
+    let mut ledger = Ledger::new(BootId("boot".to_owned()), 1, 64);
     let claim = Claim {
         boot_id: BootId("before".to_owned()),
         seq: 7,

@@ -55,7 +55,7 @@ impl AuxOutput {
         choices: impl IntoIterator<Item = C>,
     ) -> Result<String> {
         let ask = Ask {
-            boot_id: self.id().boot_id.clone(),
+            boot_id: self.key().boot_id.clone(),
             seq: self.seq(),
             handler_id: self.handler_id().to_owned(),
             question_id: unique_name("question"),
@@ -164,7 +164,7 @@ impl PendingQuestion<'_> {
             owner.is_none_or(|owner| owner == self.output.handler_id())
         };
         open.filter(is_ours)
-            .filter(|_| message.boot_id == self.output.id().boot_id)
+            .filter(|_| message.boot_id == self.output.key().boot_id)
     }
 }
 

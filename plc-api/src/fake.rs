@@ -93,7 +93,7 @@ struct Inner {
 impl FakePort {
     /// A machine with these coordinate systems, online.
     pub fn new(coordinate_systems: impl IntoIterator<Item = CoordinateSystemNumber>) -> Self {
-        let systems = coordinate_systems.into_iter().map(|cs| (cs, System::new(1)));
+        let systems = coordinate_systems.into_iter().map(|cs| (cs, System::new(1, cs)));
         let inner = Inner {
             boot: 1,
             systems: systems.collect(),
@@ -261,8 +261,8 @@ impl FakePort {
         let mut inner = lock(&self.inner);
         inner.boot += 1;
         let boot = inner.boot;
-        for system in inner.systems.values_mut() {
-            *system = System::restarted(boot);
+        for (cs, system) in &mut inner.systems {
+            *system = System::restarted(boot, *cs);
         }
         inner.alarms.clear();
         self.publish_birth(&mut inner);

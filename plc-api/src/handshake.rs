@@ -27,17 +27,23 @@ use crate::types::output::{
 };
 use crate::types::question::{Ask, OperatorAnswer, Question};
 use crate::types::request::{OutputRequest, Refusal, RefusalCode};
-use crate::types::{BootId, Timestamp};
+use crate::types::{BootId, CoordinateSystemNumber, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
 
 /// Characters of a progress text; a longer one is cut. Reason: it is one line of a panel.
 pub const PROGRESS_TEXT_MAX: usize = 200;
 
+/// Names an output for ever: boots are never the same again.
+pub(crate) fn output_id(boot_id: &BootId, cs: CoordinateSystemNumber, seq: u64) -> String {
+    format!("{}.{cs}.{seq}", boot_id.0)
+}
+
 /// The outputs of one coordinate system.
 #[derive(Debug)]
 pub struct Ledger {
     boot_id: BootId,
+    cs: CoordinateSystemNumber,
     open_outputs_max: usize,
     next_seq: u64,
     // ascending by seq
@@ -48,9 +54,10 @@ pub struct Ledger {
 
 impl Ledger {
     /// An empty ledger; its first output has `seq` 1. `open_outputs_max` of 0 counts as 1.
-    pub fn new(boot_id: BootId, open_outputs_max: usize) -> Self {
+    pub fn new(boot_id: BootId, cs: CoordinateSystemNumber, open_outputs_max: usize) -> Self {
         Self {
             boot_id,
+            cs,
             open_outputs_max: open_outputs_max.max(1),
             next_seq: 1,
             open: Vec::new(),
@@ -71,6 +78,7 @@ impl Ledger {
         self.next_seq += 1;
         self.open.push(OpenOutput {
             notice: OutputNotice {
+                id: output_id(&self.boot_id, self.cs, seq),
                 seq,
                 run_id: spec.run_id,
                 m: spec.m,

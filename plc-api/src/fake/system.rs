@@ -5,13 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::execution::Situation;
 use crate::handshake::{Closed, Ledger, OpenOutput};
 use crate::lock_input::{LockInput, LockRules};
-use crate::types::Timestamp;
 use crate::types::command::{Command, Verb};
 use crate::types::message::Payload;
 use crate::types::output::CancelReason;
 use crate::types::request::{Input, Refusal, RefusalCode};
 use crate::types::state::{Execution, OptionalSkip, Overrides, Reason, RunKind, State, Switch, WaitingOn};
 use crate::types::topic::CsTopic;
+use crate::types::{CoordinateSystemNumber, Timestamp};
 
 use super::{OPEN_OUTPUTS_MAX, boot_id};
 
@@ -21,6 +21,8 @@ type Word = (Execution, Option<Reason>);
 #[derive(Debug)]
 pub(super) struct System {
     pub(super) ledger: Ledger,
+    /// Of the machine's start and this coordinate system.
+    runs_of: String,
     /// How outputs ended.
     pub(super) closed: BTreeMap<u64, Closed>,
     runs: u32,
@@ -43,9 +45,10 @@ struct Run {
 
 impl System {
     /// READY, with program 1.
-    pub(super) fn new(boot: u32) -> Self {
+    pub(super) fn new(boot: u32, cs: CoordinateSystemNumber) -> Self {
         Self {
-            ledger: Ledger::new(boot_id(boot), OPEN_OUTPUTS_MAX),
+            ledger: Ledger::new(boot_id(boot), cs, OPEN_OUTPUTS_MAX),
+            runs_of: format!("{}-{cs}", boot_id(boot).0),
             closed: BTreeMap::new(),
             runs: 0,
             run: None,
@@ -61,15 +64,15 @@ impl System {
     }
 
     /// After a restart of the runtime.
-    pub(super) fn restarted(boot: u32) -> Self {
+    pub(super) fn restarted(boot: u32, cs: CoordinateSystemNumber) -> Self {
         Self {
             idle: (Execution::Stopped, Some(Reason::Restarted)),
-            ..Self::new(boot)
+            ..Self::new(boot, cs)
         }
     }
 
     pub(super) fn run_id(&self) -> String {
-        format!("run-{}", self.runs)
+        format!("{}-{}", self.runs_of, self.runs)
     }
 
     /// The loaded program; 1 if the test started a run without one.

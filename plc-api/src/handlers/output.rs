@@ -84,7 +84,7 @@ impl AuxOutput {
         self.inner.question.lock().await
     }
 
-    pub(crate) fn id(&self) -> &OutputId {
+    pub(crate) fn key(&self) -> &OutputId {
         &self.inner.id
     }
 
@@ -96,12 +96,39 @@ impl AuxOutput {
         &self.inner.plc
     }
 
+    /// Names this output for ever, over all starts of the runtime: note under it what must be done once, such as a part
+    /// that is counted, and look there before it is done again. A redelivered output has the same name.
+    ///
+    /// ```
+    /// use std::collections::BTreeSet;
+    /// use std::sync::{Arc, Mutex};
+    ///
+    /// use plc_api::{Alarm, AuxOutput, SequenceProgram};
+    ///
+    /// // in a machine a table of a database, whose key is the name
+    /// type Parts = Arc<Mutex<BTreeSet<String>>>;
+    ///
+    /// async fn count(output: AuxOutput, parts: Parts) -> Result<(), Alarm> {
+    ///     let mut parts = parts.lock().map_err(|_| Alarm::user(1, "the counter is broken"))?;
+    ///     // counts once, however often it is delivered
+    ///     parts.insert(output.id().to_owned());
+    ///     Ok(())
+    /// }
+    ///
+    /// let parts = Parts::default();
+    /// let program = SequenceProgram::new().on(60, move |output| count(output, parts.clone()));
+    /// # assert_eq!(program.check(), Ok(()));
+    /// ```
+    pub fn id(&self) -> &str {
+        &self.inner.notice.id
+    }
+
     /// M number, 0 to 191.
     pub fn m(&self) -> u16 {
         self.inner.notice.m
     }
 
-    /// Sequence number: identifies this output within boot and coordinate system.
+    /// Sequence number: identifies this output within boot and coordinate system, as [`AuxOutput::id`] does for ever.
     pub fn seq(&self) -> u64 {
         self.inner.id.seq
     }
@@ -126,7 +153,7 @@ impl AuxOutput {
         self.inner.notice.line
     }
 
-    /// The program run that put it out.
+    /// The program run that put it out; never the same again, over all starts of the runtime.
     pub fn run_id(&self) -> &str {
         &self.inner.notice.run_id
     }

@@ -218,14 +218,14 @@ async fn run_to_end(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id:
 /// Claims, runs the handler, resets. Returns when nothing is left to do.
 async fn work(output: AuxOutput, handler: Boxed) {
     let (plc, m, seq) = (output.plc(), output.m(), output.seq());
-    let status = until_answered(plc, output.id().claim(m, output.handler_id())).await;
+    let status = until_answered(plc, output.key().claim(m, output.handler_id())).await;
     if status != Some(HandshakeStatus::Accepted) {
         tracing::debug!(m, seq, ?status, "output left to others");
         return;
     }
     let result = call(&output, &handler).await;
     output.set_answering();
-    let reset = output.id().reset(m, output.handler_id(), result.err());
+    let reset = output.key().reset(m, output.handler_id(), result.err());
     let status = until_answered(plc, reset).await;
     // a duplicate is this reset itself, sent twice because its answer was late
     if !matches!(

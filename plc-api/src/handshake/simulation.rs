@@ -64,7 +64,7 @@ impl World {
         Self {
             seed,
             random: Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1),
-            ledger: Ledger::new(BootId("b".into()), OPEN_MAX),
+            ledger: Ledger::new(BootId("b".into()), 1, OPEN_MAX),
             now_s: 0.0,
             known: BTreeMap::new(),
             messages: Vec::new(),

@@ -27,7 +27,7 @@ fn spec(m: u16) -> OutputSpec {
 }
 
 fn ledger() -> Ledger {
-    Ledger::new(boot(), 64)
+    Ledger::new(boot(), 1, 64)
 }
 
 fn made(ledger: &mut Ledger, m: u16) -> u64 {
@@ -179,7 +179,7 @@ fn a_fault_whose_code_would_be_the_number_of_another_alarm_is_refused_and_the_ou
 
 #[test]
 fn h8_the_queue_is_bounded_and_takes_again_after_a_reset() {
-    let mut ledger = Ledger::new(boot(), 2);
+    let mut ledger = Ledger::new(boot(), 1, 2);
     let first = made(&mut ledger, 1);
     made(&mut ledger, 2);
     assert_eq!(ledger.enqueue(now(0.0), spec(3)), Err(Full));

@@ -51,6 +51,12 @@ impl RawOutput {
         }
     }
 
+    /// Names this output for ever, over all starts of the runtime: note under it what must be done once. A redelivered
+    /// output has the same name.
+    pub fn id(&self) -> &str {
+        &self.inner.notice.id
+    }
+
     /// Coordinate system that put it out.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
         self.inner.id.cs

@@ -195,7 +195,7 @@ pub struct JournalFilter {
     /// Of this user, client or handler.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub user: Option<String>,
-    /// Of this run, such as `1-7`, or `BOOT/1-7` of that start of the runtime.
+    /// Of this run: its `run_id` `BOOT-1-7`, or `1-7` of every start of the runtime.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
 }

@@ -42,9 +42,13 @@ explained! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutputNotice {
+    /// Names this output for ever, over all starts of the runtime: work that must be done once, such as counting a part, is
+    /// noted under it. Empty in what an older runtime has written.
+    #[serde(default)]
+    pub id: String,
     /// Sequence number: strictly increasing in its coordinate system, never reused within a boot.
     pub seq: u64,
-    /// The program run that made it.
+    /// The program run that made it; never the same again, over all starts of the runtime.
     pub run_id: String,
     /// M number, 0 to 191.
     pub m: u16,

@@ -64,7 +64,7 @@ enum Action {
         /// Of this user, client or handler
         #[arg(long, value_name = "NAME")]
         user: Option<String>,
-        /// Of this run, such as 1-7, or BOOT/1-7 of that start of the runtime
+        /// Of this run, such as BOOT-1-7, or 1-7 of every start of the runtime
         #[arg(long, value_name = "RUN")]
         run: Option<String>,
         /// One JSON object per line, as they are kept

@@ -38,6 +38,11 @@ impl Context {
         self.shared.clock.now_s()
     }
 
+    /// Names the n-th run of this start of the runtime; no other start has the same name.
+    pub fn run_id(&self, n: u64) -> String {
+        format!("{}-{}-{n}", self.shared.boot_id.0, self.number)
+    }
+
     /// Writes a line of the journal.
     pub fn record(&self, event: Event) {
         self.shared.record(self.number, event);

@@ -90,7 +90,7 @@ impl CoordinateSystem {
             programs.insert(main.number, Arc::clone(&main.tree));
         }
         Run {
-            id: format!("{}-{}", self.context.number, self.past.count + 1),
+            id: self.context.run_id(self.past.count + 1),
             kind,
             main,
             programs,

@@ -117,7 +117,11 @@ impl CoordinateSystem {
     ) -> Self {
         let number = configured.settings.number;
         let [interlock, start_lock] = configured.locks.clone();
-        let ledger = Ledger::new(shared.boot_id.clone(), configured.open_outputs_max);
+        let ledger = Ledger::new(
+            shared.boot_id.clone(),
+            configured.settings.number,
+            configured.open_outputs_max,
+        );
         let at = handle.readings.read().commanded;
         let mut pipeline = Pipeline::new(&configured.settings, configured.dialect, at);
         if let Some(on_plan) = shared.on_plan.clone() {

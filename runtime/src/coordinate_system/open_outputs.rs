@@ -187,7 +187,7 @@ mod tests {
 
     /// Outputs of these M numbers, made in this order.
     fn open(m_codes: &[u16]) -> Outputs {
-        let mut outputs = Outputs::new(Ledger::new(BootId("b1".to_owned()), 8));
+        let mut outputs = Outputs::new(Ledger::new(BootId("b1".to_owned()), 1, 8));
         for m in m_codes {
             let spec = OutputSpec {
                 run_id: "1-1".to_owned(),

@@ -109,7 +109,12 @@ impl LineFilter {
     fn is_of_run(&self, cs: u64) -> bool {
         let is = |wanted: &String| {
             let (boot_id, run) = wanted.split_once('/').unwrap_or((&self.boot_id, wanted));
-            boot_id == self.boot_id && self.runs.get(&cs).is_some_and(|now| now == run)
+            // the whole name, or without the start that it begins with
+            let is_it = |now: &String| {
+                let of_boot = now.strip_prefix(boot_id).and_then(|now| now.strip_prefix('-'));
+                now == run || of_boot == Some(run)
+            };
+            boot_id == self.boot_id && self.runs.get(&cs).is_some_and(is_it)
         };
         self.wanted.run.as_ref().is_none_or(is)
     }
@@ -208,11 +213,11 @@ mod tests {
                 0,
                 json!({"event": "request", "user": "anna", "request": "POST /cs/1/start"}),
             ),
-            line(1, 1, json!({"event": "start", "program": 60, "run_id": "1-1"})),
+            line(1, 1, json!({"event": "start", "program": 60, "run_id": "b1-1-1"})),
             line(
                 2,
                 1,
-                json!({"event": "output", "m": 100, "seq": 1, "run_id": "1-1"}),
+                json!({"event": "output", "m": 100, "seq": 1, "run_id": "b1-1-1"}),
             ),
             line(
                 3,
@@ -271,6 +276,10 @@ mod tests {
         };
         assert_eq!(taken(&run("1-1"), &lines), [1, 2, 4, 5, 6]);
         assert_eq!(taken(&run("b1/1-1"), &lines), [1, 2, 4, 5, 6]);
-        assert_eq!(taken(&run("b2/1-1"), &lines), Vec::<usize>::new());
+        assert_eq!(taken(&run("b1-1-1"), &lines), [1, 2, 4, 5, 6]);
+        assert_eq!(taken(&run("2-1"), &lines), [3], "named by an older runtime");
+        for other in ["b2/1-1", "b2-1-1", "1-11", "1"] {
+            assert_eq!(taken(&run(other), &lines), Vec::<usize>::new(), "{other}");
+        }
     }
 }

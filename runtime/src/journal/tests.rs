@@ -9,6 +9,7 @@ use crate::program_store::EditKind;
 
 fn output() -> OutputNotice {
     OutputNotice {
+        id: "b1.1.7".to_owned(),
         seq: 7,
         run_id: "1-1".to_owned(),
         m: 100,
@@ -63,7 +64,7 @@ fn of_outputs() -> Vec<(Event, &'static str)> {
     vec![
         (
             Event::Output(Box::new(output())),
-            r#""attempt":1,"event":"output","line":4,"m":100,"params":{"A":3.0,"H":-0.5},"program":60,"redelivered":false,"run_id":"1-1","seq":7,"timing":"after_motion""#,
+            r#""attempt":1,"event":"output","id":"b1.1.7","line":4,"m":100,"params":{"A":3.0,"H":-0.5},"program":60,"redelivered":false,"run_id":"1-1","seq":7,"timing":"after_motion""#,
         ),
         (
             Event::Claim {

@@ -69,6 +69,7 @@ mod tests {
 
     fn output(m: u16, a: Option<f64>) -> OutputNotice {
         OutputNotice {
+            id: String::new(),
             seq: 1,
             run_id: "1".into(),
             m,

@@ -223,6 +223,37 @@ fn journal(machine: &Machine) -> Vec<Value> {
 }
 
 #[tokio::test]
+async fn no_name_of_an_output_or_a_run_comes_again_after_a_restart_on_the_same_folder() {
+    let machine = machine();
+    let mut served = Served::start(&machine);
+    let mut names = Vec::new();
+    served.put_program(50, "M100 VA3\nM30\n").await.expect(201);
+    for _ in 0..2 {
+        let load = served.post("/cs/1/load?wait=1", &json!({"program": 50})).await;
+        load.expect(200);
+        served.command(1, "start").await;
+        let state = served.execution(1, "WAIT").await;
+        let pending = served.get("/cs/1/m_codes").await.expect(200).json();
+        let output = pending["outputs"][0].clone();
+        assert_eq!((&output["seq"], &output["run_id"]), (&json!(1), &state["run_id"]));
+        names.push([output["id"].clone(), output["run_id"].clone()]);
+        served = kill(served, &machine);
+    }
+    assert!(
+        names
+            .iter()
+            .flatten()
+            .all(|name| name.as_str().is_some_and(|name| !name.is_empty()))
+    );
+    assert_ne!(names[0][0], names[1][0]);
+    assert_ne!(names[0][1], names[1][1]);
+    let lines = journal(&machine);
+    let told = lines.iter().filter(|line| line["event"] == "output");
+    let told: Vec<Value> = told.map(|line| line["id"].clone()).collect();
+    assert_eq!(told, [names[0][0].clone(), names[1][0].clone()]);
+}
+
+#[tokio::test]
 async fn after_a_kill_nothing_starts_by_itself_and_the_operator_is_told_what_was_open() {
     let machine = machine();
     let served = killed_at_m100(&machine).await;

@@ -209,6 +209,7 @@ mod tests {
 
     fn notice(seq: u64) -> OutputNotice {
         OutputNotice {
+            id: String::new(),
             seq,
             run_id: String::new(),
             m: 5,
