@@ -1,9 +1,11 @@
 // Builds the screen: the connection feeds the model, and each view shows the model at most once per frame.
 
+import { Alerts } from "./alerts.js";
 import { api, Refusal } from "./api.js";
 import { confirm } from "./confirm.js";
 import { Connection } from "./connection.js";
 import { fill, h, setAttr, setText } from "./dom.js";
+import { startWorker } from "./install.js";
 import { Jogger } from "./jog.js";
 import { Model } from "./model.js";
 import { Panels } from "./panels.js";
@@ -11,6 +13,7 @@ import { listenToKeys } from "./shortcuts.js";
 import { startTheme } from "./theme.js";
 import { Toasts } from "./toasts.js";
 import { signedIn } from "./token.js";
+import { startTouch } from "./touch.js";
 import { views } from "./views/index.js";
 import { tellWhyNot } from "./why_not.js";
 
@@ -26,6 +29,7 @@ import { tellWhyNot } from "./why_not.js";
  * @property {(verb: "start" | "resume") => void} go the same of what begins a run or lets it go on: only if the state is the one on the screen
  * @property {(cs: number, program: number) => Promise<void>} load
  * @property {Jogger} jogger
+ * @property {Alerts} alerts
  * @property {(cs: number) => void} select
  * @property {(panel: string) => void} open shows a panel at the right
  * @property {() => Promise<void>} readPrograms
@@ -105,10 +109,12 @@ const app = {
   },
   retry: () => connection.retryNow(),
   invalidate,
-  // it needs the rest
+  // these need the rest
   jogger: /** @type {any} */ (null),
+  alerts: /** @type {any} */ (null),
 };
 app.jogger = new Jogger(app);
+app.alerts = new Alerts(app);
 
 const connection = new Connection({
   message(topic, message) {
@@ -201,6 +207,7 @@ function render() {
   setAttr(screen, "aria-labelledby", `tab-${model.selected}`);
   setText(heading, `Machine ${model.birth?.machine ?? ""}`.trim());
   app.jogger.render();
+  app.alerts.render();
   document.title = `${model.birth?.machine ?? "Tandem"} – ${model.current?.state?.execution ?? "not connected"}`;
   for (const view of shown) {
     try {
@@ -218,6 +225,8 @@ function invalidate() {
 }
 
 startTheme(invalidate);
+startTouch();
+startWorker();
 listenToKeys(app);
 tellWhyNot((text) => toasts.show(text));
 setInterval(invalidate, TICK_MS);

@@ -4,6 +4,8 @@ import { openDialog } from "./dialog.js";
 import { button, h, setAttr, setText } from "./dom.js";
 import { icon } from "./icons.js";
 import { forgetToken } from "./token.js";
+import { chooseLarge, isLarge } from "./touch.js";
+import { disableFor } from "./why_not.js";
 
 /** @param {import("./main.js").App} app */
 export function userButton(app) {
@@ -34,8 +36,34 @@ function showUser(app) {
   const dialog = openDialog("user-dialog", "User", [
     h("p", {}, says),
     h("p", { class: "muted" }, "In view mode this screen only looks: nothing but Hold, Stop and Abort can be pressed."),
+    h("h3", {}, "This screen"),
+    ...settings(app),
     h("div", { class: "row end wrap" }, user?.user && leave, view, close),
   ]);
+}
+
+/** What this browser remembers. @param {import("./main.js").App} app */
+function settings({ alerts }) {
+  /** @param {string} says @param {string} about @param {() => boolean} isOn @param {(on: boolean) => unknown} set @param {() => string | null} [why] */
+  const row = (says, about, isOn, set, why = () => null) => {
+    const note = h("p", { class: "muted" });
+    const one = button({ "aria-pressed": "false", onclick: async () => {
+      await set(!isOn());
+      render();
+    } }, says);
+    const render = () => {
+      setAttr(one, "aria-pressed", String(isOn()));
+      disableFor(one, why());
+      setText(note, why() ?? about);
+    };
+    render();
+    return h("div", { class: "setting" }, one, note);
+  };
+  return [
+    row("Sound", "Questions and alarms are heard.", () => alerts.isOn("sound"), (on) => alerts.choose("sound", on)),
+    row("Notifications", "Questions and alarms are shown by the system, also over other windows.", () => alerts.isOn("notification"), (on) => alerts.choose("notification", on), () => alerts.whyNot("notification")),
+    row("Large targets", "For fingers and gloves; on by itself where the screen is touched.", isLarge, chooseLarge),
+  ];
 }
 
 /** @param {import("./main.js").App} app */

@@ -11,6 +11,7 @@ import { Screen } from "./screen.mjs";
 
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
+const DIAGNOSTIC = { code: "E0104", severity: "error", line: 2, column: 1, end_line: 2, end_column: 3, message: "M has no value", help: "Write a number." };
 const line = (event, t_s, more) => ({ event, t_s, ts: new Date(Date.UTC(2026, 0, 1) + t_s * 1000).toISOString(), cs: 1, boot_id: "boot-1", n: t_s, ...more });
 /** The journal of a run with one wait. */
 const RUN = [line("start", 1, { program: 1, run_id: "1-1" }), line("output", 2, { seq: 1, m: 100, line: 2, timing: "after_motion" }), line("reset", 5, { seq: 1, m: 100, handler_id: "magazine" }), line("end", 7, { outcome: "PROGRAM_COMPLETED" })];
@@ -53,6 +54,49 @@ const PARTS = {
     machine.state(1, { execution: "WAIT", waiting_on: { m: 100, seq: 12, since: open.since } });
     await page.locator(".alarm").waitFor();
   },
+  async Variables(page) {
+    await page.getByRole("tab", { name: "Set up" }).click();
+    await page.getByRole("radio", { name: "Variables" }).click();
+  },
+  async "M codes"(page) {
+    await page.getByRole("tab", { name: "Set up" }).click();
+    await page.getByRole("radio", { name: "M codes" }).click();
+  },
+  async user(page) {
+    await page.getByRole("button", { name: /^No login/ }).click();
+    await page.getByRole("button", { name: "Sound" }).waitFor();
+  },
+  async rename(page) {
+    await page.getByRole("button", { name: "Rename O0002" }).click();
+    await page.getByLabel("New number").waitFor();
+  },
+  async "a question before something is deleted"(page) {
+    await page.getByRole("button", { name: "Delete O0002" }).click();
+    await page.getByRole("dialog").waitFor();
+  },
+  async "who holds a lock"(page, machine) {
+    const source = { source: "door", text: "The door is open", value: true, handler_id: "cell", lost: false };
+    machine.say("cs/1/input/interlock/state", { value: true, text: "The door is open", sources: [source, { ...source, source: "mat", value: false, forced_by: "anna" }] });
+    await page.getByRole("tab", { name: "By hand" }).click();
+    await page.getByRole("switch", { name: "Interlock" }).click();
+    await page.getByRole("button", { name: "Clear door by force" }).waitFor();
+  },
+  async "a machine that is not there"(page, machine) {
+    machine.setReachable(false);
+    await page.getByText("Not connected", { exact: true }).waitFor();
+  },
+  async "large targets"(page) {
+    await page.evaluate(() => (document.documentElement.dataset.touch = "true"));
+  },
+  async "times of a run"(page) {
+    await page.getByRole("button", { name: "Times" }).click();
+    await page.getByRole("dialog").waitFor();
+  },
+  async "a meaning"(page, machine) {
+    machine.answers.set("GET /explain/READY", { status: 200, body: { what: "READY", text: "READY\n\nThe program can be started." } });
+    await page.getByRole("button", { name: /^Explain/ }).first().click();
+    await page.getByRole("dialog").waitFor();
+  },
   async timeline(page, machine) {
     machine.answers.set("GET /journal", { status: 200, body: { lines: RUN } });
     await page.getByRole("button", { name: "History" }).click();
@@ -77,13 +121,23 @@ const PARTS = {
   },
 };
 
+test("axe finds nothing wrong: the page of a machine that does not answer", async () => {
+  const { page, close } = await openPage(browser);
+  await new ScriptedMachine().attach(page);
+  await page.goto(`${ORIGIN}/offline.html`);
+  await page.evaluate(AXE);
+  assert.deepEqual(await page.evaluate(async () => (await globalThis.axe.run(document)).violations.map(({ id }) => id).filter((id) => id !== "meta-refresh")), []);
+  await close();
+});
+
 for (const colorScheme of ["light", "dark"]) {
   for (const [name, show] of Object.entries(PARTS)) {
     test(`axe finds nothing wrong: ${name}, ${colorScheme}`, async () => {
       const { page, close } = await openPage(browser, { colorScheme });
       const machine = new ScriptedMachine();
       machine.programs.set(1, "// One\nM100 VA5\nM30\n");
-      machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 1, warnings: 0 }];
+      machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 1, warnings: 0 }, { number: 2, title: "TWO", bytes: 24, errors: 0, warnings: 0 }];
+      machine.answers.set("POST /programs/1/check", { status: 200, body: { diagnostics: [DIAGNOSTIC], dialect: "nj", hash: "5".repeat(64), m_codes: [], o_number: null, programs: [], signature: null } });
       machine.answers.set("GET /tools", { status: 200, body: { tools: [{ id: 1, length: 10, radius: 2 }] } });
       machine.start();
       await machine.attach(page);

@@ -22,7 +22,7 @@ export function themeOf(cm) {
   return [cm.syntaxHighlighting(colours), cm.EditorView.theme(RULES)];
 }
 
-const BUTTON = { minHeight: "44px", minWidth: "44px", padding: "0 10px", border: "1px solid var(--line)", borderRadius: "8px", background: "var(--raised)", color: "var(--text)", font: "inherit", fontWeight: "600" };
+const BUTTON = { minHeight: "var(--target)", minWidth: "var(--target)", padding: "0 10px", border: "1px solid var(--line)", borderRadius: "8px", background: "var(--raised)", color: "var(--text)", font: "inherit", fontWeight: "600" };
 
 /** @type {Parameters<CodeMirror["EditorView"]["theme"]>[0]} */
 const RULES = {
@@ -37,12 +37,12 @@ const RULES = {
   ".cm-searchMatch": { background: "var(--attention-soft)", outline: "1px solid var(--attention)" },
   ".cm-searchMatch-selected": { background: "var(--wait-soft)", outline: "2px solid var(--wait)" },
   ".cm-panels": { background: "var(--card)", color: "var(--text)", borderBottom: "1px solid var(--line)" },
-  ".cm-panel.cm-search": { display: "flex", flexWrap: "wrap", alignItems: "center", gap: "6px", padding: "8px 60px 8px 8px" },
+  ".cm-panel.cm-search": { display: "flex", flexWrap: "wrap", alignItems: "center", gap: "6px", padding: "8px calc(var(--target) + 16px) 8px 8px" },
   ".cm-panel.cm-search br": { display: "none" },
-  ".cm-panel.cm-search label": { display: "inline-flex", alignItems: "center", gap: "6px", minHeight: "44px", margin: "0", fontSize: "14px" },
+  ".cm-panel.cm-search label": { display: "inline-flex", alignItems: "center", gap: "6px", minHeight: "var(--target)", margin: "0", fontSize: "14px" },
   ".cm-panel.cm-search input[type=checkbox]": { width: "22px", height: "22px", margin: "0", accentColor: "var(--accent)" },
   ".cm-panel.cm-search .cm-textfield": { flex: "1 1 180px", minWidth: "0" },
-  ".cm-textfield": { minHeight: "44px", margin: "0", padding: "0 10px", border: "1px solid var(--line)", borderRadius: "8px", background: "var(--card)", color: "var(--text)", fontSize: "15px" },
+  ".cm-textfield": { minHeight: "var(--target)", margin: "0", padding: "0 10px", border: "1px solid var(--line)", borderRadius: "8px", background: "var(--card)", color: "var(--text)", fontSize: "15px" },
   ".cm-button": { ...BUTTON, margin: "0", backgroundImage: "none" },
   ".cm-panel.cm-search [name=close]": { ...BUTTON, top: "8px", right: "8px", fontSize: "22px" },
   ".cm-gutter-lint": { width: "22px" },

@@ -1,9 +1,9 @@
 // The timeline as a picture: a lane for each coordinate system, a bar for each stretch, the time of day below.
 
 import { h } from "../dom.js";
+import { picture, shape, text } from "./svg.js";
 import { describe } from "./timeline.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 const LANE_PX = 46;
 const BAR_PX = 34;
 const AXIS_PX = 26;
@@ -20,7 +20,7 @@ const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 18
 /** @typedef {import("./timeline.js").Run} Run @typedef {import("./timeline.js").Span} Span */
 
 export class Chart {
-  #picture = /** @type {SVGSVGElement} */ (document.createElementNS(SVG, "svg"));
+  #picture = picture("timeline-picture");
   #scroll = h("div", { class: "timeline-scroll", tabindex: 0, role: "group", "aria-label": "Timeline: left and right choose a stretch, up and down a coordinate system, plus and minus zoom" });
   element = this.#scroll;
   #zoom = 1;
@@ -37,8 +37,6 @@ export class Chart {
   /** @param {(cs: number, span: Span) => void} choose told of the stretch that is chosen */
   constructor(choose) {
     this.#choose = choose;
-    this.#picture.setAttribute("class", "timeline-picture");
-    this.#picture.setAttribute("aria-hidden", "true");
     this.#scroll.append(this.#picture);
     this.#scroll.addEventListener("keydown", (event) => this.#key(event));
     this.#picture.addEventListener("click", (event) => {
@@ -131,7 +129,7 @@ export class Chart {
     const y = lane * LANE_PX + (LANE_PX - BAR_PX) / 2;
     const rect = shape("rect", { x, y, width, height: BAR_PX, class: `span-${span.kind}`, "data-at": at });
     if (span === this.#chosen) rect.setAttribute("data-chosen", "");
-    const title = document.createElementNS(SVG, "title");
+    const title = shape("title", {});
     title.textContent = describe(span);
     rect.append(title);
     const label = span.kind === "moving" ? "" : span.says;
@@ -150,20 +148,6 @@ export class Chart {
     }
     return marks;
   }
-}
-
-/** @param {string} tag @param {Record<string, string | number>} attributes */
-function shape(tag, attributes) {
-  const element = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
-  return element;
-}
-
-/** @param {number} x @param {number} y @param {string} says @param {string} name */
-function text(x, y, says, name) {
-  const element = shape("text", { x, y, class: name });
-  element.textContent = says;
-  return element;
 }
 
 /** @param {number} ms @param {boolean} isFine */

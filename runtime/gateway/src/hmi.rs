@@ -24,7 +24,7 @@ struct Files;
 struct Pictures;
 
 /// Extensions of the files that are served; tests, types and package files in the folder are not.
-const SERVED: [&str; 7] = ["html", "js", "css", "svg", "png", "ico", "woff2"];
+const SERVED: [&str; 8] = ["html", "js", "css", "svg", "png", "ico", "woff2", "webmanifest"];
 
 /// Content from this server only; no plug-ins, no frames, no forms to other servers.
 const CONTENT_SECURITY_POLICY: &str =

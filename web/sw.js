@@ -1,0 +1,26 @@
+// The service worker. It never serves a screen that it has kept: pages come from the machine, or say that it does not answer.
+
+const OFFLINE = "offline-1";
+const KEPT = ["/offline.html", "/offline.css", "/icon.svg"];
+const worker = /** @type {any} */ (globalThis);
+
+worker.addEventListener("install", (/** @type {any} */ event) => {
+  event.waitUntil(caches.open(OFFLINE).then((cache) => cache.addAll(KEPT)).then(() => worker.skipWaiting()));
+});
+
+worker.addEventListener("activate", (/** @type {any} */ event) => {
+  const forget = async () => {
+    for (const name of await caches.keys()) if (name !== OFFLINE) await caches.delete(name);
+    await worker.clients.claim();
+  };
+  event.waitUntil(forget());
+});
+
+worker.addEventListener("fetch", (/** @type {any} */ event) => {
+  const { mode, url } = event.request;
+  const { origin, pathname } = new URL(url);
+  const kept = mode === "navigate" ? KEPT[0] : KEPT.find((path) => origin === worker.location.origin && path === pathname);
+  // everything else is the browser's own business
+  if (!kept) return;
+  event.respondWith(fetch(event.request).catch(async () => (await caches.match(kept)) ?? Response.error()));
+});
