@@ -1,5 +1,6 @@
 // What is known of the machine: the last message of each topic, and the recent path.
 
+import { Recorder } from "./history/recorder.js";
 import { Trail } from "./trail.js";
 
 /** Topics of a coordinate system that the screen shows, with the field that keeps them. */
@@ -61,6 +62,8 @@ export class Model {
   programs = null;
   /** @type {import("./types.d.ts").CurrentUser | null} who is logged in */
   user = null;
+  /** Positions of the last minutes, for curves. */
+  recorder = new Recorder();
   /** View mode: this screen only looks. */
   viewing = false;
   /** The panel at the right. */
@@ -118,6 +121,7 @@ export class Model {
     if (restarted) {
       this.alarms = [];
       this.programs = null;
+      this.recorder.forget();
       this.#clockAheadMs = Number.POSITIVE_INFINITY;
       for (const system of this.systems.values()) this.systems.set(system.info.number, empty(system.info));
     }
@@ -152,6 +156,7 @@ export class Model {
     if (!system || !field) return;
     /** @type {any} */ (system)[field] = message;
     if (field === "state") system.trail.run(message.run_id);
+    if (field === "position") this.recorder.add(system.info.number, message);
     if (field === "position") system.trail.add(message.machine, system.modal?.g["01"] === "G00");
   }
 }

@@ -108,6 +108,12 @@ const PARTS = {
     await page.getByRole("radio", { name: "Journal" }).click();
     await page.getByRole("cell", { name: "output" }).waitFor();
   },
+  async curves(page, machine) {
+    machine.say("cs/1/position", machine.topics.get("cs/1/position"));
+    await page.getByRole("button", { name: "History" }).click();
+    await page.getByRole("radio", { name: "Curves" }).click();
+    await page.locator('.curve[d*="L"]').first().waitFor({ state: "attached" });
+  },
   async "past alarms"(page, machine) {
     const alarm = { id: 1, severity: "alarm", number: 102, text: "X would go to 960.000000", cs: 1, program: 1, line: 3, raised_at: now(9000), cleared_at: now(2000), acknowledged_by: null, remedy: "Move less." };
     machine.answers.set("GET /alarms/history", { status: 200, body: { alarms: [alarm] } });

@@ -37,6 +37,9 @@ const PARTS = {
   async journal(page) {
     await page.getByRole("radio", { name: "Journal" }).click();
   },
+  async curves(page) {
+    await page.getByRole("radio", { name: "Curves" }).click();
+  },
   async editor(page) {
     await page.keyboard.press("Escape");
     await page.getByRole("tab", { name: "Programs" }).click();

@@ -5,6 +5,7 @@ import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { describe, losses, timelineOf } from "../../web/history/timeline.js";
 import { rounded } from "../../web/format.js";
+import { Recorder, SAMPLES_MAX, valuesOf } from "../../web/history/recorder.js";
 import { launch, openPage } from "./browser.mjs";
 import { takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
@@ -58,6 +59,19 @@ test("of two that meet at an M code the first one waited for the second", () => 
 
 test("numbers in texts have three decimals at most", () => {
   assert.equal(rounded("Axis X would go to 960.000000 (machine), beyond 500.12; 7 of 8"), "Axis X would go to 960.000 (machine), beyond 500.12; 7 of 8");
+});
+
+const sample = (s, X, error = 0) => ({ ts: new Date(BEGIN + s * 1000).toISOString(), feedrate: 60, spindle_rpm: 0, work: { X }, following_error: { X: error } });
+
+test("curves: velocity is the way over the time, per minute, and none over a gap; what comes twice or late is left out; the oldest goes first", () => {
+  const recorder = new Recorder();
+  for (const [s, X] of [[0, 0], [0.1, 1], [0.1, 5], [0.05, 9], [0.2, 1], [5, 90], [5.1, 89.5]]) recorder.add(1, sample(s, X));
+  assert.deepEqual(valuesOf(recorder.of(1), "position", "X"), [0, 1, 1, 90, 89.5]);
+  assert.deepEqual(valuesOf(recorder.of(1), "velocity", "X"), [Number.NaN, 600, 0, Number.NaN, -300]);
+  for (let i = 0; i < 2 * SAMPLES_MAX; i += 1) recorder.add(1, sample(10 + i / 10, i));
+  const kept = recorder.of(1);
+  assert.ok(kept.length >= SAMPLES_MAX && kept.length <= 1.1 * SAMPLES_MAX, `${kept.length} samples`);
+  assert.equal(kept.at(-1).position.X, 2 * SAMPLES_MAX - 1);
 });
 
 let runtime;
@@ -145,6 +159,30 @@ test("an alarm of the past is told with its help and how long it lasted", async 
   await history().getByText(/lasted \d+\.\d s · coordinate system 1/).waitFor();
   await history().getByRole("button", { name: "Explain alarm 102" }).waitFor();
   await history().locator(".remedy").first().waitFor();
+});
+
+test("curves follow a motion: an axis that is moved has another range than one that is not", async () => {
+  await post("/cs/1/reset?wait=1");
+  await page.getByRole("button", { name: "History" }).click();
+  await part("Curves");
+  await history().getByLabel("Curve of").selectOption("position");
+  await post("/cs/1/mdi?wait=1", { text: "G91 G01 X20 F1000\nX-20" });
+  const range = async (axis) => Number(await history().getByRole("row", { name: new RegExp(`^${axis} `) }).locator("td").last().textContent());
+  await until(() => range("X"), (moved) => moved > 15 && moved <= 20, "the range of X");
+  assert.equal(await range("Y"), 0);
+  await history().getByRole("button", { name: "X", exact: true }).click();
+  await history().getByRole("row", { name: /^X / }).waitFor({ state: "detached" });
+});
+
+test("pictures of curves", async () => {
+  const said = await takePictures(browser, runtime.url, "curves", async (one) => {
+    await one.getByRole("button", { name: "History" }).click();
+    await one.getByRole("radio", { name: "Curves" }).click();
+    await one.getByRole("dialog").getByLabel("Curve of").selectOption("velocity");
+    await post("/cs/1/mdi?wait=1", { text: "G91 G01 X20 F2000\nY20\nX-20 Y-20\nZ-5\nZ5" });
+    await one.getByRole("dialog").getByRole("rowheader", { name: "X", exact: true }).waitFor();
+  });
+  assert.deepEqual(said, []);
 });
 
 test("pictures of the history", async () => {

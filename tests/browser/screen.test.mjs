@@ -50,7 +50,7 @@ function expectErrors(pattern) {
 /** M100 of seq 12, owned by `handler`. */
 function output(handler, change = {}) {
   return {
-    seq: 12, run_id: "r", m: 100, params: { A: 5 }, timing: "after_motion", program: 1, line: 2, attempt: 1,
+    id: "boot-1-1-12", seq: 12, run_id: "r", m: 100, params: { A: 5 }, timing: "after_motion", program: 1, line: 2, attempt: 1,
     redelivered: false, lost: false, state: handler ? "CLAIMED" : "OUTPUT", handler_id: handler, since: now(12000), ...change,
   };
 }

@@ -68,9 +68,10 @@ export class ScriptedMachine {
     await page.route(`${ORIGIN}/**`, (route) => this.#serve(route));
   }
 
-  /** Says a payload on a topic. */
+  /** Says a payload on a topic; outputs have the names that their numbers give them. */
   say(topic, payload) {
-    this.topics.set(topic, payload);
+    const outputs = payload.outputs?.map((output) => ({ id: `${this.bootId}-${topic.split("/")[1]}-${output.seq}`, ...output }));
+    this.topics.set(topic, outputs ? { ...payload, outputs } : payload);
     for (const socket of this.#sockets) if (socket.subscribed.has(topic)) this.#send(socket, topic);
   }
 

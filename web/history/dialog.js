@@ -1,9 +1,10 @@
-// What was: the timeline of all coordinate systems, the journal, the alarms of the past.
+// What was: the timeline of all coordinate systems, the journal, curves of the last minutes, the alarms of the past.
 
 import { openDialog } from "../dialog.js";
 import { button, fill, h, setAttr } from "../dom.js";
 import { alarmHistory } from "./alarms.js";
 import { journal } from "./journal.js";
+import { PlotsView } from "./plots.js";
 import { TimelineView } from "./timeline_view.js";
 
 /** @typedef {{element: HTMLElement, close?: () => void}} Part */
@@ -12,6 +13,7 @@ import { TimelineView } from "./timeline_view.js";
 const PARTS = {
   Timeline: (app) => new TimelineView(app),
   Journal: (app) => ({ element: journal(app) }),
+  Curves: (app) => new PlotsView(app),
   "Past alarms": (app) => ({ element: alarmHistory(app) }),
 };
 

@@ -101,7 +101,8 @@ fn the_list_of_third_party_licences_is_that_of_the_packages_that_are_linked() {
     let packages = third_party();
     let mut page = String::from(
         "# Third-party licences\n\nThe packages of others that the command `tandem` is made of on Linux; `Cargo.lock` names their \
-         versions. Each carries the text\nof its licence.\n\n| package | licence | address |\n| --- | --- | --- |\n",
+         versions. Each carries the text\nof its licence. The editor of the HMI is CodeMirror (MIT); `web/vendor/LICENSES.txt` has the licences of \
+         its parts.\n\n| package | licence | address |\n| --- | --- | --- |\n",
     );
     for (name, licence, address) in &packages {
         assert!(!licence.is_empty(), "{name} names no licence");
