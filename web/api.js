@@ -5,6 +5,8 @@ import { authorization } from "./token.js";
 
 /** Time limit of a request: a slow machine may take seconds to stop on its path. */
 const TIMEOUT_MS = 15000;
+/** A long program takes longer to be sent and checked, at least this many characters a millisecond. */
+const STORED_CHARS_PER_MS = 100;
 /** Time limit of a refresh of a jog: the machine has stopped long before. */
 const JOG_TIMEOUT_MS = 1000;
 
@@ -285,6 +287,6 @@ export const api = {
     /** @type {Record<string, string>} */
     const headers = hash === null ? { "If-None-Match": "*" } : hash === "" ? {} : { "If-Match": `"${hash}"` };
     const query = dialect === "" ? "" : `?dialect=${dialect}`;
-    return (await request("PUT", `/programs/${number}${query}`, text, headers)).json();
+    return (await request("PUT", `/programs/${number}${query}`, text, headers, TIMEOUT_MS + text.length / STORED_CHARS_PER_MS)).json();
   },
 };

@@ -11,7 +11,7 @@ import { disableFor, whyNotNow } from "../why_not.js";
 import { Code, codeMirror } from "./code.js";
 
 /** Longer texts are only shown, and stored unchanged: to change them in a browser would need too much memory. */
-const EDITABLE_CHARS = 16_000_000;
+const EDITABLE_CHARS = 4_000_000;
 /** Findings listed. */
 const SHOWN_MAX = 50;
 const NUMBER_MAX = 9999;
