@@ -111,10 +111,23 @@ export interface HandledCode {
   cs: number; m: number;
 }
 
+/** What a `handler/{id}/result` answers. */
+export type HandlerAct = "presence";
+
 /** Payload of `handler/{id}/presence`. */
 export interface HandlerPresence {
-  handles: HandledCode[]; online: boolean; validates: boolean;
+  handles: HandledCode[]; instance?: string; online: boolean; redelivery?: Redelivery; take_over?: boolean;
+  validates: boolean;
 }
+
+/** Payload of `handler/{id}/result`: the answer to an `online` presence, or that its place was taken. */
+export interface HandlerResultMessage {
+  boot_id: BootId; code?: RefusalCode; instance: string | null; of: HandlerAct; rev?: number; status: HandlerStatus;
+  text?: string; ts: string; v: 1;
+}
+
+/** What became of a presence. */
+export type HandlerStatus = "accepted" | "refused" | "taken_over";
 
 export interface Handlers {
   handlers: Record<string, HandlerPresence>;
@@ -122,17 +135,18 @@ export interface Handlers {
 
 /** Payload of `m_code/{m}/result`. */
 export interface HandshakeResult {
-  handler_id: string; seq: number; status: HandshakeStatus; text?: string;
+  handler_id: string; how?: Redelivery; instance?: string; of?: OutputAct; seq: number; status: HandshakeStatus;
+  text?: string;
 }
 
 /** Payload of `m_code/{m}/result`. */
 export interface HandshakeResultMessage {
-  boot_id: BootId; handler_id: string; rev?: number; seq: number; status: HandshakeStatus; text?: string; ts: string;
-  v: 1;
+  boot_id: BootId; handler_id: string; how?: Redelivery; instance?: string; of?: OutputAct; rev?: number; seq: number;
+  status: HandshakeStatus; text?: string; ts: string; v: 1;
 }
 
 /** What became of a claim or a reset. */
-export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner" | "refused";
+export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner" | "withheld" | "refused";
 
 /** Whether the server answers, and has its MQTT broker. */
 export interface Health {
@@ -222,6 +236,9 @@ export interface OptionalSkipMessage {
   v: 1;
 }
 
+/** What a `result` answers. */
+export type OutputAct = "claim" | "reset" | "progress" | "ask" | "redeliver" | "answer";
+
 /** One output as `m_code/{m}/output` says it. */
 export interface OutputNoticeMessage {
   attempt: number; boot_id: BootId; id: string; line: number; m: number; params: Params; program: number;
@@ -250,8 +267,8 @@ export interface PendingMessage {
 /** One open output as `m_code/pending` says it. */
 export interface PendingOutput {
   attempt: number; handler_id: string | null; how?: Redelivery; id: string; line: number; lost: boolean; m: number;
-  params: Params; program: number; progress?: Progress; question?: Question; redelivered: boolean; run_id: string;
-  seq: number; since: Timestamp; state: OutputState; timing: Timing;
+  params: Params; program: number; progress?: Progress; question?: Question; redelivered: boolean;
+  redelivery?: Redelivery; run_id: string; seq: number; since: Timestamp; state: OutputState; timing: Timing;
 }
 
 /** A block of a program. */
@@ -320,8 +337,11 @@ export interface Question {
 /** Why a state is as it is. */
 export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "CLIENT_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
 
-/** What a handler does with an output that it may already have worked on. */
-export type Redelivery = "ask" | "redo" | "verify";
+/** What a handler does with an output that it may already have worked on. The later is the stricter. */
+export type Redelivery = "redo" | "verify" | "ask";
+
+/** Machine-readable reason of a refusal. */
+export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_locked" | "forbidden" | "busy" | "lease_lost" | "handler_taken" | "no_answer" | "command_id_reused" | "precondition_failed" | "program_has_errors" | "wrong_dialect" | "not_signed" | "invalid" | "too_large" | "not_supported" | "retained" | "expired" | "unavailable";
 
 /** What a run of a program does, as it was planned with the tools, offsets, variables and inputs of now. Times are those at
  * 100 percent overrides. */
@@ -443,7 +463,7 @@ export interface WaitingOn {
 
 /** An error frame. */
 export interface WebSocketError {
-  error: string;
+  code?: RefusalCode; error: string;
 }
 
 /** The message of the topic, with its path in front; see the topic's channel for the other fields. */

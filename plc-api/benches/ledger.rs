@@ -30,6 +30,7 @@ fn spec() -> OutputSpec {
         program: 1,
         line: 1,
         timeout_s: Some(30.0),
+        redelivery: None,
     }
 }
 
@@ -52,6 +53,7 @@ fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
             boot_id: boot_id.clone(),
             seq,
             handler_id: "magazine".to_owned(),
+            instance: None,
         };
         divan::black_box(ledger.claim(NOW, Some(100), &claim));
         effects += ledger.take_effects().count();
@@ -63,6 +65,7 @@ fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
             code: None,
             text: None,
             force: None,
+            instance: None,
         };
         divan::black_box(ledger.reset(NOW, Some(100), &reset));
         effects += ledger.take_effects().count();
@@ -78,6 +81,7 @@ fn stale_claim(bencher: Bencher<'_, '_>) {
         boot_id: BootId("before".to_owned()),
         seq: 7,
         handler_id: "magazine".to_owned(),
+        instance: None,
     };
     bencher.counter(ItemsCount::new(1_usize)).bench_local(|| {
         divan::black_box(ledger.claim(NOW, Some(100), &claim));

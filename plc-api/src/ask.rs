@@ -57,7 +57,8 @@ impl AuxOutput {
         let ask = Ask {
             boot_id: self.key().boot_id.clone(),
             seq: self.seq(),
-            handler_id: self.handler_id().to_owned(),
+            handler_id: self.by().id(),
+            instance: Some(self.by().instance()),
             question_id: unique_name("question"),
             text: text.into(),
             choices: choices.into_iter().map(Into::into).collect(),
@@ -120,7 +121,8 @@ impl PendingQuestion<'_> {
                         Err(Error::Handshake { .. }) => return Err(self.ended().await),
                         Err(error) => return Err(error),
                     },
-                    Err(Error::Refused(refusal)) if refusal.code == RefusalCode::Unavailable => {}
+                    Err(Error::NoAnswer { .. }) => {}
+                    Err(Error::Refused(refusal)) if refusal.code.may_pass() => {}
                     Err(error) => return Err(error),
                 }
             }
@@ -161,7 +163,7 @@ impl PendingQuestion<'_> {
         let open = outputs.find(|output| output.output.seq == self.output.seq());
         let is_ours = |output: &&PendingOutput| {
             let owner = output.handler_id.as_deref();
-            owner.is_none_or(|owner| owner == self.output.handler_id())
+            owner.is_none_or(|owner| owner == &*self.output.by().handler_id)
         };
         open.filter(is_ours)
             .filter(|_| message.boot_id == self.output.key().boot_id)

@@ -1,17 +1,45 @@
 //! Claims and resets of an output, each repeated until the machine has answered.
 
+use std::sync::Arc;
+
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
+use crate::handshake::strictest;
+use crate::names::unique_name;
 use crate::plc::Plc;
 use crate::types::message::Message;
 use crate::types::output::{
     Claim, HandshakeResult, HandshakeStatus, PendingOutput, Redelivery, Reset, ResetResult,
 };
-use crate::types::refusal::RefusalCode;
 use crate::types::request::{TypedRequest, typed};
 use crate::types::{BootId, CoordinateSystemNumber};
 
 pub(crate) use crate::port::RETRY;
+
+/// Who claims and resets: a handler, and which of its instances.
+#[derive(Debug, Clone)]
+pub(crate) struct Identity {
+    pub(crate) handler_id: Arc<str>,
+    pub(crate) instance: Arc<str>,
+}
+
+impl Identity {
+    /// A new instance of a handler.
+    pub(crate) fn new(handler_id: Arc<str>) -> Self {
+        Self {
+            handler_id,
+            instance: unique_name("i").into(),
+        }
+    }
+
+    pub(crate) fn id(&self) -> String {
+        self.handler_id.to_string()
+    }
+
+    pub(crate) fn instance(&self) -> String {
+        self.instance.to_string()
+    }
+}
 
 /// Identifies an output across boots.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -31,17 +59,19 @@ impl OutputId {
         }
     }
 
-    pub(crate) fn claim(&self, m: u16, handler_id: &str) -> typed::Claim {
+    pub(crate) fn claim(&self, m: u16, by: &Identity) -> typed::Claim {
         let claim = Claim {
             boot_id: self.boot_id.clone(),
             seq: self.seq,
-            handler_id: handler_id.to_owned(),
+            handler_id: by.id(),
+            instance: Some(by.instance()),
         };
         typed::Claim(self.cs, Some(m), claim)
     }
 
-    pub(crate) fn reset(&self, m: u16, handler_id: &str, alarm: Option<Alarm>) -> typed::Reset {
-        let reset = reset_of(&self.boot_id, self.seq, handler_id, alarm);
+    pub(crate) fn reset(&self, m: u16, by: &Identity, alarm: Option<Alarm>) -> typed::Reset {
+        let mut reset = reset_of(&self.boot_id, self.seq, &by.handler_id, alarm);
+        reset.instance = Some(by.instance());
         typed::Reset(self.cs, Some(m), reset)
     }
 }
@@ -64,6 +94,7 @@ pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Opti
         code,
         text,
         force: None,
+        instance: None,
     }
 }
 
@@ -83,7 +114,7 @@ pub(crate) async fn until_answered(
     loop {
         match plc.port().ask(request.clone()).await {
             Ok(HandshakeResult { status, .. }) => return Some(status),
-            Err(refusal) if refusal.code == RefusalCode::Unavailable => {
+            Err(refusal) if refusal.code.may_pass() => {
                 tracing::warn!(%refusal, "claim or reset not answered yet");
                 plc.sleep(RETRY).await;
             }
@@ -96,15 +127,16 @@ pub(crate) async fn until_answered(
 }
 
 /// Whether the handler starts on an output, and then whether it must check the machine first; `None` leaves it to an
-/// operator.
-pub(crate) fn taken_up(lost: bool, told: Option<Redelivery>, on_redelivery: Redelivery) -> Option<bool> {
-    match (lost, told) {
-        (_, Some(Redelivery::Redo)) | (false, _) => Some(false),
-        (_, Some(Redelivery::Verify)) => Some(true),
-        (true, _) => match on_redelivery {
-            Redelivery::Ask => None,
-            Redelivery::Redo => Some(false),
-            Redelivery::Verify => Some(true),
-        },
+/// operator. The machine decides the same at the claim.
+pub(crate) fn taken_up(output: &PendingOutput, on_redelivery: Option<Redelivery>) -> Option<bool> {
+    let how = match (output.lost, output.how) {
+        (false, _) => return Some(false),
+        (true, Some(how)) => how,
+        (true, None) => strictest(output.redelivery, on_redelivery).unwrap_or_default(),
+    };
+    match how {
+        Redelivery::Ask => None,
+        Redelivery::Redo => Some(false),
+        Redelivery::Verify => Some(true),
     }
 }

@@ -228,19 +228,55 @@ impl CoordinateSystem {
     /// Carries out a command, and returns when it has had its effect.
     ///
     /// # Errors
-    /// [`Error::Refused`] if nothing has changed, [`Error::CommandFailed`] if something prevented its effect.
+    /// [`Error::Refused`] if nothing has changed, [`Error::CommandFailed`] if something prevented its effect,
+    /// [`Error::NoAnswer`] if it is not known whether it had its effect: [`CoordinateSystem::command_as`] finds out.
     pub async fn command(&self, command: Command) -> Result<()> {
+        let id = self.plc.command_meta().command_id;
+        self.command_as(command, id).await
+    }
+
+    /// The same under an id of your own, 1 to 128 characters. Sent again with the same id within 10 minutes, such as that of an
+    /// [`Error::NoAnswer`], it is never done twice: the answer is how it ended.
+    ///
+    /// ```
+    /// use plc_api::types::command::Command;
+    /// use plc_api::{CoordinateSystem, Error};
+    ///
+    /// /// Starts once, over a connection that may be lost.
+    /// async fn start(mill: &CoordinateSystem) -> plc_api::Result<()> {
+    ///     let mut ended = mill.command(Command::Start).await;
+    ///     while let Err(Error::NoAnswer { command_id: Some(id), .. }) = &ended {
+    ///         ended = mill.command_as(Command::Start, id).await;
+    ///     }
+    ///     ended
+    /// }
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # start(&plc_api::fake::FakePort::new([1]).plc().coordinate_system(1)).await
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`CoordinateSystem::command`].
+    pub async fn command_as(&self, command: Command, command_id: impl Into<String>) -> Result<()> {
         let verb = command.verb();
+        let command_id = command_id.into();
         let request = typed::Command {
             cs: self.number,
             command,
             meta: CommandMeta {
                 fence: self.fence,
+                command_id: command_id.clone(),
                 ..self.plc.command_meta()
             },
             wait: true,
         };
-        let reply = self.plc.request(request).await?;
+        let reply = self.plc.request(request).await.map_err(|error| match error {
+            Error::NoAnswer { text, .. } => Error::NoAnswer {
+                command_id: Some(command_id),
+                text,
+            },
+            other => other,
+        })?;
         match reply.status {
             CommandStatus::Rejected => Err(Refusal::new(RefusalCode::NotAllowed, reply.text).into()),
             CommandStatus::Failed => Err(Error::CommandFailed {

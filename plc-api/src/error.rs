@@ -1,7 +1,7 @@
 //! Errors of the crate.
 
 use crate::alarm::Alarm;
-use crate::types::request::Refusal;
+use crate::types::request::{Refusal, RefusalCode};
 
 /// An error between a sequence program and a machine.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -35,7 +35,24 @@ pub enum Error {
     },
     /// The machine refused a request; nothing has changed.
     #[error(transparent)]
-    Refused(#[from] Refusal),
+    Refused(Refusal),
+    /// No answer came in time: whether the request had its effect is not known. Look at the state, or send it again: a
+    /// command with the same id ([`CoordinateSystem::command_as`](crate::CoordinateSystem::command_as)) is never done twice.
+    #[error("{text}")]
+    NoAnswer {
+        /// The command, if it was one.
+        command_id: Option<String>,
+        /// Who did not answer, and within which time.
+        text: String,
+    },
+    /// Another instance of the sequence program has taken over its `handler_id`. Its handlers have been dropped.
+    #[error("{text}")]
+    TakenOver {
+        /// The name of the sequence program.
+        handler_id: String,
+        /// Which instance, and since when.
+        text: String,
+    },
     /// A command was accepted, but something prevented its effect.
     #[error("{verb} in coordinate system {cs} failed: {text}")]
     CommandFailed {
@@ -81,6 +98,18 @@ impl Error {
 
 /// Result of the crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl From<Refusal> for Error {
+    fn from(refusal: Refusal) -> Self {
+        match refusal.code {
+            RefusalCode::NoAnswer => Error::NoAnswer {
+                command_id: None,
+                text: refusal.text,
+            },
+            _ => Error::Refused(refusal),
+        }
+    }
+}
 
 impl From<Error> for Alarm {
     fn from(error: Error) -> Self {

@@ -43,6 +43,7 @@ use std::time::{Duration, SystemTime};
 use tokio::sync::oneshot;
 
 use crate::alarm::Alarm;
+use crate::handler_registry::HandlerRegistry;
 use crate::handshake::{Closed, Effect, Ledger, Now, OutputSpec};
 use crate::hub::{Filter, Hub, Subscription};
 use crate::lock::lock;
@@ -87,6 +88,7 @@ struct Inner {
     rev: u64,
     leases: u64,
     data: data::Data,
+    handlers: HandlerRegistry,
     sleepers: Vec<(f64, oneshot::Sender<()>)>,
 }
 
@@ -145,6 +147,7 @@ impl FakePort {
             program: system.program(),
             line: 1,
             timeout_s: timeout.map(|timeout| timeout.as_secs_f64()),
+            redelivery: None,
         };
         self.use_ledger(&mut inner, cs, |ledger, now| {
             let seq = ledger.enqueue(now, spec).expect("64 outputs are open");
@@ -238,7 +241,7 @@ impl FakePort {
 
     /// Breaks the connection of a handler: its claims are released.
     pub fn lose_handler(&self, handler_id: &str) {
-        self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id));
+        self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id, None));
         let mut inner = lock(&self.inner);
         let numbers: Vec<_> = inner.systems.keys().copied().collect();
         for cs in numbers {
@@ -265,6 +268,7 @@ impl FakePort {
             *system = System::restarted(boot, *cs);
         }
         inner.alarms.clear();
+        inner.handlers = HandlerRegistry::default();
         self.publish_birth(&mut inner);
     }
 

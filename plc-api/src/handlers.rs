@@ -78,7 +78,8 @@ type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync
 pub struct SequenceProgram<Scope = Everywhere> {
     table: Table,
     companions: Vec<Companion>,
-    on_redelivery: Redelivery,
+    on_redelivery: Option<Redelivery>,
+    takes_over: bool,
     handler_id: Option<String>,
     // the coordinate system of the handlers added next; none means all
     cs: Option<CoordinateSystemNumber>,
@@ -173,6 +174,7 @@ impl<Scope> SequenceProgram<Scope> {
             table: self.table,
             companions: self.companions,
             on_redelivery: self.on_redelivery,
+            takes_over: self.takes_over,
             handler_id: self.handler_id,
             cs,
             scope: PhantomData,
@@ -186,7 +188,8 @@ impl SequenceProgram {
         Self {
             table: Table::default(),
             companions: Vec::new(),
-            on_redelivery: Redelivery::default(),
+            on_redelivery: None,
+            takes_over: false,
             handler_id: None,
             cs: None,
             scope: PhantomData,
@@ -265,16 +268,42 @@ impl SequenceProgram {
         self.beside(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
-    /// What happens with an output whose handler died or lost its connection before the reset. Default
-    /// [`Redelivery::Ask`]: nothing, until an operator decides.
+    /// What happens with an output whose handler died or lost its connection before the reset. The strictest counts of this
+    /// and of `redelivery` in the configuration of the M code ([`Redelivery::Ask`], then [`Redelivery::Verify`], then
+    /// [`Redelivery::Redo`]); where neither says anything, nothing happens until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
-        self.on_redelivery = on_redelivery;
+        self.on_redelivery = Some(on_redelivery);
         self
     }
 
-    /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, used by one program at a time.
-    /// Default: the user name of the connection, else a random name.
+    /// Takes the place of a program of the same name that is there, such as the version before an update. That one is told,
+    /// drops its handlers, and ends with [`Error::TakenOver`]; what it was working on is taken up as
+    /// [`SequenceProgram::on_redelivery`] says. Without it, the machine refuses a second program of a name.
+    ///
+    /// ```
+    /// use plc_api::{Error, SequenceProgram, fake::FakePort};
+    ///
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() {
+    /// let fake = FakePort::new([1]);
+    /// let program = || SequenceProgram::new().handler_id("cell").on(10, |_output| async { Ok(()) });
+    /// let plc = fake.plc();
+    /// let old = tokio::spawn(async move { program().run(&plc).await });
+    /// fake.settle().await;
+    /// let plc = fake.plc();
+    /// tokio::spawn(async move { program().take_over().run(&plc).await });
+    /// fake.settle().await;
+    /// assert!(matches!(old.await.unwrap(), Err(Error::TakenOver { .. })));
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn take_over(mut self) -> Self {
+        self.takes_over = true;
+        self
+    }
+
+    /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, used by one program at a time: the
+    /// machine refuses a second one, unless it is to [`take_over`](SequenceProgram::take_over). Default: the user name of the connection, else a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
@@ -301,13 +330,19 @@ impl SequenceProgram {
     /// offline.
     ///
     /// # Errors
-    /// What [`SequenceProgram::check`] finds; a scan program panics; the machine refuses the name; over MQTT, the
-    /// connection serves another sequence program: use one connection for each.
+    /// What [`SequenceProgram::check`] finds; a scan program panics; the machine refuses the name, such as
+    /// `handler_taken` while another program has it; [`Error::TakenOver`]; over MQTT, the connection serves another sequence program: use one connection for each.
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());
         let plc = &plc.of_handler(&handler_id);
-        let serving = run::run(self.table, self.on_redelivery, plc, handler_id.into());
+        let serving = run::run(
+            self.table,
+            self.on_redelivery,
+            self.takes_over,
+            plc,
+            handler_id.into(),
+        );
         let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {
             // the handler first: what its companions set is its own

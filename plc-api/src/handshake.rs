@@ -13,23 +13,28 @@
 
 mod closed;
 mod effect;
+mod identity;
+mod result;
 pub mod rules;
 
 pub use closed::CLOSED_REMEMBERED;
 pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
+pub(crate) use identity::{strictest, taken_text};
 
-use crate::alarm::{Alarm, USER_CODE_MAX};
+use crate::alarm::Alarm;
 use crate::text::cut;
-use crate::types::ids::{CLIENT_ID_MAX, is_client_id};
+use crate::types::ids::is_client_id;
 use crate::types::output::{
-    Cancel, CancelReason, Claim, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Pending,
-    Progress, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
+    Cancel, CancelReason, Claim, HandledCode, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct,
+    OutputNotice, OutputState, Pending, Progress, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
 use crate::types::question::{Ask, OperatorAnswer, Question};
-use crate::types::request::{OutputRequest, Refusal, RefusalCode};
+use crate::types::request::{OutputRequest, Refusal};
 use crate::types::{BootId, CoordinateSystemNumber, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
+use identity::{Denied, LiveHandlers};
+use result::{check_code, fault_alarm, result_of, status_of};
 
 /// Characters of a progress text; a longer one is cut. Reason: it is one line of a panel.
 pub const PROGRESS_TEXT_MAX: usize = 200;
@@ -49,6 +54,7 @@ pub struct Ledger {
     // ascending by seq
     open: Vec<OpenOutput>,
     closed: ClosedOutputs,
+    handlers: LiveHandlers,
     effects: Vec<Effect>,
 }
 
@@ -62,6 +68,7 @@ impl Ledger {
             next_seq: 1,
             open: Vec::new(),
             closed: ClosedOutputs::default(),
+            handlers: LiveHandlers::default(),
             effects: Vec::new(),
         }
     }
@@ -91,8 +98,11 @@ impl Ledger {
             },
             state: OutputState::Queued,
             handler_id: None,
+            instance: None,
             since: now.time,
             lost: false,
+            lost_by: None,
+            redelivery: spec.redelivery,
             how: None,
             progress: None,
             question: None,
@@ -129,59 +139,91 @@ impl Ledger {
         m: Option<u16>,
         request: &OutputRequest,
     ) -> Result<HandshakeResult, Refusal> {
-        let (handler_id, status) = match request {
+        let (of, handler_id, instance, changed) = match request {
             OutputRequest::Claim(claim) => return Ok(self.claim(now, m, claim)),
             OutputRequest::Reset(reset) => {
                 check_code(reset)?;
                 return Ok(self.reset(now, m, reset));
             }
-            OutputRequest::Progress(report) => (report.handler_id.as_str(), self.progress(now, m, report)),
-            OutputRequest::Redeliver(redeliver) => ("", self.redeliver(now, m, redeliver)),
-            OutputRequest::Ask(ask) => (ask.handler_id.as_str(), self.ask(now, m, ask)?),
-            OutputRequest::AnswerQuestion(answer) => ("", self.answer_question(now, m, answer)),
+            OutputRequest::Progress(report) => {
+                let changed = self.report(m, report);
+                (
+                    OutputAct::Progress,
+                    &*report.handler_id,
+                    &report.instance,
+                    changed,
+                )
+            }
+            OutputRequest::Redeliver(redeliver) => {
+                (OutputAct::Redeliver, "", &None, self.decide(m, redeliver))
+            }
+            OutputRequest::Ask(ask) => {
+                let changed = self.put_question(now, m, ask)?;
+                (OutputAct::Ask, &*ask.handler_id, &ask.instance, changed)
+            }
+            OutputRequest::AnswerQuestion(answer) => {
+                (OutputAct::Answer, "", &None, self.take_answer(m, answer))
+            }
         };
-        Ok(HandshakeResult {
-            seq: request.seq(),
-            handler_id: handler_id.to_owned(),
-            status,
-            text: None,
-        })
+        let result = result_of(of, (request.seq(), handler_id, instance), &changed);
+        if changed.is_err() {
+            self.tell(m, &result);
+        }
+        Ok(result)
     }
 
     /// A handler claims an output (H4).
     ///
     /// `m` is the M number of the request, if it has one; if it is not the output's, the answer is `unknown` (H3).
     pub fn claim(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> HandshakeResult {
-        let status = self.change(&claim.boot_id, claim.seq, m, |output| {
-            if !is_client_id(&claim.handler_id) {
-                return Err(HandshakeStatus::NotOwner);
-            }
-            if output.handler_id.is_some() {
-                return output.check_owner(&claim.handler_id).map(|()| false);
-            }
-            output.state = OutputState::Claimed;
-            output.handler_id = Some(claim.handler_id.clone());
-            output.since = now.time;
-            output.lost = false;
-            output.how = None;
-            Ok(true)
-        });
-        self.answer(m, claim.seq, &claim.handler_id, status)
+        let who = (claim.seq, &*claim.handler_id, &claim.instance);
+        let taken = self.take(now, m, claim);
+        let how = taken.as_ref().ok().copied().flatten();
+        let mut result = result_of(OutputAct::Claim, who, &taken.map(|_| ()));
+        result.how = how;
+        self.tell(m, &result);
+        result
+    }
+
+    fn take(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> Result<Option<Redelivery>, Denied> {
+        let place = self.find(&claim.boot_id, claim.seq, m)?;
+        if !is_client_id(&claim.handler_id) {
+            return Err((HandshakeStatus::NotOwner, None));
+        }
+        let instance = self
+            .handlers
+            .speaker(&claim.handler_id, claim.instance.as_ref())?;
+        let output = &mut self.open[place];
+        if output.handler_id.is_some() {
+            output.check_owner(&claim.handler_id, instance.as_ref())?;
+            return Ok(None);
+        }
+        let how = self
+            .handlers
+            .take_up(output, &claim.handler_id, instance.as_ref())?;
+        output.state = OutputState::Claimed;
+        output.handler_id = Some(claim.handler_id.clone());
+        output.instance = instance;
+        output.since = now.time;
+        output.lost = false;
+        output.lost_by = None;
+        output.how = None;
+        self.pending_changed();
+        Ok(how)
     }
 
     /// A handler or an operator resets an output (H5, H6).
     pub fn reset(&mut self, _now: Now, m: Option<u16>, reset: &Reset) -> HandshakeResult {
-        let place = match self.find(&reset.boot_id, reset.seq, m) {
-            Ok(place) => place,
-            Err(status) => return self.answer(m, reset.seq, &reset.handler_id, status),
+        let who = (reset.seq, &*reset.handler_id, &reset.instance);
+        let (place, foreign) = match self.judge_reset(m, reset) {
+            Ok(judged) => judged,
+            Err(denied) => {
+                let result = result_of(OutputAct::Reset, who, &Err(denied));
+                self.tell(m, &result);
+                return result;
+            }
         };
-        let (force, output) = (reset.force == Some(true), &self.open[place]);
-        let owner = output.handler_id.as_deref();
-        let foreign = owner.is_some_and(|owner| owner != reset.handler_id);
-        if !is_client_id(&reset.handler_id) || (foreign && !force) {
-            return self.answer(m, reset.seq, &reset.handler_id, HandshakeStatus::NotOwner);
-        }
-        let output_m = output.notice.m;
+        let output_m = self.open[place].notice.m;
         let how = match reset.result {
             ResetResult::Ok => Closed::Reset,
             ResetResult::Fault => Closed::Failed {
@@ -191,18 +233,40 @@ impl Ledger {
         let cancel = foreign.then_some(CancelReason::Operator);
         self.close(place, how, cancel);
         // the answer comes after `pending` without the output, and after the end of the output
-        self.answer(
-            m.or(Some(output_m)),
-            reset.seq,
-            &reset.handler_id,
-            HandshakeStatus::Accepted,
-        )
+        let result = result_of(OutputAct::Reset, who, &Ok(()));
+        self.tell(m.or(Some(output_m)), &result);
+        result
+    }
+
+    /// The place of the output that a reset ends, and whether it is another's.
+    fn judge_reset(&self, m: Option<u16>, reset: &Reset) -> Result<(usize, bool), Denied> {
+        let place = self.find(&reset.boot_id, reset.seq, m)?;
+        let (force, output) = (reset.force == Some(true), &self.open[place]);
+        if !is_client_id(&reset.handler_id) {
+            return Err((HandshakeStatus::NotOwner, None));
+        }
+        let judged = self
+            .handlers
+            .speaker(&reset.handler_id, reset.instance.as_ref())
+            .and_then(|instance| match output.handler_id {
+                Some(_) => output.check_owner(&reset.handler_id, instance.as_ref()),
+                None => self.handlers.end(output, &reset.handler_id, instance.as_ref()),
+            });
+        match judged {
+            Ok(()) => Ok((place, false)),
+            Err(_) if force => Ok((place, output.handler_id.is_some())),
+            Err(denied) => Err(denied),
+        }
     }
 
     /// The owner reports progress (H13). `not_owner` for anyone else, also while nobody owns the output.
     pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
+        status_of(&self.report(m, report))
+    }
+
+    fn report(&mut self, m: Option<u16>, report: &ProgressReport) -> Result<(), Denied> {
         self.change(&report.boot_id, report.seq, m, |output| {
-            output.check_owner(&report.handler_id)?;
+            output.check_owner(&report.handler_id, report.instance.as_ref())?;
             let mut text = report.text.clone();
             cut(&mut text, PROGRESS_TEXT_MAX);
             let percent = report.percent.filter(|percent| percent.is_finite());
@@ -220,9 +284,13 @@ impl Ledger {
     /// # Errors
     /// Text or choices are out of range.
     pub fn ask(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<HandshakeStatus, Refusal> {
+        Ok(status_of(&self.put_question(now, m, ask)?))
+    }
+
+    fn put_question(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<Result<(), Denied>, Refusal> {
         ask.check()?;
         Ok(self.change(&ask.boot_id, ask.seq, m, |output| {
-            output.check_owner(&ask.handler_id)?;
+            output.check_owner(&ask.handler_id, ask.instance.as_ref())?;
             let asked = output.question.as_ref();
             let is_asked = asked.is_some_and(|question| question.id == ask.question_id);
             let is_new = is_asked == ask.choices.is_empty();
@@ -241,14 +309,18 @@ impl Ledger {
 
     /// An operator answers. `unknown` if there is no such question or choice, `duplicate` if it has an answer.
     pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
+        status_of(&self.take_answer(m, answer))
+    }
+
+    fn take_answer(&mut self, m: Option<u16>, answer: &OperatorAnswer) -> Result<(), Denied> {
         self.change(&answer.boot_id, answer.seq, m, |output| {
             let asked = output.question.as_mut();
             let question = asked
                 .filter(|question| question.id == answer.question_id)
                 .filter(|question| question.choices.contains(&answer.choice))
-                .ok_or(HandshakeStatus::Unknown)?;
+                .ok_or((HandshakeStatus::Unknown, None))?;
             if question.answer.is_some() {
-                return Err(HandshakeStatus::Duplicate);
+                return Err((HandshakeStatus::Duplicate, None));
             }
             question.answer = Some(answer.choice.clone());
             Ok(true)
@@ -258,27 +330,50 @@ impl Ledger {
     /// An operator decides about an output that nobody owns: it is published again with `how`; `ask` withdraws an
     /// earlier decision. `not_owner` while a handler owns it.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
+        status_of(&self.decide(m, redeliver))
+    }
+
+    fn decide(&mut self, m: Option<u16>, redeliver: &Redeliver) -> Result<(), Denied> {
         let how = Some(redeliver.how).filter(|how| *how != Redelivery::Ask);
-        let status = self.change(&redeliver.boot_id, redeliver.seq, m, |output| {
+        self.change(&redeliver.boot_id, redeliver.seq, m, |output| {
             if output.state == OutputState::Claimed {
-                return Err(HandshakeStatus::NotOwner);
+                return Err((HandshakeStatus::NotOwner, None));
             }
             output.how = how;
             Ok(true)
-        });
-        if status == HandshakeStatus::Accepted && how.is_some() {
-            self.publish_again(|output| output.notice.seq == redeliver.seq);
+        })?;
+        if how.is_some() {
+            self.publish_again(|_, output| output.notice.seq == redeliver.seq);
         }
-        status
+        Ok(())
     }
 
-    /// A handler was lost: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11).
-    pub fn handler_lost(&mut self, now: Now, handler_id: &str) {
-        let open = self.open.iter_mut();
+    /// A handler is there: its instance speaks for it from now on, and the unclaimed outputs that it may take up are published
+    /// again (H12).
+    pub fn handler_online(&mut self, now: Now, handler_id: &str, presence: &HandlerPresence) {
+        self.handlers.come(handler_id, presence, now.time);
+        let cs = self.cs;
+        self.publish_again(|handlers, output| {
+            let m = output.notice.m;
+            presence.handles.contains(&HandledCode { cs, m })
+                && handlers
+                    .take_up(output, handler_id, presence.instance.as_ref())
+                    .is_ok()
+        });
+    }
+
+    /// A handler was lost: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11). `instance`: only that of
+    /// this one; `None`: of any.
+    pub fn handler_lost(&mut self, now: Now, handler_id: &str, instance: Option<&str>) {
+        let said = self.handlers.redelivery(handler_id);
+        self.handlers.go(handler_id, instance);
+        let is_its = |output: &&mut OpenOutput| output.is_owned_by(handler_id, instance);
         let mut any = false;
-        for output in open.filter(|output| output.handler_id.as_deref() == Some(handler_id)) {
+        for output in self.open.iter_mut().filter(is_its) {
             output.state = OutputState::Output;
             output.handler_id = None;
+            output.lost_by = Some((handler_id.to_owned(), output.instance.take()));
+            output.redelivery = strictest(output.redelivery, said);
             output.since = now.time;
             output.lost = true;
             output.how = None;
@@ -293,9 +388,11 @@ impl Ledger {
     }
 
     /// Publishes again the unclaimed outputs whose M number is in `handles`, as `redelivered` with `attempt` one
-    /// higher: a handler for them came online, or the connection to the broker is new.
+    /// higher, but for those that are withheld: the connection to the broker is new.
     pub fn republish(&mut self, _now: Now, handles: impl Fn(u16) -> bool) {
-        self.publish_again(|output| handles(output.notice.m));
+        self.publish_again(|handlers, output| {
+            handles(output.notice.m) && handlers.take_up(output, "", None).is_ok()
+        });
     }
 
     /// The runtime fails an output, such as one without a handler; an owner is notified.
@@ -392,19 +489,19 @@ impl Ledger {
     }
 
     /// The place of an open output, or why there is none.
-    fn find(&self, boot_id: &BootId, seq: u64, m: Option<u16>) -> Result<usize, HandshakeStatus> {
+    fn find(&self, boot_id: &BootId, seq: u64, m: Option<u16>) -> Result<usize, Denied> {
         if *boot_id != self.boot_id {
-            return Err(HandshakeStatus::Stale);
+            return Err((HandshakeStatus::Stale, None));
         }
         if seq == 0 || seq >= self.next_seq {
-            return Err(HandshakeStatus::Unknown);
+            return Err((HandshakeStatus::Unknown, None));
         }
         let Some(place) = self.place(seq) else {
-            return Err(self.closed.answer(seq, m));
+            return Err((self.closed.answer(seq, m), None));
         };
         let output = &self.open[place];
         if output.state == OutputState::Queued || m.is_some_and(|m| m != output.notice.m) {
-            return Err(HandshakeStatus::Unknown);
+            return Err((HandshakeStatus::Unknown, None));
         }
         Ok(place)
     }
@@ -415,24 +512,19 @@ impl Ledger {
         boot_id: &BootId,
         seq: u64,
         m: Option<u16>,
-        change: impl FnOnce(&mut OpenOutput) -> Result<bool, HandshakeStatus>,
-    ) -> HandshakeStatus {
-        let found = self.find(boot_id, seq, m);
-        match found.and_then(|place| change(&mut self.open[place])) {
-            Ok(is_shown) => {
-                if is_shown {
-                    self.pending_changed();
-                }
-                HandshakeStatus::Accepted
-            }
-            Err(status) => status,
+        change: impl FnOnce(&mut OpenOutput) -> Result<bool, Denied>,
+    ) -> Result<(), Denied> {
+        let place = self.find(boot_id, seq, m)?;
+        if change(&mut self.open[place])? {
+            self.pending_changed();
         }
+        Ok(())
     }
 
-    fn publish_again(&mut self, which: impl Fn(&OpenOutput) -> bool) {
+    fn publish_again(&mut self, which: impl Fn(&LiveHandlers, &OpenOutput) -> bool) {
         let mut notices = Vec::new();
         for output in &mut self.open {
-            if output.state == OutputState::Output && which(output) {
+            if output.state == OutputState::Output && which(&self.handlers, output) {
                 output.notice.redelivered = true;
                 output.notice.attempt = output.notice.attempt.saturating_add(1);
                 notices.push(Effect::Output(output.notice.clone()));
@@ -470,28 +562,14 @@ impl Ledger {
         self.effects.push(Effect::Closed { seq, m, how });
     }
 
-    fn answer(
-        &mut self,
-        m: Option<u16>,
-        seq: u64,
-        handler_id: &str,
-        status: HandshakeStatus,
-    ) -> HandshakeResult {
-        let mut handler_id = handler_id.to_owned();
-        cut(&mut handler_id, CLIENT_ID_MAX);
-        let result = HandshakeResult {
-            seq,
-            handler_id,
-            status,
-            text: None,
-        };
-        let open = self.get(seq).map(|output| output.notice.m);
-        let known = || open.or_else(|| self.closed.m(seq));
+    /// Publishes a result under the M number of the request, else of the output.
+    fn tell(&mut self, m: Option<u16>, result: &HandshakeResult) {
+        let open = self.get(result.seq).map(|output| output.notice.m);
+        let known = || open.or_else(|| self.closed.m(result.seq));
         if let Some(m) = m.or_else(known) {
             let result = result.clone();
             self.effects.push(Effect::Result { m, result });
         }
-        result
     }
 
     fn pending_changed(&mut self) {
@@ -499,26 +577,6 @@ impl Ledger {
             self.effects.push(Effect::PendingChanged);
         }
     }
-}
-
-/// The number of an alarm is 10000 + code: a code out of range would be the number of another alarm.
-fn check_code(reset: &Reset) -> Result<(), Refusal> {
-    match reset.code {
-        Some(code) if code > USER_CODE_MAX => Err(Refusal::new(
-            RefusalCode::Invalid,
-            format!("reset: code {code} is not one of a handler's alarms; write 0 to {USER_CODE_MAX}"),
-        )),
-        _ => Ok(()),
-    }
-}
-
-fn fault_alarm(m: u16, reset: &Reset) -> Alarm {
-    let text = reset.text.clone().unwrap_or_else(|| {
-        let mut handler_id = reset.handler_id.clone();
-        cut(&mut handler_id, CLIENT_ID_MAX);
-        format!("M{m} failed; {handler_id} gave no reason")
-    });
-    Alarm::user(reset.code.unwrap_or(0), text)
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ pub enum Filter {
     All,
     /// These topics.
     Topics(Vec<Topic>),
-    /// Topics for a handler: presence, birth, presence of handlers, and pending, output, result, cancel and validate of
+    /// Topics for a handler: presence, birth, presence of handlers and its results, and pending, output, result, cancel and validate of
     /// every coordinate system.
     Handshake,
 }
@@ -35,7 +35,7 @@ impl Filter {
             Filter::All => true,
             Filter::Topics(topics) => topics.contains(topic),
             Filter::Handshake => match topic {
-                Topic::Presence | Topic::Birth | Topic::HandlerPresence(_) => true,
+                Topic::Presence | Topic::Birth | Topic::HandlerPresence(_) | Topic::HandlerResult(_) => true,
                 Topic::CoordinateSystem(_, topic) => matches!(
                     topic,
                     CsTopic::Pending

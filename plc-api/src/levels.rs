@@ -11,7 +11,6 @@ use crate::lock::lock;
 use crate::port::{Port, RETRY};
 use crate::types::CoordinateSystemNumber;
 use crate::types::lock::LockSet;
-use crate::types::refusal::RefusalCode;
 use crate::types::request::{Input, typed};
 
 /// Which of the two inputs.
@@ -133,7 +132,7 @@ impl Levels {
             let answer = port.ask_as(name, request).await;
             drop(turn);
             match answer {
-                Err(refusal) if refusal.code == RefusalCode::Unavailable && self.has_owner() => {
+                Err(refusal) if refusal.code.may_pass() && self.has_owner() => {
                     tracing::warn!(%refusal, "a lock is not written yet");
                     port.sleep(RETRY).await;
                 }

@@ -191,6 +191,7 @@ mod coordinate_system;
 mod error;
 pub mod execution;
 pub mod fake;
+pub mod handler_registry;
 pub mod handlers;
 pub mod handshake;
 mod heartbeat;

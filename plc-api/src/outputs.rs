@@ -16,7 +16,7 @@ use crate::hub::{Filter, Subscription};
 use crate::m_codes::{M_CODE_MAX, MCodes};
 use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::presence::{OpenOutputs, Presence};
+use crate::presence::{Announced, OpenOutputs, Presence};
 use crate::types::message::Message;
 use crate::types::output::{OutputState, PendingOutput, Redelivery};
 
@@ -50,7 +50,8 @@ pub struct Outputs {
     handler_id: Option<String>,
     // `None`: all codes
     codes: Option<BTreeSet<u16>>,
-    on_redelivery: Redelivery,
+    on_redelivery: Option<Redelivery>,
+    takes_over: bool,
     owner: Option<Arc<Owner>>,
     subscription: Subscription,
     open: OpenOutputs,
@@ -73,7 +74,8 @@ impl Outputs {
             plc: plc.clone(),
             handler_id: None,
             codes: None,
-            on_redelivery: Redelivery::default(),
+            on_redelivery: None,
+            takes_over: false,
             owner: None,
             open: OpenOutputs::default(),
             given: BTreeMap::new(),
@@ -98,11 +100,19 @@ impl Outputs {
         self
     }
 
-    /// What happens with an output whose handler was lost before the reset. Default [`Redelivery::Ask`]: the queue does
-    /// not return it until an operator decides.
+    /// What happens with an output whose handler was lost before the reset. The strictest counts of this and of the
+    /// configuration of the M code; where neither says anything, the queue does not return it until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
-        self.on_redelivery = on_redelivery;
+        self.on_redelivery = Some(on_redelivery);
+        self
+    }
+
+    /// Takes the place of a queue or program of the same name that is there, which is told so. Otherwise the machine refuses
+    /// the second.
+    #[must_use]
+    pub fn take_over(mut self) -> Self {
+        self.takes_over = true;
         self
     }
 
@@ -110,7 +120,8 @@ impl Outputs {
     /// again. Cancellation safe.
     ///
     /// # Errors
-    /// [`Error::Closed`] if the machine's side has ended; [`Error::SequenceProgram`] if the name is invalid;
+    /// [`Error::Closed`] if the machine's side has ended; [`Error::TakenOver`] if another queue or program of this name has taken
+    /// its place; [`Error::SequenceProgram`] if the name is invalid;
     /// [`Error::Refused`] if the machine refuses it, or the connection serves another sequence program.
     pub async fn next(&mut self) -> Result<RawOutput> {
         let owner = self.owner()?;
@@ -123,8 +134,10 @@ impl Outputs {
             if let Some(output) = self.take_next(&owner) {
                 return Ok(output);
             }
-            let message = self.subscription.next().await.ok_or(Error::Closed)?;
-            self.on_message(&message);
+            tokio::select! {
+                message = self.subscription.next() => self.on_message(&message.ok_or(Error::Closed)?),
+                error = owner.refused() => return Err(error),
+            }
         }
     }
 
@@ -138,7 +151,13 @@ impl Outputs {
             return Err(Error::SequenceProgram(mistake));
         }
         let codes = self.codes.iter().flatten().map(|&m| (None, m)).collect();
-        let presence = Presence::new(&self.plc, id.into(), codes, false);
+        let said = Announced {
+            codes,
+            validates: false,
+            takes_over: self.takes_over,
+            redelivery: self.on_redelivery,
+        };
+        let presence = Presence::new(&self.plc, id.into(), said);
         let owner = Arc::new(Owner::start(presence));
         Ok(Arc::clone(self.owner.insert(owner)))
     }
@@ -170,6 +189,6 @@ impl Outputs {
         if output.state != OutputState::Output || !is_ours {
             return None;
         }
-        taken_up(output.lost, output.how, self.on_redelivery)
+        taken_up(output, self.on_redelivery)
     }
 }

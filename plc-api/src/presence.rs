@@ -1,7 +1,8 @@
 //! Presence and claims of a named handler, for the raw queue and for sequence programs.
 //!
-//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier connection.
-//! Claims that were lost with the connection are repeated. When the handler leaves, the machine releases its claims.
+//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier connection or of
+//! another instance. Claims that were lost with the connection are repeated. When the handler leaves, the machine releases its
+//! claims. Another instance of its id is refused by the machine, or takes its place, which ends this one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;
@@ -10,32 +11,47 @@ use std::sync::Arc;
 use futures_util::StreamExt;
 use futures_util::stream::FuturesUnordered;
 
-use crate::claim::{OutputId, RETRY, until_answered};
+use crate::claim::{Identity, OutputId, RETRY, until_answered};
+use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
+use crate::types::handler::{HandlerResult, HandlerStatus};
 use crate::types::message::{Message, Payload};
-use crate::types::output::{HandledCode, HandlerPresence, HandshakeStatus, OutputState, PendingOutput};
-use crate::types::request::{Refusal, RefusalCode, Request};
+use crate::types::output::{
+    HandledCode, HandlerPresence, HandshakeStatus, OutputState, PendingOutput, Redelivery,
+};
+use crate::types::request::{Refusal, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// How often an announcement may be refused. Reason: an earlier program on the same connection may just be ending.
+/// How often an announcement may be refused. Reason: an earlier program of this name may just be ending.
 const TRIES: u32 = 5;
 
 /// An M code of one coordinate system, or of all.
 pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
-/// Tells the machine when dropped that the handler is offline (`HandlerPresence::default()`).
+/// How a handler announces itself.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Announced {
+    pub(crate) codes: BTreeSet<ServedCode>,
+    /// It checks parameters at program load.
+    pub(crate) validates: bool,
+    /// It takes the place of another instance.
+    pub(crate) takes_over: bool,
+    pub(crate) redelivery: Option<Redelivery>,
+}
+
+/// Tells the machine when dropped that the handler is offline.
 #[derive(Debug)]
 pub(crate) struct Offline {
     pub(crate) plc: Plc,
-    pub(crate) handler_id: Arc<str>,
+    pub(crate) by: Identity,
 }
 
 impl Drop for Offline {
     fn drop(&mut self) {
-        let request = Request::Handler(self.handler_id.to_string(), HandlerPresence::default());
+        let request = Request::Handler(self.by.id(), HandlerPresence::gone(Some(self.by.instance())));
         self.plc.levels().end();
         let what_if_not = "the machine was not told that the handlers have gone";
         self.plc.send_without_waiting(request, what_if_not);
@@ -124,26 +140,24 @@ enum Announcement {
 /// A handler that announces itself.
 pub(crate) struct Presence {
     pub(crate) plc: Plc,
-    pub(crate) handler_id: Arc<str>,
+    pub(crate) by: Identity,
     pub(crate) open: OpenOutputs,
-    codes: BTreeSet<ServedCode>,
-    // the handler checks parameters at program load
-    validates: bool,
+    said: Announced,
     messages: Subscription,
     systems: Vec<CoordinateSystemNumber>,
     announced: Announcement,
     reclaiming: BTreeSet<OutputId>,
-    requests: FuturesUnordered<BoxFuture<'static, Result<Option<Event>, Refusal>>>,
+    requests: FuturesUnordered<BoxFuture<'static, std::result::Result<Option<Event>, Refusal>>>,
 }
 
 impl Presence {
-    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, codes: BTreeSet<ServedCode>, validates: bool) -> Self {
+    /// A new instance of a handler.
+    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, said: Announced) -> Self {
         plc.levels().begin(&handler_id);
         Self {
             plc: plc.clone(),
-            handler_id,
-            codes,
-            validates,
+            by: Identity::new(handler_id),
+            said,
             messages: plc.port().subscribe(Filter::Handshake),
             open: OpenOutputs::default(),
             systems: Vec::new(),
@@ -157,20 +171,25 @@ impl Presence {
     pub(crate) fn offline_on_drop(&self) -> Offline {
         Offline {
             plc: self.plc.clone(),
-            handler_id: Arc::clone(&self.handler_id),
+            by: self.by.clone(),
         }
     }
 
     /// The next event; `None` when the machine's side has ended. Cancellation safe.
     ///
     /// # Errors
-    /// The machine or the connection refuses the handler.
-    pub(crate) async fn next(&mut self) -> Result<Option<Event>, Refusal> {
+    /// The machine or the connection refuses the handler, or another instance has taken its place.
+    pub(crate) async fn next(&mut self) -> Result<Option<Event>> {
         loop {
             tokio::select! {
                 // messages first: a cancel reaches a handler before it is polled again
                 biased;
-                message = self.messages.next() => return Ok(message.map(|message| self.on_message(message))),
+                message = self.messages.next() => {
+                    if let Some(text) = message.as_deref().and_then(|message| self.is_taken_over(message)) {
+                        return Err(Error::TakenOver { handler_id: self.by.id(), text });
+                    }
+                    return Ok(message.map(|message| self.on_message(message)));
+                }
                 Some(done) = self.requests.next() => {
                     if let Some(event) = done? {
                         self.on_done(&event);
@@ -179,6 +198,24 @@ impl Presence {
                 }
             }
         }
+    }
+
+    /// Why this instance is at its end, where a message says that another has taken its place.
+    fn is_taken_over(&self, message: &Message) -> Option<String> {
+        let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
+        else {
+            return None;
+        };
+        let HandlerResult {
+            instance,
+            status,
+            text,
+            ..
+        } = result;
+        let is_it = **id == *self.by.handler_id
+            && instance.as_deref() == Some(&self.by.instance)
+            && *status == HandlerStatus::TakenOver;
+        is_it.then(|| text.clone().unwrap_or_default())
     }
 
     fn on_message(&mut self, message: Arc<Message>) -> Event {
@@ -190,9 +227,9 @@ impl Presence {
                 let before = replace(&mut self.systems, systems);
                 before != self.systems
             }
-            // the last will of an earlier connection arrived after the announcement
+            // the last will of an earlier connection, or of another instance, arrived after the announcement
             (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
-                self.announced != Announcement::Never && **id == *self.handler_id && !presence.online
+                self.announced != Announcement::Never && **id == *self.by.handler_id && !presence.online
             }
             _ => false,
         };
@@ -223,7 +260,7 @@ impl Presence {
 
     /// The announcement for the coordinate systems that exist.
     fn announcement(&self) -> HandlerPresence {
-        let codes = self.codes.iter().flat_map(|(cs, m)| {
+        let codes = self.said.codes.iter().flat_map(|(cs, m)| {
             let systems = cs.as_ref().map_or(&*self.systems, std::slice::from_ref);
             systems.iter().map(|cs| (*cs, *m))
         });
@@ -231,7 +268,10 @@ impl Presence {
         HandlerPresence {
             online: true,
             handles: codes.into_iter().map(|(cs, m)| HandledCode { cs, m }).collect(),
-            validates: self.validates,
+            validates: self.said.validates,
+            instance: Some(self.by.instance()),
+            take_over: self.said.takes_over && self.announced == Announcement::Never,
+            redelivery: self.said.redelivery,
         }
     }
 
@@ -243,14 +283,10 @@ impl Presence {
             self.announced = Announcement::PendingAgain;
             return;
         }
-        // first releases claims of an earlier program of the same name whose end was not noticed
-        let is_first = replace(&mut self.announced, Announcement::Pending) == Announcement::Never;
         let online = self.announcement();
-        let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
+        self.announced = Announcement::Pending;
+        let (plc, id) = (self.plc.clone(), self.by.id());
         self.requests.push(Box::pin(async move {
-            if is_first {
-                send_presence(&plc, &id, HandlerPresence::default()).await?;
-            }
             send_presence(&plc, &id, online).await?;
             Ok(Some(Event::Announced))
         }));
@@ -268,7 +304,7 @@ impl Presence {
         if !self.reclaiming.insert(id.clone()) {
             return;
         }
-        let (plc, claim) = (self.plc.clone(), id.claim(m, &self.handler_id));
+        let (plc, claim) = (self.plc.clone(), id.claim(m, &self.by));
         self.requests.push(Box::pin(async move {
             let status = until_answered(&plc, claim).await;
             let is_ours = status == Some(HandshakeStatus::Accepted);
@@ -292,14 +328,14 @@ impl Presence {
 ///
 /// # Errors
 /// The machine or the connection refuses it for good.
-async fn send_presence(plc: &Plc, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
+async fn send_presence(plc: &Plc, id: &str, presence: HandlerPresence) -> std::result::Result<(), Refusal> {
     let mut tries = 0;
     loop {
         let request = Request::Handler(id.to_owned(), presence.clone());
         let Err(refusal) = plc.port().request(request).await else {
             return Ok(());
         };
-        tries += u32::from(refusal.code != RefusalCode::Unavailable);
+        tries += u32::from(!refusal.code.may_pass());
         if tries == TRIES {
             return Err(refusal);
         }

@@ -12,7 +12,6 @@ mod coordinator;
 pub mod data_folder;
 mod disk;
 pub mod explain;
-mod handlers;
 pub mod journal;
 mod persistence;
 mod port;

@@ -12,11 +12,13 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
+use plc_api::handler_registry::Registered;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::explained::Explanation;
+use plc_api::types::handler::HandlerResult;
 use plc_api::types::heartbeat::ClientHeartbeat;
 use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
@@ -36,13 +38,9 @@ pub(crate) use access::AccessLines;
 
 use crate::coordinate_system::Mailbox;
 use crate::explain::{explain, nearest, picture};
-use crate::handlers::TooMany;
 use crate::persistence::{LastRuns, StateWriter};
 use crate::preview::Previews;
 use crate::shared::Shared;
-
-/// M codes that one handler may say it serves: all of them in every coordinate system.
-const HANDLED_CODES_MAX: usize = 8 * 192;
 
 /// Characters of a warning that a server end raises.
 const WARNING_TEXT_MAX: usize = 500;
@@ -96,20 +94,43 @@ impl RuntimePort {
         })
     }
 
+    /// A handler comes, takes the place of another instance, or goes.
     async fn handler(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
-        check_client_id("handler_id", &id)?;
-        if presence.handles.len() > HANDLED_CODES_MAX {
-            let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
-            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        let changed = match self.shared.set_handler(&id, &presence) {
+            Ok(changed) => changed,
+            Err(refusal) => {
+                let result = HandlerResult::refused(presence.instance, &refusal);
+                self.shared.tell_handler(&id, result);
+                return Err(refusal);
+            }
+        };
+        match changed {
+            Registered::Nothing => return Ok(Answer::Done),
+            Registered::Offline => {}
+            Registered::Online { took_over, .. } => {
+                if let Some((old, text)) = took_over {
+                    let gone = HandlerPresence::gone(old.instance.clone());
+                    self.tell_all(&id, gone).await?;
+                    let result = HandlerResult::taken_over(old.instance, text);
+                    self.shared.tell_handler(&id, result);
+                }
+            }
         }
-        self.shared
-            .set_handler(&id, presence.clone())
-            .map_err(|TooMany| Refusal::new(RefusalCode::Unavailable, "too many handlers are connected"))?;
-        for mailbox in &self.mailboxes {
-            let request = CoordinateSystemRequest::Handler(id.clone(), presence.clone());
-            mailbox.ask(request, false).await?;
+        let (online, instance) = (presence.online, presence.instance.clone());
+        self.tell_all(&id, presence).await?;
+        if online {
+            self.shared.tell_handler(&id, HandlerResult::accepted(instance));
         }
         Ok(Answer::Done)
+    }
+
+    /// Each coordinate system does its part of a presence.
+    async fn tell_all(&self, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
+        for mailbox in &self.mailboxes {
+            let request = CoordinateSystemRequest::Handler(id.to_owned(), presence.clone());
+            mailbox.ask(request, false).await?;
+        }
+        Ok(())
     }
 
     /// A client is heard by the coordinate systems that watch it.

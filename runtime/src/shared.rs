@@ -7,9 +7,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 use plc_api::execution::word;
+use plc_api::handler_registry::{HandlerRegistry, Registered};
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
+use plc_api::types::handler::HandlerResult;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
@@ -25,7 +27,6 @@ use crate::clock::Clock;
 use crate::command_memory::{Asked, CommandMemory, Recalled};
 use crate::config::Machine;
 use crate::disk::{Health, Part};
-use crate::handlers::{Handlers, TooMany};
 use crate::journal::{Event, Journal};
 use crate::program_store::ProgramStore;
 use crate::servo_thread::ServoStatistics;
@@ -57,7 +58,7 @@ pub(crate) struct Shared {
     /// How long programs have waited for M codes lately, s.
     m_code_waits: Mutex<BTreeMap<(CoordinateSystemNumber, u16), f64>>,
     alarms: Mutex<Alarms>,
-    handlers: Mutex<Handlers>,
+    handlers: Mutex<HandlerRegistry>,
     commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
     wakes: Mutex<Vec<Arc<Notify>>>,
@@ -263,17 +264,35 @@ impl Shared {
     /// Notes and publishes a handler.
     ///
     /// # Errors
-    /// There are too many.
-    pub fn set_handler(&self, id: &str, presence: HandlerPresence) -> Result<(), TooMany> {
-        let forgotten = self.handlers.lock().set(id, presence.clone())?;
-        if let Some(gone) = forgotten {
-            self.hub.forget(&Topic::HandlerPresence(gone));
+    /// As of the registry.
+    pub fn set_handler(&self, id: &str, presence: &HandlerPresence) -> Result<Registered, Refusal> {
+        let changed = self.handlers.lock().set(id, presence, self.clock.wall())?;
+        if let Registered::Online {
+            forgotten: Some(gone),
+            ..
+        } = &changed
+        {
+            self.hub.forget(&Topic::HandlerPresence(gone.clone()));
         }
+        if changed != Registered::Nothing {
+            let shown = HandlerPresence {
+                take_over: false,
+                ..presence.clone()
+            };
+            self.publish(
+                Topic::HandlerPresence(id.to_owned()),
+                Payload::HandlerPresence(shown),
+            );
+        }
+        Ok(changed)
+    }
+
+    /// Tells an instance of a handler what became of it.
+    pub fn tell_handler(&self, id: &str, result: HandlerResult) {
         self.publish(
-            Topic::HandlerPresence(id.to_owned()),
-            Payload::HandlerPresence(presence),
+            Topic::HandlerResult(id.to_owned()),
+            Payload::HandlerResult(result),
         );
-        Ok(())
     }
 
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {

@@ -244,6 +244,7 @@ async fn reset_by_hand(plc: &Plc, cs: u8, seq: u64) {
         code: None,
         text: None,
         force: Some(true),
+        instance: None,
     };
     plc.port()
         .request(Request::Reset(cs, None, reset))

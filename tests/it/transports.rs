@@ -7,6 +7,7 @@ mod control_lease;
 mod crowd;
 mod handler_loss;
 mod inputs;
+mod instances;
 mod late;
 mod link_loss;
 mod many_machines;

@@ -4,12 +4,14 @@ use std::time::Duration;
 
 use super::system::System;
 use super::{FakePort, Inner};
+use crate::handler_registry::Registered;
 use crate::handshake::{Ledger, Now};
 use crate::lock::lock;
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use crate::types::handler::HandlerResult;
 use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
 use crate::types::message::Payload;
-use crate::types::output::{HandledCode, HandlerPresence, OutputState};
+use crate::types::output::{HandlerPresence, OutputState};
 use crate::types::request::{
     Answer, CoordinateSystemRequest, Destination, Input, MachineRequest, Refusal, RefusalCode, Request,
     SpindleCommand,
@@ -57,7 +59,7 @@ impl FakePort {
     fn of_machine(&self, request: MachineRequest) -> Result<Answer, Refusal> {
         match request {
             MachineRequest::Handler(id, presence) => {
-                self.handler(&id, &presence);
+                self.handler(&id, &presence)?;
                 Ok(Answer::Done)
             }
             MachineRequest::Handlers => Ok(Answer::Handlers(self.handlers())),
@@ -155,18 +157,47 @@ impl FakePort {
         }
     }
 
-    fn handler(&self, id: &str, presence: &HandlerPresence) {
-        let mut inner = lock(&self.inner);
-        let topic = Topic::HandlerPresence(id.to_owned());
-        self.publish(&mut inner, topic, Payload::HandlerPresence(presence.clone()));
-        drop(inner);
-        if !presence.online {
-            self.lose_handler(id);
-            return;
+    fn handler(&self, id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
+        let changed = {
+            let mut inner = lock(&self.inner);
+            let now = inner.now().time;
+            inner.handlers.set(id, presence, now)
+        };
+        let changed = match changed {
+            Ok(changed) => changed,
+            Err(refusal) => {
+                self.tell(id, HandlerResult::refused(presence.instance.clone(), &refusal));
+                return Err(refusal);
+            }
+        };
+        match changed {
+            Registered::Nothing => return Ok(()),
+            Registered::Offline => {}
+            Registered::Online { took_over, .. } => {
+                if let Some((old, text)) = took_over {
+                    self.lose_handler(id);
+                    self.tell(id, HandlerResult::taken_over(old.instance, text));
+                }
+            }
         }
-        self.use_all_ledgers(|cs, ledger, now| {
-            ledger.republish(now, |m| presence.handles.contains(&HandledCode { cs, m }));
-        });
+        let shown = HandlerPresence {
+            take_over: false,
+            ..presence.clone()
+        };
+        let topic = Topic::HandlerPresence(id.to_owned());
+        self.publish(&mut lock(&self.inner), topic, Payload::HandlerPresence(shown));
+        if presence.online {
+            self.use_all_ledgers(|_, ledger, now| ledger.handler_online(now, id, presence));
+            self.tell(id, HandlerResult::accepted(presence.instance.clone()));
+        } else {
+            self.lose_handler(id);
+        }
+        Ok(())
+    }
+
+    fn tell(&self, id: &str, result: HandlerResult) {
+        let topic = Topic::HandlerResult(id.to_owned());
+        self.publish(&mut lock(&self.inner), topic, Payload::HandlerResult(result));
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use tokio::sync::{Mutex, MutexGuard, watch};
 
-use crate::claim::OutputId;
+use crate::claim::{Identity, OutputId};
 use crate::error::Result;
 use crate::plc::Plc;
 use crate::presence::Presence;
@@ -29,7 +29,7 @@ pub struct AuxOutput {
 #[derive(Debug)]
 struct Inner {
     plc: Plc,
-    handler_id: Arc<str>,
+    by: Identity,
     id: OutputId,
     notice: OutputNotice,
     verify: bool,
@@ -50,7 +50,7 @@ impl AuxOutput {
         let (cancel, state) = watch::channel(CancelState::default());
         let inner = Inner {
             plc: presence.plc.clone(),
-            handler_id: Arc::clone(&presence.handler_id),
+            by: presence.by.clone(),
             id,
             notice: notice.clone(),
             verify,
@@ -88,8 +88,8 @@ impl AuxOutput {
         &self.inner.id
     }
 
-    pub(crate) fn handler_id(&self) -> &str {
-        &self.inner.handler_id
+    pub(crate) fn by(&self) -> &Identity {
+        &self.inner.by
     }
 
     pub(crate) fn plc(&self) -> &Plc {
@@ -173,7 +173,8 @@ impl AuxOutput {
         let report = ProgressReport {
             boot_id: self.inner.id.boot_id.clone(),
             seq: self.seq(),
-            handler_id: self.handler_id().to_owned(),
+            handler_id: self.by().id(),
+            instance: Some(self.by().instance()),
             text: text.into(),
             percent: percent.into(),
         };

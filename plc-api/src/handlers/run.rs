@@ -14,7 +14,7 @@ use crate::claim::{OutputId, taken_up, until_answered};
 use crate::error::Result;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
-use crate::presence::{Change, Event, Presence, shown};
+use crate::presence::{Announced, Change, Event, Presence, shown};
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::message::{Message, Payload};
@@ -34,7 +34,7 @@ struct Running {
 
 struct Runner {
     table: Table,
-    on_redelivery: Redelivery,
+    on_redelivery: Option<Redelivery>,
     running: HashMap<OutputId, Running>,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: Presence,
@@ -44,11 +44,18 @@ struct Runner {
 
 pub(super) async fn run(
     table: Table,
-    on_redelivery: Redelivery,
+    on_redelivery: Option<Redelivery>,
+    takes_over: bool,
     plc: &Plc,
     handler_id: Arc<str>,
 ) -> Result<()> {
-    let presence = Presence::new(plc, handler_id, table.codes(), table.validates());
+    let said = Announced {
+        codes: table.codes(),
+        validates: table.validates(),
+        takes_over,
+        redelivery: on_redelivery,
+    };
+    let presence = Presence::new(plc, handler_id, said);
     // dropped after the runner, thus after the handlers
     let _offline = presence.offline_on_drop();
     let mut runner = Runner {
@@ -121,7 +128,7 @@ impl Runner {
         let refused = self.table.validate(cs, m, &asked.params).err();
         let result = ValidateResult {
             request_id: asked.request_id.clone(),
-            handler_id: self.presence.handler_id.to_string(),
+            handler_id: self.presence.by.id(),
             ok: refused.is_none(),
             text: refused.map(|alarm| alarm.text),
         };
@@ -145,7 +152,7 @@ impl Runner {
         let message = Arc::clone(message);
         let is_ours = |output: &PendingOutput| {
             let owner = output.handler_id.as_deref();
-            owner.is_none_or(|owner| owner == &*self.presence.handler_id)
+            owner.is_none_or(|owner| owner == &*self.presence.by.handler_id)
         };
         let is_over = |id: &OutputId| {
             let mut open = shown(&message).iter();
@@ -172,7 +179,7 @@ impl Runner {
         let Some(handler) = self.table.find(id.cs, pending.output.m) else {
             return;
         };
-        let Some(verify) = taken_up(pending.lost, pending.how, self.on_redelivery) else {
+        let Some(verify) = taken_up(pending, self.on_redelivery) else {
             return;
         };
         let (output, cancel) = AuxOutput::new(&self.presence, id.clone(), &pending.output, verify);
@@ -218,14 +225,14 @@ async fn run_to_end(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id:
 /// Claims, runs the handler, resets. Returns when nothing is left to do.
 async fn work(output: AuxOutput, handler: Boxed) {
     let (plc, m, seq) = (output.plc(), output.m(), output.seq());
-    let status = until_answered(plc, output.key().claim(m, output.handler_id())).await;
+    let status = until_answered(plc, output.key().claim(m, output.by())).await;
     if status != Some(HandshakeStatus::Accepted) {
         tracing::debug!(m, seq, ?status, "output left to others");
         return;
     }
     let result = call(&output, &handler).await;
     output.set_answering();
-    let reset = output.key().reset(m, output.handler_id(), result.err());
+    let reset = output.key().reset(m, output.by(), result.err());
     let status = until_answered(plc, reset).await;
     // a duplicate is this reset itself, sent twice because its answer was late
     if !matches!(

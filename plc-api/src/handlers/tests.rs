@@ -6,7 +6,9 @@ use super::*;
 use crate::alarm::Alarm;
 use crate::fake::FakePort;
 use crate::handshake::Closed;
-use crate::types::output::{CancelReason, OutputState, Params};
+use crate::types::output::{CancelReason, HandshakeStatus, OutputState, Params};
+use crate::types::refusal::RefusalCode;
+use crate::types::request::typed;
 use tokio::task::JoinHandle;
 
 fn params(a: f64) -> Params {
@@ -271,6 +273,101 @@ async fn on_redelivery_redo_and_verify_take_it_up_at_once() {
         assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
         assert_eq!(*log.lock().unwrap(), [redelivered]);
     }
+}
+
+#[tokio::test]
+async fn a_lost_output_is_withheld_from_a_handler_that_does_not_ask_whether_it_may() {
+    let (fake, seq, _) = after_a_death(SequenceProgram::new()).await;
+    let port = fake.plc();
+    let claim = crate::types::output::Claim {
+        boot_id: port.port().boot_id(),
+        seq,
+        handler_id: "h".into(),
+        instance: None,
+    };
+    let claimed = port.port().ask(typed::Claim(1, None, claim)).await.unwrap();
+    assert_eq!(claimed.status, HandshakeStatus::Withheld);
+    let reset = crate::claim::reset_of(&port.port().boot_id(), seq, "h", None);
+    let done = port
+        .port()
+        .ask(typed::Reset(1, None, reset.clone()))
+        .await
+        .unwrap();
+    assert_eq!(done.status, HandshakeStatus::Withheld);
+    let by_hand = crate::types::output::Reset {
+        handler_id: "hmi".into(),
+        ..reset
+    };
+    let done = port.port().ask(typed::Reset(1, None, by_hand)).await.unwrap();
+    assert_eq!(
+        (done.status, fake.closed(1, seq)),
+        (HandshakeStatus::Accepted, Some(Closed::Reset))
+    );
+}
+
+#[tokio::test]
+async fn of_two_programs_of_one_name_the_second_is_refused_and_each_output_is_done_once() {
+    let fake = FakePort::new([1]);
+    let done = Arc::new(Mutex::new(0));
+    let program = || {
+        let done = Arc::clone(&done);
+        SequenceProgram::new()
+            .handler_id("cell")
+            .on(60, move |_output: AuxOutput| {
+                *done.lock().unwrap() += 1;
+                async { Ok(()) }
+            })
+    };
+    let first = serve(&fake, program()).await;
+    let second = serve(&fake, program()).await;
+    for _ in 0..3 {
+        fake.put_out(1, 60, Params::default());
+        fake.settle().await;
+    }
+    fake.advance(seconds(10)).await;
+    assert_eq!(*done.lock().unwrap(), 3);
+    let Err(Error::Refused(refusal)) = second.await.unwrap() else {
+        panic!("it serves");
+    };
+    assert_eq!(refusal.code, RefusalCode::HandlerTaken);
+    assert!(
+        refusal.text.contains("cell") && refusal.text.contains("take_over"),
+        "{refusal}"
+    );
+    fake.put_out(1, 60, Params::default());
+    fake.settle().await;
+    assert_eq!(*done.lock().unwrap(), 4, "the first is still there");
+    first.abort();
+    fake.settle().await;
+    let _third = serve(&fake, program()).await;
+    fake.put_out(1, 60, Params::default());
+    fake.settle().await;
+    assert_eq!(*done.lock().unwrap(), 5, "whoever comes after it is the only one");
+}
+
+#[tokio::test]
+async fn a_program_that_takes_over_ends_the_other_and_what_that_had_begun_is_withheld() {
+    let fake = FakePort::new([1]);
+    let program = || SequenceProgram::new().handler_id("cell").on(100, slow);
+    let first = serve(&fake, program()).await;
+    let seq = fake.put_out(1, 100, params(1000.0));
+    fake.settle().await;
+    let _second = serve(&fake, program().take_over()).await;
+    let Err(Error::TakenOver { handler_id, text }) = first.await.unwrap() else {
+        panic!("it goes on");
+    };
+    assert!(handler_id == "cell" && text.contains("has taken over"), "{text}");
+    let pending = &fake.pending(1)[0];
+    assert_eq!((pending.state, pending.lost), (OutputState::Output, true));
+    fake.advance(seconds(10)).await;
+    assert_eq!(
+        fake.pending(1)[0].handler_id,
+        None,
+        "nobody does it again unasked"
+    );
+    fake.redeliver(1, seq, Redelivery::Redo);
+    fake.settle().await;
+    assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
 }
 
 #[tokio::test]

@@ -5,8 +5,8 @@ use std::time::SystemTime;
 use crate::alarm::Alarm;
 use crate::types::Timestamp;
 use crate::types::output::{
-    Cancel, CancelReason, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Params, PendingOutput,
-    Progress, Redelivery, Timing,
+    Cancel, CancelReason, HandshakeResult, OutputNotice, OutputState, Params, PendingOutput, Progress,
+    Redelivery, Timing,
 };
 use crate::types::question::Question;
 
@@ -36,6 +36,8 @@ pub struct OutputSpec {
     pub line: u32,
     /// Time limit of its reset from OUTPUT on, seconds (D36).
     pub timeout_s: Option<f64>,
+    /// What the configuration says of its redelivery.
+    pub redelivery: Option<Redelivery>,
 }
 
 /// The queue is full: `open_outputs_max` outputs are open. Nothing has changed; ask again when one has been closed.
@@ -52,10 +54,16 @@ pub struct OpenOutput {
     pub state: OutputState,
     /// Its owner once claimed.
     pub handler_id: Option<String>,
+    /// Which instance of its owner, where it is known.
+    pub instance: Option<String>,
     /// Since when it is in this state.
     pub since: SystemTime,
     /// True while it waits because its owner was lost (`HANDLER_LOST`).
     pub lost: bool,
+    /// From whom it was lost: handler and instance.
+    pub lost_by: Option<(String, Option<String>)>,
+    /// What the configuration says of its redelivery, and once it is lost, its last owner; the stricter.
+    pub redelivery: Option<Redelivery>,
     /// The decision of an operator on how to continue.
     pub how: Option<Redelivery>,
     /// The last progress of its owner.
@@ -68,11 +76,6 @@ pub struct OpenOutput {
 }
 
 impl OpenOutput {
-    pub(super) fn check_owner(&self, handler_id: &str) -> Result<(), HandshakeStatus> {
-        let is_owner = self.handler_id.as_deref() == Some(handler_id);
-        is_owner.then_some(()).ok_or(HandshakeStatus::NotOwner)
-    }
-
     /// Its entry in `m_code/pending`.
     pub fn to_pending(&self) -> PendingOutput {
         PendingOutput {
@@ -81,6 +84,7 @@ impl OpenOutput {
             handler_id: self.handler_id.clone(),
             since: Timestamp::from_system_time(self.since),
             lost: self.lost,
+            redelivery: self.redelivery.filter(|_| self.lost),
             progress: self.progress.clone(),
             how: self.how,
             question: self.question.clone(),

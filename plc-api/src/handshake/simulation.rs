@@ -44,6 +44,8 @@ struct Known {
     owner: Option<String>,
     /// The question that stands, and its answer.
     question: Option<(String, Option<String>)>,
+    // its owner was lost, and nobody has decided yet
+    withheld: bool,
     closed: Option<Closed>,
 }
 
@@ -92,11 +94,12 @@ impl World {
             14..=20 => self.deliver(),
             21 => {
                 let handler = HANDLERS[self.random.below(HANDLERS.len())];
-                self.ledger.handler_lost(now, handler);
+                self.ledger.handler_lost(now, handler, None);
                 for known in self.known.values_mut() {
                     if known.owner.as_deref() == Some(handler) {
                         known.owner = None;
                         known.question = None;
+                        known.withheld = true;
                     }
                 }
             }
@@ -121,6 +124,7 @@ impl World {
             program: 1,
             line: 1,
             timeout_s: (self.random.below(4) == 0).then_some(2.0),
+            redelivery: None,
         };
         let m = spec.m;
         match self.ledger.enqueue(self.now(), spec) {
@@ -134,6 +138,7 @@ impl World {
                     made: false,
                     owner: None,
                     question: None,
+                    withheld: false,
                     closed: None,
                 };
                 self.known.insert(seq, known);
@@ -182,6 +187,7 @@ impl World {
                     boot_id,
                     seq,
                     handler_id,
+                    instance: None,
                 },
             ),
             2 => InFlight::Redeliver(Redeliver {
@@ -227,6 +233,7 @@ impl World {
                     question_id,
                     text: "?".into(),
                     choices,
+                    instance: None,
                 },
             )
         } else {
@@ -262,7 +269,10 @@ impl World {
         let now = self.now();
         match message {
             InFlight::Claim(m, claim) => {
-                let expected = self.expected(&claim.boot_id, claim.seq, m, &claim.handler_id, false);
+                let mut expected = self.expected(&claim.boot_id, claim.seq, m, &claim.handler_id, false);
+                if expected == HandshakeStatus::Accepted && self.known[&claim.seq].withheld {
+                    expected = HandshakeStatus::Withheld;
+                }
                 let status = self.ledger.claim(now, m, &claim).status;
                 assert_eq!(status, expected, "seed {} {claim:?}", self.seed);
                 if status == HandshakeStatus::Accepted {
@@ -285,7 +295,12 @@ impl World {
                 );
             }
             InFlight::Redeliver(redeliver) => {
-                self.ledger.redeliver(now, None, &redeliver);
+                let expected = self.expected(&redeliver.boot_id, redeliver.seq, None, "", false);
+                let status = self.ledger.redeliver(now, None, &redeliver);
+                assert_eq!(status, expected, "seed {} {redeliver:?}", self.seed);
+                if status == HandshakeStatus::Accepted {
+                    self.known.get_mut(&redeliver.seq).unwrap().withheld = false;
+                }
             }
             InFlight::Ask(m, ask) => self.deliver_ask(now, m, ask),
             InFlight::Answer(m, answer) => self.deliver_answer(now, m, answer),

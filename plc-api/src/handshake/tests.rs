@@ -1,6 +1,7 @@
 use std::time::SystemTime;
 
 use super::*;
+use crate::types::ids::CLIENT_ID_MAX;
 use crate::types::output::{Params, Timing};
 
 fn now(monotonic_s: f64) -> Now {
@@ -23,6 +24,7 @@ fn spec(m: u16) -> OutputSpec {
         program: 1,
         line: 3,
         timeout_s: None,
+        redelivery: None,
     }
 }
 
@@ -41,6 +43,7 @@ fn claim(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
         boot_id: boot(),
         seq,
         handler_id: handler_id.into(),
+        instance: None,
     };
     ledger.claim(now(0.0), None, &claim).status
 }
@@ -192,9 +195,9 @@ fn h11_a_lost_owner_gives_its_claim_back() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 100);
     claim(&mut ledger, seq, "h");
-    ledger.handler_lost(now(1.0), "other");
+    ledger.handler_lost(now(1.0), "other", None);
     assert!(!ledger.is_lost(seq));
-    ledger.handler_lost(now(1.0), "h");
+    ledger.handler_lost(now(1.0), "h", None);
     assert!(ledger.is_lost(seq));
     let pending = &ledger.pending().outputs[0];
     assert_eq!((pending.state, pending.lost), (OutputState::Output, true));
@@ -248,7 +251,7 @@ fn d36_the_time_limit_counts_from_output_and_across_owners() {
     assert_eq!(ledger.next_deadline_s(), None);
     ledger.put_out(now(10.0), seq);
     claim(&mut ledger, seq, "h");
-    ledger.handler_lost(now(20.0), "h");
+    ledger.handler_lost(now(20.0), "h", None);
     assert_eq!(ledger.next_deadline_s(), Some(40.0));
     ledger.expire(now(39.9));
     assert!(ledger.is_open(100));
@@ -312,6 +315,7 @@ fn h18_texts_and_ids_from_outside_are_limited() {
         handler_id: "h".into(),
         text: "x".repeat(500),
         percent: Some(250.0),
+        instance: None,
     };
     assert_eq!(
         ledger.progress(now(0.0), None, &report),

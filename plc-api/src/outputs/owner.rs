@@ -6,12 +6,11 @@ use std::sync::{Arc, Mutex};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-use crate::claim::OutputId;
+use crate::claim::{Identity, OutputId};
 use crate::error::{Error, Result};
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::presence::{Event, Offline, Presence};
-use crate::types::request::Refusal;
 
 /// Outputs in use; true while one is claimed and not answered.
 type Held = Arc<Mutex<BTreeMap<OutputId, bool>>>;
@@ -20,7 +19,7 @@ type Held = Arc<Mutex<BTreeMap<OutputId, bool>>>;
 #[derive(Debug)]
 pub(super) struct Owner {
     held: Held,
-    known: watch::Receiver<Option<std::result::Result<(), Refusal>>>,
+    known: watch::Receiver<Option<Result<()>>>,
     presence: JoinHandle<()>,
     offline: Offline,
 }
@@ -47,15 +46,26 @@ impl Owner {
         let mut known = self.known.clone();
         let told = known.wait_for(Option::is_some).await;
         let told = told.map_err(|_| Error::Closed)?.clone();
-        Ok(told.unwrap_or(Ok(()))?)
+        told.unwrap_or(Ok(()))
+    }
+
+    /// Waits until the machine refuses the handler, or another has taken its place.
+    pub(super) async fn refused(&self) -> Error {
+        let mut known = self.known.clone();
+        let told = known.wait_for(|known| matches!(known, Some(Err(_)))).await;
+        let error = told.ok().and_then(|told| told.clone()?.err());
+        match error {
+            Some(error) => error,
+            None => std::future::pending().await,
+        }
     }
 
     pub(super) fn plc(&self) -> &Plc {
         &self.offline.plc
     }
 
-    pub(super) fn handler_id(&self) -> &str {
-        &self.offline.handler_id
+    pub(super) fn by(&self) -> &Identity {
+        &self.offline.by
     }
 
     pub(super) fn hold(&self, id: &OutputId, claimed: bool) {
@@ -73,11 +83,7 @@ impl Owner {
 }
 
 /// Announces the handler and repeats lost claims, until the machine ends the connection or refuses it.
-async fn keep(
-    mut presence: Presence,
-    held: Held,
-    known: watch::Sender<Option<std::result::Result<(), Refusal>>>,
-) {
+async fn keep(mut presence: Presence, held: Held, known: watch::Sender<Option<Result<()>>>) {
     loop {
         match presence.next().await {
             Ok(None) => return,
@@ -96,8 +102,8 @@ async fn keep(
                     *claimed &= is_ours;
                 }
             }
-            Err(refusal) => {
-                known.send_replace(Some(Err(refusal)));
+            Err(error) => {
+                known.send_replace(Some(Err(error)));
                 return;
             }
         }

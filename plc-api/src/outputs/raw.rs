@@ -82,7 +82,7 @@ impl RawOutput {
         let Inner {
             owner, id, notice, ..
         } = &*self.inner;
-        self.send(id.claim(notice.m, owner.handler_id()), true).await
+        self.send(id.claim(notice.m, owner.by()), true).await
     }
 
     /// Resets the output: the program continues. No claim is needed before.
@@ -105,8 +105,7 @@ impl RawOutput {
         let Inner {
             owner, id, notice, ..
         } = &*self.inner;
-        self.send(id.reset(notice.m, owner.handler_id(), alarm), false)
-            .await
+        self.send(id.reset(notice.m, owner.by(), alarm), false).await
     }
 
     async fn send(&self, request: impl TypedRequest<Answer = HandshakeResult>, claims: bool) -> Result<()> {

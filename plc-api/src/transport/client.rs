@@ -18,7 +18,7 @@ use crate::types::topic::Topic;
 /// How long connecting waits for the runtime.
 pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// How long a request waits for its end; then it is refused as `unavailable`, and may have counted or not.
+/// How long a request waits for its end; then it is a `no_answer`, and may have counted or not.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A connection to a machine, whatever the protocol.
@@ -62,7 +62,7 @@ impl Link {
         }
     }
 
-    /// The answer, or a refusal as `unavailable` when it does not come in time.
+    /// The answer, or `no_answer` when it does not come in time.
     pub(super) async fn within<T>(
         &self,
         patience: Duration,
@@ -74,7 +74,7 @@ impl Link {
 
     pub(super) fn unanswered(&self, patience: Duration) -> Refusal {
         let text = format!("{} did not answer within {patience:?}", self.address);
-        Refusal::new(RefusalCode::Unavailable, text)
+        Refusal::new(RefusalCode::NoAnswer, text)
     }
 }
 

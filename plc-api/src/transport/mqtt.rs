@@ -21,6 +21,7 @@ use crate::port::{BoxFuture, Port};
 use crate::transport::client::{Client, Link};
 use crate::transport::options::MqttOptions;
 use crate::types::message::Payload;
+use crate::types::output::HandlerPresence;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::wire::mqtt::{Until, encode};
@@ -87,8 +88,8 @@ struct ConnectionState {
     connected: bool,
     /// Why there is no connection.
     trouble: Option<String>,
-    /// Handler that the broker reports offline when this connection breaks.
-    will: Option<String>,
+    /// Handler and instance that the broker reports offline when this connection breaks.
+    will: Option<(String, Option<String>)>,
     /// True while that handler is online.
     online: bool,
     /// The will has changed: it takes effect with the next connection.
@@ -123,10 +124,11 @@ impl Client for Shared {
 
 impl Shared {
     /// Makes the last will of the connection that of this handler.
-    fn announce(&self, handler_id: &str, online: bool) -> Result<(), Refusal> {
+    fn announce(&self, handler_id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
-        let is_new = state.will.as_deref() != Some(handler_id);
-        if !online {
+        let will = Some((handler_id.to_owned(), presence.instance.clone()));
+        let is_new = state.will != will;
+        if !presence.online {
             state.online &= is_new;
             return Ok(());
         }
@@ -136,7 +138,7 @@ impl Shared {
         }
         state.online = true;
         if is_new {
-            state.will = Some(handler_id.to_owned());
+            state.will = will;
             state.reconnect = true;
             drop(state);
             self.link.wake.notify_one();
@@ -156,12 +158,12 @@ impl Shared {
             _ => None,
         };
         let announced = match &request {
-            Request::Handler(id, presence) => Some((id.clone(), presence.online)),
+            Request::Handler(id, presence) => Some((id.clone(), presence.clone())),
             _ => None,
         };
         let outgoing = encode(request, &self.client_id, m_of)?;
-        if let Some((id, online)) = announced {
-            self.announce(&id, online)?;
+        if let Some((id, presence)) = announced {
+            self.announce(&id, &presence)?;
         }
         let patience = match &outgoing.until {
             Until::Reply { done: true, .. } => COMMAND_DONE_TIMEOUT,

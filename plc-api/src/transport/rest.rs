@@ -106,10 +106,12 @@ struct ConnectionState {
     trouble: Option<String>,
     /// Handlers of this process, announced on every new connection.
     handlers: BTreeMap<String, HandlerPresence>,
+    /// What is said of those that have gone.
+    gone: BTreeMap<String, HandlerPresence>,
     /// Handlers whose presence is to be sent on this connection.
     unsent: Vec<String>,
     /// Handlers that the machine has refused, and why.
-    refused: BTreeMap<String, String>,
+    refused: BTreeMap<String, Refusal>,
     /// Frames with results of validations, to be sent on this connection.
     validated: Vec<ClientFrame>,
 }
@@ -227,10 +229,15 @@ impl Shared {
                 state.handlers.insert(id.clone(), presence.clone());
             } else {
                 state.handlers.remove(&id);
+                state.gone.insert(id.clone(), presence.clone());
             }
             state.unsent.push(id.clone());
         }
         self.link.wake.notify_one();
+        let presence = HandlerPresence {
+            take_over: false,
+            ..presence
+        };
         let is_so = || match self
             .link
             .hub
@@ -238,14 +245,15 @@ impl Shared {
             .as_deref()
             .map(|message| &message.payload)
         {
-            Some(Payload::HandlerPresence(known)) => *known == presence,
+            Some(Payload::HandlerPresence(known)) if presence.online => *known == presence,
+            Some(Payload::HandlerPresence(known)) => !known.online || known.instance != presence.instance,
             _ => !presence.online,
         };
         let until_so = async {
             while !is_so() {
                 let refused = self.refused.notified();
-                if let Some(text) = lock(&self.state).refused.remove(&id) {
-                    return Err(Refusal::new(RefusalCode::Invalid, text));
+                if let Some(refusal) = lock(&self.state).refused.remove(&id) {
+                    return Err(refusal);
                 }
                 tokio::select! {
                     _ = messages.next() => {}

@@ -5,6 +5,7 @@ pub mod data;
 pub mod execution;
 pub mod explained;
 pub mod form;
+pub mod handler;
 pub mod heartbeat;
 pub mod ids;
 pub mod lease;

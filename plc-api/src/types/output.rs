@@ -6,6 +6,7 @@ use super::explained::explained;
 use super::question::Question;
 use super::{BootId, Timestamp};
 
+pub use super::handler::{HandledCode, HandlerPresence, HandlerResult, HandlerStatus, Redelivery};
 pub use super::params::Params;
 
 /// When an output is made (D30).
@@ -83,6 +84,10 @@ pub struct PendingOutput {
     /// True while it waits after the handler that had claimed it has gone: that handler may have worked on it.
     #[serde(default)]
     pub lost: bool,
+    /// Of one that is `lost`: the strictest of what the configuration of its M code and the handler that has gone say. Together
+    /// with what another handler says of itself, it decides whether that handler may claim it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub redelivery: Option<Redelivery>,
     /// What the owner last said of its progress.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<Progress>,
@@ -114,7 +119,7 @@ pub struct Progress {
 }
 
 /// A handler takes an output.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Claim {
@@ -124,6 +129,9 @@ pub struct Claim {
     pub seq: u64,
     /// Who claims.
     pub handler_id: String,
+    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
 }
 
 /// A handler or an operator answers an output.
@@ -137,6 +145,9 @@ pub struct Reset {
     pub seq: u64,
     /// Who resets.
     pub handler_id: String,
+    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
     /// Done, or failed.
     pub result: ResetResult,
     /// With `fault`: the handler's alarm code, 0 to 9999.
@@ -180,13 +191,35 @@ explained! {
         /// This boot never made that output there with that M number.
         Unknown = "unknown",
             "Look at seq, coordinate system and M number; the handler may talk to another machine.";
-        /// Another handler owns the output.
+        /// Another handler owns the output, or another instance of this one is there; `text` says which.
         NotOwner = "not_owner",
             "Leave it to its owner; an operator may reset it with force.";
+        /// The handler that had claimed the output has gone and may have worked on it: nobody gets it until it is decided.
+        Withheld = "withheld",
+            "An operator looks at the machine and decides: redeliver with redo or verify, or a reset. The key redelivery of the M code and of the handler decide beforehand.";
         /// The message itself is not right, and `text` says why; nothing changed.
         Refused = "refused",
             "Correct what the text says, and send it again.";
     }
+}
+
+/// What a `result` answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum OutputAct {
+    /// A claim, which is always answered.
+    Claim,
+    /// A reset, which is always answered.
+    Reset,
+    /// A progress report that does not count.
+    Progress,
+    /// A question that does not count.
+    Ask,
+    /// A decision of an operator that does not count.
+    Redeliver,
+    /// An answer of an operator that does not count.
+    Answer,
 }
 
 /// Payload of `m_code/{m}/result`.
@@ -199,9 +232,33 @@ pub struct HandshakeResult {
     pub handler_id: String,
     /// What became of it.
     pub status: HandshakeStatus,
-    /// With `refused`: why, and what to write.
+    /// What is answered. Left out by an older runtime.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of: Option<OutputAct>,
+    /// The instance that sent it, as it named itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
+    /// Of an accepted claim of an output that may have been worked on before: whether to look at the machine first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub how: Option<Redelivery>,
+    /// Why it does not count, and what to do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
+}
+
+impl HandshakeResult {
+    /// An answer without more.
+    pub fn new(seq: u64, handler_id: impl Into<String>, status: HandshakeStatus) -> Self {
+        Self {
+            seq,
+            handler_id: handler_id.into(),
+            status,
+            of: None,
+            instance: None,
+            how: None,
+            text: None,
+        }
+    }
 }
 
 explained! {
@@ -255,6 +312,9 @@ pub struct ProgressReport {
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
+    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
     /// What it does now, at most 200 characters.
     pub text: String,
     /// 0 to 100.
@@ -273,42 +333,4 @@ pub struct Redeliver {
     pub seq: u64,
     /// What the handler shall do.
     pub how: Redelivery,
-}
-
-/// What a handler does with an output that it may already have worked on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum Redelivery {
-    /// Nothing: an operator decides by `redeliver` or by a reset by hand.
-    #[default]
-    Ask,
-    /// Run the handler again from its start.
-    Redo,
-    /// Run the handler with `output.redelivered()` true: it looks at the machine first.
-    Verify,
-}
-
-/// Payload of `handler/{id}/presence`.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct HandlerPresence {
-    /// False: the handler has gone, or its connection was lost.
-    pub online: bool,
-    /// What it handles.
-    #[serde(default)]
-    pub handles: Vec<HandledCode>,
-    /// True when it answers `validate`.
-    #[serde(default)]
-    pub validates: bool,
-}
-
-/// One M code that a handler serves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct HandledCode {
-    /// Coordinate system.
-    pub cs: u8,
-    /// M number.
-    pub m: u16,
 }

@@ -47,6 +47,9 @@ pub struct Ask {
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
+    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
     /// Names the question, 1 to 64 characters; asked again with the same id it is the same question.
     pub question_id: String,
     /// What is asked.

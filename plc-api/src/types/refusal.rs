@@ -63,6 +63,12 @@ explained! {
         /// The control lease under which it was sent has ended (409).
         LeaseLost = "lease_lost",
             "Take the control lease anew, look at the machine, and send the command with the new fence.";
+        /// Another instance of the handler's id is there (409).
+        HandlerTaken = "handler_taken",
+            "End the other program, or give this one a handler_id of its own; with take_over it takes the other's place, which is told so.";
+        /// No answer came in time: whether it was done is not known. Only clients say so.
+        NoAnswer = "no_answer",
+            "Look at the state, or send it again: a command with the same command_id is never done twice.";
         /// Its `command_id` is that of another command of the last 10 minutes (422).
         CommandIdReused = "command_id_reused",
             "Give each command a command_id of its own; the same one is for sending the same command again.";
@@ -100,6 +106,11 @@ explained! {
 }
 
 impl RefusalCode {
+    /// True where the same request may count a moment later.
+    pub fn may_pass(self) -> bool {
+        matches!(self, RefusalCode::Unavailable | RefusalCode::NoAnswer)
+    }
+
     /// True where the state, a lock or the control lease is the reason: such a refusal of a command says the state and
     /// what is allowed in it.
     pub fn is_of_state(self) -> bool {

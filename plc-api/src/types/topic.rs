@@ -5,10 +5,11 @@ use serde::Serialize;
 use super::CoordinateSystemNumber;
 use super::command::CommandReply;
 use super::form::{Enveloped, Form};
+use super::handler::{HandlerPresence, HandlerResult};
 use super::heartbeat::Heartbeat;
 use super::lease::LeaseState;
 use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
-use super::output::{Cancel, HandlerPresence, HandshakeResult, OutputNotice, Pending};
+use super::output::{Cancel, HandshakeResult, OutputNotice, Pending};
 use super::question::Validate;
 use super::state::{
     Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
@@ -31,6 +32,8 @@ pub enum Topic {
     Reply(String),
     /// `handler/{id}/presence`
     HandlerPresence(String),
+    /// `handler/{id}/result`
+    HandlerResult(String),
     /// `cs/{cs}/...`
     CoordinateSystem(CoordinateSystemNumber, CsTopic),
 }
@@ -50,6 +53,7 @@ pub enum Payload {
     AlarmActive(ActiveAlarms),
     Reply(CommandReply),
     HandlerPresence(HandlerPresence),
+    HandlerResult(HandlerResult),
     State(State),
     Program(ProgramPlace),
     Position(Position),
@@ -189,7 +193,7 @@ cs_topics! {
         Output "output" Output(OutputNotice)
             "An M code is put out, or published again.";
         Result "result" Result(HandshakeResult)
-            "What became of a claim or reset.";
+            "What became of a claim or reset, or why what was said of an output does not count; `of` says which.";
         Cancel "cancel" Cancel(Cancel)
             "An output is cancelled, and why.";
         Validate "validate" Validate(Validate)
@@ -217,6 +221,9 @@ impl Topic {
             Topic::AlarmActive => "Active alarms.",
             Topic::Reply(_) => "How far a command is: accepted, done, failed, or rejected with a reason.",
             Topic::HandlerPresence(_) => "Which M codes a handler serves.",
+            Topic::HandlerResult(_) => {
+                "Whether a handler's presence counts, or another instance is there or has taken its place."
+            }
             Topic::CoordinateSystem(_, topic) => topic.summary(),
         }
     }
@@ -231,6 +238,7 @@ impl Topic {
             Topic::AlarmActive => Form::of::<Enveloped<'static, ActiveAlarms>>(),
             Topic::Reply(_) => Form::of::<Enveloped<'static, CommandReply>>(),
             Topic::HandlerPresence(_) => Form::of::<Enveloped<'static, HandlerPresence>>(),
+            Topic::HandlerResult(_) => Form::of::<Enveloped<'static, HandlerResult>>(),
             Topic::CoordinateSystem(_, topic) => topic.form(),
         }
     }
@@ -246,6 +254,7 @@ impl Topic {
             Topic::AlarmActive => Payload::AlarmActive(from_slice(json)?),
             Topic::Reply(_) => Payload::Reply(from_slice(json)?),
             Topic::HandlerPresence(_) => Payload::HandlerPresence(from_slice(json)?),
+            Topic::HandlerResult(_) => Payload::HandlerResult(from_slice(json)?),
             Topic::CoordinateSystem(_, topic) => topic.payload(json)?,
         })
     }
@@ -260,6 +269,7 @@ impl Topic {
             Topic::AlarmActive => "alarm/active".to_owned(),
             Topic::Reply(client) => format!("reply/{client}"),
             Topic::HandlerPresence(id) => format!("handler/{id}/presence"),
+            Topic::HandlerResult(id) => format!("handler/{id}/result"),
             Topic::CoordinateSystem(cs, topic) => format!("cs/{cs}/{}", topic.path()),
         }
     }
@@ -282,7 +292,14 @@ impl Topic {
         let (first, rest) = path.split_once('/')?;
         match first {
             "reply" => Some(Topic::Reply(rest.to_owned())),
-            "handler" => Some(Topic::HandlerPresence(rest.strip_suffix("/presence")?.to_owned())),
+            "handler" => {
+                let (id, what) = rest.rsplit_once('/')?;
+                match what {
+                    "presence" => Some(Topic::HandlerPresence(id.to_owned())),
+                    "result" => Some(Topic::HandlerResult(id.to_owned())),
+                    _ => None,
+                }
+            }
             "cs" => {
                 let (cs, topic) = rest.split_once('/')?;
                 Some(Topic::cs(cs.parse().ok()?, CsTopic::parse(topic)?))
@@ -294,7 +311,7 @@ impl Topic {
     /// True for topics that say a state: the last value stands for all before it. False for events.
     pub fn is_state(&self) -> bool {
         match self {
-            Topic::AlarmEvent | Topic::Reply(_) => false,
+            Topic::AlarmEvent | Topic::Reply(_) | Topic::HandlerResult(_) => false,
             Topic::CoordinateSystem(_, topic) => !topic.is_event(),
             _ => true,
         }
@@ -344,6 +361,7 @@ mod tests {
             Topic::AlarmActive,
             Topic::Reply("hmi-1".into()),
             Topic::HandlerPresence("h".into()),
+            Topic::HandlerResult("h".into()),
         ]);
         for topic in topics {
             assert_eq!(Topic::parse(&topic.path()), Some(topic));

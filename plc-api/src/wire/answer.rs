@@ -253,12 +253,11 @@ impl AnswerForm {
         if let AnswerForm::Handshake { seq, handler_id, .. } = self
             && let Ok(status) = serde_json::from_value(json!(problem.code))
         {
-            return Ok(Answer::Handshake(HandshakeResult {
-                seq: *seq,
-                handler_id: handler_id.clone(),
+            return Ok(Answer::Handshake(HandshakeResult::new(
+                *seq,
+                handler_id.clone(),
                 status,
-                text: None,
-            }));
+            )));
         }
         Err(problem.refusal(status))
     }
@@ -290,7 +289,17 @@ fn handshake_problem(result: &HandshakeResult, is_answer: bool) -> Option<Proble
             "it was cancelled, failed, timed out, or belongs to another boot",
         ),
         HandshakeStatus::Unknown => ("unknown", "this boot never made it"),
-        HandshakeStatus::NotOwner => ("not_owner", "another handler owns it"),
+        HandshakeStatus::NotOwner => (
+            "not_owner",
+            result.text.as_deref().unwrap_or("another handler owns it"),
+        ),
+        HandshakeStatus::Withheld => (
+            "withheld",
+            result
+                .text
+                .as_deref()
+                .unwrap_or("its handler was lost, and an operator decides"),
+        ),
         HandshakeStatus::Refused => ("invalid", result.text.as_deref().unwrap_or("it is not right")),
     };
     let text = format!("output {seq}: {text}; nothing was changed");
@@ -358,13 +367,9 @@ mod tests {
             HandshakeStatus::NotOwner,
             HandshakeStatus::Stale,
             HandshakeStatus::Unknown,
+            HandshakeStatus::Withheld,
         ] {
-            let answer = Answer::Handshake(HandshakeResult {
-                seq: 7,
-                handler_id: "h".into(),
-                status,
-                text: None,
-            });
+            let answer = Answer::Handshake(HandshakeResult::new(7, "h", status));
             let problem = form.encode(answer.clone()).unwrap_err();
             let body = serde_json::to_string(&problem).unwrap();
             assert_eq!(form.decode(problem.status, "", body.into_bytes()), Ok(answer));

@@ -16,7 +16,7 @@ use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
-use crate::types::output::{Claim, HandshakeResult, HandshakeStatus, Reset};
+use crate::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 
@@ -51,8 +51,17 @@ pub enum Until {
         seq: u64,
         /// Who claims or resets.
         handler_id: String,
+        /// Which instance of it.
+        instance: Option<String>,
         /// False: it is a claim.
         is_reset: bool,
+    },
+    /// The `result` of a presence.
+    Announced {
+        /// Of the handler.
+        handler_id: String,
+        /// Which instance of it.
+        instance: String,
     },
     /// The `reply` of a command: accepted, or done.
     Reply {
@@ -66,12 +75,42 @@ pub enum Until {
 impl Until {
     fn of(request: &Request) -> Self {
         match request {
-            Request::Claim(cs, Some(m), Claim { seq, handler_id, .. })
-            | Request::Reset(cs, Some(m), Reset { seq, handler_id, .. }) => Until::Result {
+            Request::Handler(
+                id,
+                HandlerPresence {
+                    online: true,
+                    instance: Some(instance),
+                    ..
+                },
+            ) => Until::Announced {
+                handler_id: id.clone(),
+                instance: instance.clone(),
+            },
+            Request::Claim(
+                cs,
+                Some(m),
+                Claim {
+                    seq,
+                    handler_id,
+                    instance,
+                    ..
+                },
+            )
+            | Request::Reset(
+                cs,
+                Some(m),
+                Reset {
+                    seq,
+                    handler_id,
+                    instance,
+                    ..
+                },
+            ) => Until::Result {
                 cs: *cs,
                 m: *m,
                 seq: *seq,
                 handler_id: handler_id.clone(),
+                instance: instance.clone(),
                 is_reset: matches!(request, Request::Reset(..)),
             },
             _ => match sender(request) {
@@ -314,6 +353,7 @@ fn refuse_output(
     struct Named {
         seq: Value,
         handler_id: Value,
+        instance: Value,
     }
     if !topic.has_result() {
         return Err(text);
@@ -327,6 +367,7 @@ fn refuse_output(
     // the rest of a payload that is too large is passed over without keeping it
     let named: Named = json_object(payload).unwrap_or_default();
     let handler_id = named.handler_id.as_str().unwrap_or_default();
+    let instance = named.instance.as_str().filter(|named| is_client_id(named));
     match (
         level("cs").and_then(number),
         level("m").and_then(number),
@@ -337,10 +378,14 @@ fn refuse_output(
             m,
             right,
             result: HandshakeResult {
-                seq,
-                handler_id: handler_id.to_owned(),
-                status: HandshakeStatus::Refused,
+                of: Some(if topic.pattern.ends_with("/claim") {
+                    OutputAct::Claim
+                } else {
+                    OutputAct::Reset
+                }),
+                instance: instance.map(ToOwned::to_owned),
                 text: Some(text),
+                ..HandshakeResult::new(seq, handler_id, HandshakeStatus::Refused)
             },
         }),
         _ => Err(text),

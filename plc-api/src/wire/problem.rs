@@ -118,7 +118,8 @@ fn status_of(code: RefusalCode) -> u16 {
         | RefusalCode::ProgramRuns
         | RefusalCode::StartLocked
         | RefusalCode::Busy
-        | RefusalCode::LeaseLost => 409,
+        | RefusalCode::LeaseLost
+        | RefusalCode::HandlerTaken => 409,
         RefusalCode::PreconditionFailed | RefusalCode::Expired => 412,
         RefusalCode::ProgramHasErrors
         | RefusalCode::NotSigned
@@ -128,6 +129,7 @@ fn status_of(code: RefusalCode) -> u16 {
         RefusalCode::TooLarge => 413,
         RefusalCode::NotSupported => 501,
         RefusalCode::Unavailable => 503,
+        RefusalCode::NoAnswer => 504,
     }
 }
 
@@ -163,6 +165,7 @@ mod tests {
             (RefusalCode::StartLocked, 409),
             (RefusalCode::Busy, 409),
             (RefusalCode::LeaseLost, 409),
+            (RefusalCode::HandlerTaken, 409),
             (RefusalCode::PreconditionFailed, 412),
             (RefusalCode::ProgramHasErrors, 422),
             (RefusalCode::NotSigned, 422),
@@ -173,6 +176,7 @@ mod tests {
             (RefusalCode::NotSupported, 501),
             (RefusalCode::Expired, 412),
             (RefusalCode::Unavailable, 503),
+            (RefusalCode::NoAnswer, 504),
         ];
         for (code, status) in table {
             assert_eq!(status_of(code), status, "{code:?}");

@@ -17,6 +17,7 @@ use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::data::JournalFilter;
 use crate::types::form::{Form, HasForm};
+use crate::types::handler::{CONNECTION_MARK, INSTANCE_MAX, is_own_instance};
 use crate::types::ids::COMMAND_ID_MAX;
 use crate::types::request::Request;
 use crate::types::upload::ProgramCondition;
@@ -110,10 +111,32 @@ impl ParsedRequest {
         self.right
     }
 
+    /// Names the connection by which a client without an instance is told from others. None but a server end names connections.
+    pub fn identify(&mut self, connection: &str) {
+        let instance = match &mut self.request {
+            Request::Claim(_, _, claim) => &mut claim.instance,
+            Request::Reset(_, _, reset) => &mut reset.instance,
+            Request::Progress(_, _, report) => &mut report.instance,
+            Request::Ask(_, _, ask) => &mut ask.instance,
+            Request::Handler(_, presence) => &mut presence.instance,
+            _ => return,
+        };
+        if instance.as_deref().is_none_or(|named| !is_own_instance(named)) {
+            *instance = Some(connection_name(connection));
+        }
+    }
+
     /// The request itself.
     pub fn into_request(self) -> Request {
         self.request
     }
+}
+
+/// The instance that a connection stands for.
+pub fn connection_name(connection: &str) -> String {
+    let named = connection.replace(['/', '+', '#', '\0'], "_");
+    let named = named.chars().take(INSTANCE_MAX - 1);
+    CONNECTION_MARK.to_string() + &named.collect::<String>()
 }
 
 /// A topic that comes in.

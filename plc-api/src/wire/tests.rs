@@ -164,12 +164,12 @@ fn output(transport: Transport) -> impl Strategy<Value = Output> {
 fn of_outputs(transport: Transport) -> impl Strategy<Value = Request> {
     let boot_id = || BootId("b".into());
     (output(transport), proptest::option::of(text()), 0..4).prop_map(move |((cs, m, seq, handler_id, said), text, which)| match which {
-        0 => Request::Claim(cs, m, Claim { boot_id: boot_id(), seq, handler_id }),
+        0 => Request::Claim(cs, m, Claim { boot_id: boot_id(), seq, handler_id, instance: None, }),
         1 => {
             let (result, code, force) = (ResetResult::Fault, text.as_ref().map(|_| 7), Some(true));
-            Request::Reset(cs, m, Reset { boot_id: boot_id(), seq, handler_id, result, code, text, force })
+            Request::Reset(cs, m, Reset { boot_id: boot_id(), seq, handler_id, result, code, text, force, instance: None, })
         }
-        2 => Request::Progress(cs, m, ProgressReport { boot_id: boot_id(), seq, handler_id, text: said, percent: text.map(|_| 12.5) }),
+        2 => Request::Progress(cs, m, ProgressReport { boot_id: boot_id(), seq, handler_id, text: said, percent: text.map(|_| 12.5), instance: None, }),
         _ => Request::Redeliver(cs, m, Redeliver { boot_id: boot_id(), seq, how: Redelivery::Verify }),
     })
 }
@@ -179,8 +179,7 @@ fn of_questions(transport: Transport) -> impl Strategy<Value = Request> {
     let boot_id = || BootId("b".into());
     (output(transport), proptest::option::of(text()), 0..3).prop_map(move |((cs, m, seq, id, said), text, which)| match which {
         0 => Request::Ask(cs, m, Ask {
-            boot_id: boot_id(), seq, handler_id: id.clone(), question_id: id, text: said, choices: text.into_iter().collect(),
-        }),
+            boot_id: boot_id(), seq, handler_id: id.clone(), question_id: id, text: said, choices: text.into_iter().collect(), instance: None, }),
         1 => Request::AnswerQuestion(cs, m, OperatorAnswer { boot_id: boot_id(), seq, question_id: id, choice: said, client_id: text }),
         _ => Request::ValidateResult(cs, m, ValidateResult { request_id: id, handler_id: said, ok: text.is_none(), text }),
     })
@@ -322,7 +321,7 @@ fn of_machine() -> impl Strategy<Value = Request> {
         1 => Request::CheckProgram(number),
         2 => Request::IntermediateCode(number),
         3 => Request::RaiseAlarm(AlarmRaise { cs, code: number, text }),
-        4 => Request::Handler(id, HandlerPresence { online, handles: vec![HandledCode { cs: 1, m: number }], validates: !online }),
+        4 => Request::Handler(id, HandlerPresence { online, handles: vec![HandledCode { cs: 1, m: number }], validates: !online , ..HandlerPresence::default()}),
         5 => Request::Heartbeat(id, ClientHeartbeat { ttl_ms: u64::from(number), cs }),
         6 => Request::CommandStatus(text + "/ %?"),
         7 => Request::Explain(text + "/ %?"),

@@ -8,7 +8,7 @@ use super::row::ParsedRequest;
 use crate::types::CoordinateSystemNumber;
 use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::message::Message;
-use crate::types::output::{HandledCode, HandlerPresence};
+use crate::types::output::{HandledCode, HandlerPresence, Redelivery};
 use crate::types::question::ValidateResult;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
@@ -48,6 +48,12 @@ pub struct AnnouncedHandler {
     handles: Vec<HandledCode>,
     #[serde(default)]
     validates: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    instance: Option<String>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    take_over: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    redelivery: Option<Redelivery>,
 }
 
 /// A client that is heard, and within which time it will be heard again.
@@ -87,6 +93,9 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
                 online: presence.online,
                 handles: presence.handles,
                 validates: presence.validates,
+                instance: presence.instance,
+                take_over: presence.take_over,
+                redelivery: presence.redelivery,
             });
         }
         Request::Heartbeat(id, ClientHeartbeat { ttl_ms, cs }) => {
@@ -118,6 +127,9 @@ impl ClientFrame {
                 online: handler.online,
                 handles: handler.handles,
                 validates: handler.validates,
+                instance: handler.instance,
+                take_over: handler.take_over,
+                redelivery: handler.redelivery,
             };
             Request::Handler(handler.id, presence)
         });
@@ -152,7 +164,7 @@ pub enum ServerFrame {
     /// The message of a topic.
     Message(Box<Message>),
     /// Why something that the client sent is refused.
-    Error(String),
+    Error(Refusal),
     /// A message of a topic that this version does not know, or not of the topic's form.
     Unknown(String),
 }
@@ -172,6 +184,9 @@ pub struct Named {
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocketError"))]
 pub struct ErrorFrame {
     error: String,
+    /// Machine-readable reason, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    code: Option<RefusalCode>,
 }
 
 /// The frame of a message: the message with its topic in front.
@@ -181,20 +196,30 @@ pub fn message_frame(path: &str, message: &Message) -> String {
     format!("{{\"topic\":{},{rest}", json!(path))
 }
 
-/// The frame of a refusal.
+/// The frame of what is not right.
 pub fn error_frame(text: &str) -> String {
+    frame_of(text, None)
+}
+
+/// The frame of a refusal.
+pub fn refusal_frame(refusal: &Refusal) -> String {
+    frame_of(&refusal.text, Some(refusal.code))
+}
+
+fn frame_of(text: &str, code: Option<RefusalCode>) -> String {
     let error = text.to_owned();
-    json!(ErrorFrame { error }).to_string()
+    json!(ErrorFrame { error, code }).to_string()
 }
 
 impl ServerFrame {
     /// Reads a frame. What is no frame at all is an error of at most 200 characters.
     pub fn read(text: &str) -> Self {
         let Ok(Named { topic: path }) = serde_json::from_str(text) else {
-            return ServerFrame::Error(match serde_json::from_str(text) {
-                Ok(ErrorFrame { error }) => error,
-                Err(_) => text.chars().take(200).collect(),
-            });
+            let (code, text) = match serde_json::from_str(text) {
+                Ok(ErrorFrame { error, code }) => (code, error),
+                Err(_) => (None, text.chars().take(200).collect()),
+            };
+            return ServerFrame::Error(Refusal::new(code.unwrap_or(RefusalCode::Invalid), text));
         };
         let Some(topic) = Topic::parse(&path) else {
             return ServerFrame::Unknown(format!("there is no topic {path}"));

@@ -106,6 +106,7 @@ async fn a_lost_handler_asks_no_more_and_only_the_owner_asks() {
         question_id: "q".into(),
         text: "Really?".into(),
         choices: vec!["yes".into()],
+        instance: None,
     };
     let status = async |request: typed::Ask| fake.plc().port().ask(request).await.unwrap().unwrap().status;
     assert_eq!(

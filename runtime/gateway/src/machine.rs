@@ -121,14 +121,14 @@ impl Machine {
     pub(crate) fn judge_last_will(name: &str, parsed: ParsedRequest) -> Result<Authorized, Refusal> {
         match parsed.into_request() {
             Request::Handler(id, presence) if id == name && !presence.online => {
-                Ok(Self::gone(id, ServerTransport::Mqtt))
+                Ok(Self::gone(id, presence.instance, ServerTransport::Mqtt))
             }
             _ => Err(forbidden(format!("the token of {name:?} counts no more"))),
         }
     }
 
     /// That a handler has gone, which the server itself has seen: its connection has ended.
-    pub(crate) fn gone(handler_id: String, over: ServerTransport) -> Authorized {
+    pub(crate) fn gone(handler_id: String, instance: Option<String>, over: ServerTransport) -> Authorized {
         Authorized {
             origin: Origin {
                 user: Some(handler_id.clone()),
@@ -136,7 +136,7 @@ impl Machine {
                 over,
                 right: Right::Handle,
             },
-            request: Request::Handler(handler_id, HandlerPresence::default()),
+            request: Request::Handler(handler_id, HandlerPresence::gone(instance)),
         }
     }
 

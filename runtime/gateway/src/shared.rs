@@ -81,6 +81,7 @@ pub(crate) struct Shared {
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
     commands: AtomicU64,
+    connections: AtomicU64,
 }
 
 impl Shared {
@@ -108,7 +109,14 @@ impl Shared {
             tasks: TaskTracker::new(),
             stop,
             commands: AtomicU64::new(1),
+            connections: AtomicU64::new(1),
         }
+    }
+
+    /// A name of a `WebSocket` that is new in this boot.
+    pub(crate) fn next_connection(&self) -> String {
+        let number = self.connections.fetch_add(1, Ordering::Relaxed);
+        format!("websocket-{number}")
     }
 
     /// A command id that is new in this boot.

@@ -23,11 +23,11 @@ use axum::{Extension, Router};
 use plc_api::hub::Filter;
 use plc_api::server::ServerTransport;
 use plc_api::types::message::Message;
-use plc_api::types::request::Request;
+use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::topic::Topic;
 use plc_api::wire::json_object;
 use plc_api::wire::row::ParsedRequest;
-use plc_api::wire::websocket::{ClientFrame, error_frame, message_frame};
+use plc_api::wire::websocket::{ClientFrame, error_frame, message_frame, refusal_frame};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::access::http::WEBSOCKET_PROTOCOL;
@@ -112,8 +112,10 @@ struct Client {
     // last value of every state, so that a later subscription starts with the full value
     states: BTreeMap<Topic, Arc<Message>>,
     positions: Positions,
-    /// Handlers that go when the connection ends.
-    handlers: BTreeSet<String>,
+    /// Handlers that go when the connection ends, with their instances.
+    handlers: BTreeMap<String, Option<String>>,
+    /// Names the connection.
+    name: String,
 }
 
 /// The connection cannot be used any more.
@@ -128,7 +130,8 @@ impl Client {
             patterns: BTreeSet::new(),
             states: BTreeMap::new(),
             positions: Positions::new(shared.position_interval),
-            handlers: BTreeSet::new(),
+            handlers: BTreeMap::new(),
+            name: shared.next_connection(),
         }
     }
 
@@ -139,8 +142,8 @@ impl Client {
             ended = ended(&shared, shown) => Some((close_code::POLICY, ended.text())),
             result = self.serve(&mut socket) => result.ok().map(|()| (close_code::AWAY, "the runtime stops")),
         };
-        for id in std::mem::take(&mut self.handlers) {
-            let gone = Machine::gone(id, ServerTransport::WebSocket);
+        for (id, instance) in std::mem::take(&mut self.handlers) {
+            let gone = Machine::gone(id, instance, ServerTransport::WebSocket);
             // a runtime that stops refuses it
             let _ = self.shared.machine.carry_out(gone).await;
         }
@@ -235,9 +238,10 @@ impl Client {
             };
             send_text(socket, error_frame(&refusal)).await?;
         }
-        for request in frame.requests() {
+        for mut request in frame.requests() {
+            request.identify(&self.name);
             if let Err(refusal) = self.carry_out(request).await {
-                send_text(socket, error_frame(&refusal)).await?;
+                send_text(socket, refusal_frame(&refusal)).await?;
             }
         }
         for message in self.states.values() {
@@ -251,16 +255,17 @@ impl Client {
 
     /// Carries out a request of a frame. The refusal of a handler names its presence, by which its client knows which one it
     /// is.
-    async fn carry_out(&mut self, parsed: ParsedRequest) -> Result<(), String> {
+    async fn carry_out(&mut self, parsed: ParsedRequest) -> Result<(), Refusal> {
         let handler = match parsed.request() {
-            Request::Handler(id, presence) => Some((id.clone(), presence.online)),
+            Request::Handler(id, presence) => Some((id.clone(), presence.online, presence.instance.clone())),
             _ => None,
         };
-        if let Some((id, true)) = &handler
-            && !self.handlers.contains(id)
+        if let Some((id, true, _)) = &handler
+            && !self.handlers.contains_key(id)
             && self.handlers.len() == HANDLERS_MAX
         {
-            return Err(format!("{HANDLERS_MAX} handlers are the limit of one connection"));
+            let text = format!("{HANDLERS_MAX} handlers are the limit of one connection");
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
         let machine = &self.shared.machine;
         let caller = Caller {
@@ -273,13 +278,16 @@ impl Client {
             Err(refusal) => Err(refusal),
         };
         answered.map_err(|refusal| match &handler {
-            Some((id, _)) => format!("{}: {refusal}", Topic::HandlerPresence(id.clone()).path()),
-            None => refusal.text,
+            Some((id, ..)) => {
+                let text = format!("{}: {refusal}", Topic::HandlerPresence(id.clone()).path());
+                Refusal { text, ..refusal }
+            }
+            None => refusal,
         })?;
         match handler {
-            Some((id, true)) => self.handlers.insert(id),
-            Some((id, false)) => self.handlers.remove(&id),
-            None => false,
+            Some((id, true, instance)) => self.handlers.insert(id, instance),
+            Some((id, false, _)) => self.handlers.remove(&id),
+            None => None,
         };
         Ok(())
     }

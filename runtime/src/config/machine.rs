@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use plc_api::lock_input::LockRules;
-use plc_api::types::output::Timing;
+use plc_api::types::output::{Redelivery, Timing};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tandem_interp::dialect::{MCodeTime, OutputDefault};
@@ -122,6 +122,8 @@ pub struct MCodeSettings {
     pub unhandled: Option<Unhandled>,
     /// Time limit of the reset, ms.
     pub timeout_ms: Option<u64>,
+    /// What happens with an output that was claimed when its handler was lost.
+    pub redelivery: Option<Redelivery>,
     /// What the state shows while it is waited for.
     pub wait_state: Option<String>,
     /// What the stock sequence program does.

@@ -347,6 +347,10 @@ pub struct MCodeConfig {
     /// Time limit of the reset, from the output on; then an alarm.
     #[schemars(range(min = 1, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub timeout_ms: Option<u64>,
+    /// What happens with an output that was claimed when its handler was lost: `ask` leaves it to an operator, `verify` and `redo`
+    /// give it to a handler again. The strictest counts of this and of what the handler says of itself (`ask`, then `verify`,
+    /// then `redo`); where neither says anything, it is `ask`.
+    pub redelivery: Option<plc_api::types::output::Redelivery>,
     /// What the state shows while the program waits for it.
     pub wait_state: Option<String>,
     /// What the stock sequence program does.

@@ -181,6 +181,7 @@ impl Config {
                 timing: config.timing,
                 unhandled: config.unhandled,
                 timeout_ms: config.timeout_ms,
+                redelivery: config.redelivery,
                 wait_state: config.wait_state.clone(),
                 stock: config.stock,
                 simulated_s: config.simulated_ms / 1000.0,

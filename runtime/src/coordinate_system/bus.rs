@@ -103,6 +103,7 @@ mod tests {
             code: None,
             text: None,
             force: None,
+            instance: None,
         };
         plc.port().ask(typed::Reset(1, None, reset)).await.unwrap();
     }

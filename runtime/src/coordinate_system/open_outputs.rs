@@ -140,18 +140,15 @@ impl Outputs {
     pub fn on_handler_changed(&mut self, context: &Context, id: &str, presence: &HandlerPresence) {
         let now = context.now();
         if presence.online {
-            let handles = |m| {
-                let mut codes = presence.handles.iter();
-                codes.any(|code| (code.cs, code.m) == (context.number, m))
-            };
-            self.ledger.republish(now, handles);
+            self.ledger.handler_online(now, id, presence);
         } else {
+            let instance = presence.instance.as_deref();
             let owned = self.ledger.open().iter();
             let owned: Vec<_> = owned
-                .filter(|output| output.handler_id.as_deref() == Some(id))
+                .filter(|output| output.is_owned_by(id, instance))
                 .map(|output| (origin(&output.notice), format!("M{:02} of {id}", output.notice.m)))
                 .collect();
-            self.ledger.handler_lost(now, id);
+            self.ledger.handler_lost(now, id, instance);
             for (origin, text) in owned {
                 context.warn_of(&HANDLER_LOST, origin, &text);
             }
@@ -197,6 +194,7 @@ mod tests {
                 program: 60,
                 line: 1,
                 timeout_s: None,
+                redelivery: None,
             };
             let seq = outputs.ledger.enqueue(now(), spec).unwrap();
             outputs.ledger.put_out(now(), seq);
@@ -244,11 +242,12 @@ mod tests {
             boot_id: BootId("b1".to_owned()),
             seq,
             handler_id: "gripper".to_owned(),
+            instance: None,
         };
         outputs.ledger.claim(now(), None, &claim);
         let lost = |outputs: &Outputs| outputs.awaited(&Phase::LastOutputs, true);
         assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: false }));
-        outputs.ledger.handler_lost(now(), "gripper");
+        outputs.ledger.handler_lost(now(), "gripper", None);
         assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: true }));
     }
 

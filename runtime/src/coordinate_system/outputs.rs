@@ -125,6 +125,7 @@ impl CoordinateSystem {
             timeout_s: settings
                 .and_then(|settings| settings.timeout_ms)
                 .map(|ms| ms as f64 / 1000.0),
+            redelivery: settings.and_then(|settings| settings.redelivery),
         };
         self.outputs.ledger.enqueue(self.context.now(), spec).ok()
     }
@@ -254,6 +255,7 @@ impl CoordinateSystem {
                 code: None,
                 text: None,
                 force: None,
+                instance: None,
             };
             // an output whose reset does not count has been closed meanwhile
             let _ = self

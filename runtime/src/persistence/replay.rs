@@ -104,6 +104,7 @@ fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
                 return;
             }
             run.outputs.push(PendingOutput {
+                redelivery: None,
                 output: *output,
                 state: OutputState::Output,
                 handler_id: None,

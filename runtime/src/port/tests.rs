@@ -124,6 +124,7 @@ fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
                 online: true,
                 handles: vec![HandledCode { cs: 1, m: 60 }],
                 validates: true,
+                ..HandlerPresence::default()
             };
             port.ask(typed::Handler("silent".into(), silent)).await.unwrap();
             let text = "M60 VA1\nM30\n".to_owned();
@@ -284,6 +285,7 @@ fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loa
             online: true,
             handles: vec![HandledCode { cs: 1, m: 60 }],
             validates: true,
+            ..HandlerPresence::default()
         };
         port.ask(typed::Handler("picky".into(), picky)).await.unwrap();
         let write = |force: u32| {

@@ -301,6 +301,7 @@ fn a_handler_that_does_not_answer_within_2_s_is_a_warning() {
                 online: true,
                 handles,
                 validates: true,
+                ..HandlerPresence::default()
             };
             scene
                 .plc()

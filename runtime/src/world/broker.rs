@@ -135,8 +135,11 @@ impl Broker {
                     if let Event::Published { publish, .. } = &event {
                         let text = String::from_utf8_lossy(&publish.payload);
                         let (client, topic) = (&connection.client_id, &publish.topic);
-                        self.trace
-                            .line(format_args!("to {client}: {topic} {} {text}", publish.retain));
+                        self.trace.line(format_args!(
+                            "to {client}: {topic} {} {}",
+                            publish.retain,
+                            without_instance(&text)
+                        ));
                     }
                     // a client may have gone
                     let _ = connection.events.send(Ok(event));
@@ -222,6 +225,15 @@ impl Broker {
             is_mortal: false,
         }
     }
+}
+
+/// A program in the process names its instance at random, which is no part of a history.
+fn without_instance(text: &str) -> String {
+    let named = text.split_once(r#""instance":"i-"#);
+    named.map_or_else(
+        || text.to_owned(),
+        |(before, after)| before.to_owned() + after.get(12..).unwrap_or_default(),
+    )
 }
 
 fn lost(why: &str) -> Lost {

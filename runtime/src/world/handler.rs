@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use plc_api::types::BootId;
+use plc_api::types::handler::HandlerStatus;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::{
     Claim, HandledCode, HandlerPresence, HandshakeStatus, OutputState, Pending, Reset, ResetResult,
@@ -38,6 +39,10 @@ pub(super) struct Handler {
     pub truth: SharedTruth,
     pub random: Random,
     jobs: BTreeMap<Key, (u16, Job, Instant)>,
+    /// How many processes of it there were.
+    processes: u32,
+    /// When it says again that it is there, since another was there.
+    announces_at: Option<Instant>,
 }
 
 impl Handler {
@@ -49,13 +54,19 @@ impl Handler {
             truth: truth.clone(),
             random,
             jobs: BTreeMap::new(),
+            processes: 1,
+            announces_at: None,
         }
+    }
+
+    fn instance(&self) -> String {
+        format!("{}-{}", self.id, self.processes)
     }
 
     /// Connects again and again.
     pub async fn run(mut self) {
         loop {
-            let gone = presence(false, &[]);
+            let gone = presence(false, &[], self.instance());
             let wire = self
                 .broker
                 .connect(&self.id, Some((self.topic("presence"), gone)));
@@ -63,6 +74,7 @@ impl Handler {
             if self.random.percent(30) {
                 // a new process
                 self.jobs.clear();
+                self.processes += 1;
             }
             let pause = self.random.ms(10, 1500);
             tokio::time::sleep(pause).await;
@@ -78,7 +90,8 @@ impl Handler {
         let ends = self.random.percent(breaks).then(|| self.random.ms(200, 6000));
         let end = Instant::now() + ends.unwrap_or(Duration::from_hours(1));
         loop {
-            let due = self.jobs.values().map(|(_, _, due)| *due).min();
+            let due = self.jobs.values().map(|(_, _, due)| *due);
+            let due = due.chain(self.announces_at).min();
             let due = due.map_or(end, |due| due.min(end));
             let event = tokio::select! {
                 biased;
@@ -99,13 +112,24 @@ impl Handler {
                     }
                     return;
                 }
-                None => self.work(&wire),
+                None => {
+                    if self.announces_at.is_some_and(|at| at <= Instant::now()) {
+                        self.announces_at = None;
+                        self.announce(&wire, true);
+                    }
+                    self.work(&wire);
+                }
             }
         }
     }
 
     fn announce(&self, wire: &ModelWire, online: bool) {
-        wire.publish(self.topic("presence"), 1, true, presence(online, &self.codes));
+        wire.publish(
+            self.topic("presence"),
+            1,
+            true,
+            presence(online, &self.codes, self.instance()),
+        );
     }
 
     fn connected(&mut self, wire: &ModelWire) {
@@ -114,7 +138,9 @@ impl Handler {
             "cs/+/m_code/+/output",
             "cs/+/m_code/+/result",
             "handler/+/presence",
+            "handler/+/result",
         ];
+        self.announces_at = None;
         wire.subscribe(filters.iter().map(|filter| format!("{ROOT}{filter}")));
         self.announce(wire, true);
     }
@@ -134,6 +160,12 @@ impl Handler {
             return;
         };
         match (&message.topic, &message.payload) {
+            (Topic::HandlerResult(_), Payload::HandlerResult(result)) => {
+                let is_own = result.instance.as_ref() == Some(&self.instance());
+                if is_own && result.status == HandlerStatus::Refused {
+                    self.announces_at = Some(Instant::now() + self.random.ms(500, 2000));
+                }
+            }
             (Topic::CoordinateSystem(cs, CsTopic::Output(_)), Payload::Output(notice)) => {
                 self.truth.lock().heard(&message.boot_id.0, *cs, notice.seq);
             }
@@ -213,7 +245,7 @@ impl Handler {
     fn send(&mut self, wire: &ModelWire, (boot_id, cs, seq): &Key, m: u16, job: Job) {
         let (boot_id, seq) = (boot_id.clone(), *seq);
         // somebody else's name: it must be refused
-        let handler_id = self.id.clone();
+        let (handler_id, instance) = (self.id.clone(), Some(self.instance()));
         let request = match job {
             Job::Claiming if self.random.percent(97) => Request::Claim(
                 *cs,
@@ -222,6 +254,7 @@ impl Handler {
                     boot_id,
                     seq,
                     handler_id,
+                    instance,
                 },
             ),
             // also without a claim, as a simple handler does
@@ -240,6 +273,7 @@ impl Handler {
                     code: None,
                     text: None,
                     force: None,
+                    instance,
                 },
             ),
         };
@@ -254,12 +288,13 @@ impl Handler {
     }
 }
 
-fn presence(online: bool, codes: &[u16]) -> String {
+fn presence(online: bool, codes: &[u16], instance: String) -> String {
     let code = |m: &u16| [1, 2].map(|cs| HandledCode { cs, m: *m });
     let presence = HandlerPresence {
         online,
         handles: codes.iter().flat_map(code).collect(),
-        validates: false,
+        instance: Some(instance),
+        ..HandlerPresence::default()
     };
     serde_json::to_string(&presence).unwrap()
 }

@@ -8,7 +8,10 @@ use plc_api::port::Port;
 use plc_api::server::{Origin, ServedPort, ServerTransport};
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use plc_api::types::message::Payload;
+use plc_api::types::output::{Redeliver, Redelivery};
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::right::Right;
 
 use super::random::Random;
@@ -82,6 +85,7 @@ impl Operator {
             match self.random.below(100) {
                 0..30 => self.change().await,
                 30..50 => self.run_a_program().await,
+                50..56 => self.decide().await,
                 _ => self.command().await,
             }
         }
@@ -124,6 +128,26 @@ impl Operator {
         for command in [Command::Reset, Command::Load { program }, Command::Start] {
             self.count += 1;
             self.ask(1, command, true).await;
+        }
+    }
+
+    /// Lets work be done again whose handler was lost.
+    async fn decide(&mut self) {
+        let Some((_, witness)) = self.current.get() else {
+            return;
+        };
+        let pending = witness.read(&Topic::cs(1, CsTopic::Pending)).await;
+        let Some(Payload::Pending(pending)) = pending.as_deref().map(|message| &message.payload) else {
+            return;
+        };
+        for lost in pending.outputs.iter().filter(|open| open.lost) {
+            let redeliver = Redeliver {
+                boot_id: witness.boot_id(),
+                seq: lost.output.seq,
+                how: Redelivery::Redo,
+            };
+            let answer = self.current.ask(Request::Redeliver(1, None, redeliver)).await;
+            self.trace.line(format_args!("operator: redeliver: {answer:?}"));
         }
     }
 

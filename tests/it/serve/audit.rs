@@ -61,6 +61,7 @@ fn samples(alarm: u64) -> Vec<Request> {
         code: None,
         text: None,
         force: None,
+        instance: None,
     };
     let answer = OperatorAnswer {
         boot_id: boot_id.clone(),

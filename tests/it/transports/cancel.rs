@@ -123,6 +123,7 @@ async fn a_cancel_reaches_the_handler(reached: &Reached) {
         code: None,
         text: None,
         force: Some(true),
+        instance: None,
     };
     let request = plc.port().request(Request::Reset(1, Some(100), by_hand));
     within("a reset by hand", request).await.expect("a reset");

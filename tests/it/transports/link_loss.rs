@@ -1,12 +1,13 @@
 //! The link to the broker is cut for longer than keep-alive, and the runtime is killed, while an output is open.
 
+use plc_api::{AuxOutput, Error, SequenceProgram};
 use serde_json::{Value, json};
 
-use super::{broker_at, machine};
+use super::{broker_at, connect, machine};
 use crate::support::broker::Mosquitto;
 use crate::support::mqtt::Bus;
-use crate::support::served::Served;
-use crate::support::wait::until;
+use crate::support::served::{FREE_PORTS, Served};
+use crate::support::wait::{until, within};
 use crate::support::wire::Wire;
 
 /// Waits until the last word on presence is this, of a `boot_id` that fits. The broker says it after one and a half
@@ -111,4 +112,44 @@ async fn a_runtime_that_is_killed_is_told_by_its_will_and_what_was_meant_for_it_
         (&output["seq"], &json!("stale"))
     );
     assert_eq!(served.state(1).await["execution"], "STOPPED");
+}
+
+#[tokio::test]
+async fn what_gets_no_answer_is_of_unknown_outcome_and_a_guard_beside_the_handlers_waits_for_the_machine() {
+    let machine = machine(FREE_PORTS);
+    let served = Served::start(&machine);
+    let wire = Wire::to(&served.broker).await;
+    let plc = connect(&format!("mqtt://{}/test-1", wire.address())).await;
+    let serving = plc.clone();
+    let handlers = tokio::spawn(async move {
+        let program = SequenceProgram::new().handler_id("cell");
+        program
+            .on(12, |_output: AuxOutput| async { Ok(()) })
+            .run(&serving)
+            .await
+    });
+    let online = async || {
+        let handlers = served.get("/handlers").await.expect(200).json();
+        (handlers["handlers"]["cell"]["online"] == true).then_some(())
+    };
+    until("the handlers are there", online).await;
+
+    wire.cut();
+    let mill = plc.coordinate_system(1);
+    let guard = tokio::spawn(async move { mill.set_interlock(true, "the door is open").await });
+    let unknown = within("no answer", plc.coordinate_system(1).select_tool(3)).await;
+    assert!(
+        matches!(&unknown, Err(Error::NoAnswer { command_id: None, text }) if text.contains("did not answer")),
+        "{unknown:?}"
+    );
+    assert!(!guard.is_finished() && !handlers.is_finished());
+
+    wire.mend();
+    assert_eq!(within("the guard", guard).await.unwrap(), Ok(()));
+    let lock = served.get("/cs/1/inputs/interlock").await.expect(200).json();
+    assert_eq!(
+        (&lock["value"], &lock["text"]),
+        (&json!(true), &json!("the door is open"))
+    );
+    assert!(!handlers.is_finished());
 }

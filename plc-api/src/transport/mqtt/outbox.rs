@@ -6,8 +6,9 @@ use std::collections::{HashMap, VecDeque};
 use tokio::sync::oneshot;
 
 use crate::types::command::{CommandReply, CommandStatus};
+use crate::types::handler::HandlerStatus;
 use crate::types::message::{Message, Payload};
-use crate::types::output::HandshakeStatus;
+use crate::types::output::{HandshakeStatus, OutputAct};
 use crate::types::request::{Answer, Refusal, RefusalCode};
 use crate::types::topic::{CsTopic, Topic};
 
@@ -100,19 +101,29 @@ impl Outbox {
     pub(super) fn on_message(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
         match (&message.topic, &message.payload) {
             (Topic::CoordinateSystem(result_cs, CsTopic::Result(result_m)), Payload::Result(result)) => {
-                // the output is open, so this is not the answer to a reset but a late one to a claim
-                let of_claim = result.status == HandshakeStatus::Accepted && is_open(result.seq);
+                let is_of = |is_reset: bool| match result.of {
+                    Some(of) => {
+                        of == if is_reset {
+                            OutputAct::Reset
+                        } else {
+                            OutputAct::Claim
+                        }
+                    }
+                    // the output is open, so this is not the answer to a reset but a late one to a claim
+                    None => !(is_reset && result.status == HandshakeStatus::Accepted && is_open(result.seq)),
+                };
                 let is_its = |entry: &Entry| match &entry.outgoing.until {
                     Until::Result {
                         cs,
                         m,
                         seq,
                         handler_id,
+                        instance,
                         is_reset,
                     } => {
                         (cs, m, *seq) == (result_cs, result_m, result.seq)
-                            && *handler_id == result.handler_id
-                            && !(*is_reset && of_claim)
+                            && (handler_id, instance) == (&result.handler_id, &result.instance)
+                            && is_of(*is_reset)
                     }
                     _ => false,
                 };
@@ -122,6 +133,21 @@ impl Outbox {
                         result.text.clone().unwrap_or_default(),
                     )),
                     _ => Ok(Answer::Handshake(result.clone())),
+                });
+            }
+            (Topic::HandlerResult(id), Payload::HandlerResult(result)) => {
+                let is_its = |entry: &Entry| match &entry.outgoing.until {
+                    Until::Announced { handler_id, instance } => {
+                        handler_id == id && Some(instance) == result.instance.as_ref()
+                    }
+                    _ => false,
+                };
+                self.end(is_its, &|| match result.status {
+                    HandlerStatus::Accepted => Ok(Answer::Done),
+                    HandlerStatus::Refused | HandlerStatus::TakenOver => {
+                        let code = result.code.unwrap_or(RefusalCode::HandlerTaken);
+                        Err(Refusal::new(code, result.text.clone().unwrap_or_default()))
+                    }
                 });
             }
             (Topic::Reply(_), Payload::Reply(reply)) => {
@@ -178,6 +204,7 @@ mod tests {
             m: 100,
             seq: 5,
             handler_id: "h".to_owned(),
+            instance: None,
             is_reset,
         }
     }
@@ -197,12 +224,7 @@ mod tests {
             boot_id: BootId("b".into()),
             ts: Timestamp::default(),
             rev: None,
-            payload: Payload::Result(HandshakeResult {
-                seq: 5,
-                handler_id: "h".into(),
-                status: HandshakeStatus::Accepted,
-                text: None,
-            }),
+            payload: Payload::Result(HandshakeResult::new(5, "h", HandshakeStatus::Accepted)),
         }
     }
 

@@ -6,8 +6,11 @@ use rumqttc::{
     AsyncClient, Event, EventLoop, LastWill, MqttOptions, Outgoing as Sent, Packet, QoS, SubscribeFilter,
 };
 
+use serde_json::json;
+
 use crate::lock::lock;
 use crate::types::message::{Message, Payload};
+use crate::types::output::HandlerPresence;
 use crate::types::topic::{CsTopic, Topic};
 
 use super::super::backoff::Backoff;
@@ -22,12 +25,13 @@ const LIBRARY_QUEUE: usize = 64;
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
 /// Topics of a machine below its root, other than `reply`.
-const FILTERS: [&str; 16] = [
+const FILTERS: [&str; 17] = [
     "presence",
     "birth",
     "alarm/event",
     "alarm/active",
     "handler/+/presence",
+    "handler/+/result",
     "cs/+/+",
     "cs/+/m_code/pending",
     "cs/+/m_code/+/output",
@@ -86,9 +90,9 @@ fn options(shared: &Shared, (host, port): &(String, u16)) -> MqttOptions {
     if let Some((user, password)) = &address.credentials {
         options.set_credentials(user.clone(), password.clone());
     }
-    if let Some(handler_id) = &lock(&shared.state).will {
+    if let Some((handler_id, instance)) = &lock(&shared.state).will {
         let topic = format!("{}/handler/{handler_id}/presence", address.root);
-        let gone = r#"{"online":false,"handles":[],"validates":false}"#;
+        let gone = json!(HandlerPresence::gone(instance.clone())).to_string();
         options.set_last_will(LastWill::new(topic, gone, QoS::AtLeastOnce, true));
     }
     options

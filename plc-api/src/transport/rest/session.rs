@@ -12,7 +12,7 @@ use tokio_tungstenite::{Connector, MaybeTlsStream, WebSocketStream, connect_asyn
 
 use crate::lock::lock;
 use crate::types::message::{Message, Payload};
-use crate::types::request::Request;
+use crate::types::request::{Refusal, Request};
 use crate::types::topic::Topic;
 use crate::wire::websocket::{ClientFrame, ServerFrame, encode};
 
@@ -102,7 +102,16 @@ fn unsent(shared: &Shared) -> Vec<ClientFrame> {
     let mut state = lock(&shared.state);
     let unsent = std::mem::take(&mut state.unsent).into_iter();
     let frames = unsent.filter_map(|id| {
-        let presence = state.handlers.get(&id).cloned().unwrap_or_default();
+        let gone = state.gone.remove(&id).unwrap_or_default();
+        let presence = match state.handlers.get_mut(&id) {
+            // the place is taken once
+            Some(known) => {
+                let said = known.clone();
+                known.take_over = false;
+                said
+            }
+            None => gone,
+        };
         encode(Request::Handler(id, presence)).ok()
     });
     let mut frames: Vec<_> = frames.collect();
@@ -129,23 +138,27 @@ fn set_offline(shared: &Shared) {
 fn on_text(shared: &Shared, text: &str) {
     match ServerFrame::read(text) {
         ServerFrame::Message(message) => shared.link.hub.publish(*message),
-        ServerFrame::Error(text) => {
-            tracing::warn!(%text, "the machine refuses");
-            on_error(shared, text);
+        ServerFrame::Error(refusal) => {
+            tracing::warn!(%refusal, "the machine refuses");
+            on_error(shared, refusal);
         }
         ServerFrame::Unknown(why) => tracing::debug!(%why, "a message is passed over"),
     }
 }
 
 /// Refuses the announcement of the handler that an error frame names.
-fn on_error(shared: &Shared, text: String) {
+fn on_error(shared: &Shared, refusal: Refusal) {
     let mut state = lock(&shared.state);
-    let is_named = |id: &&String| text.contains(&Topic::HandlerPresence((*id).clone()).path());
+    let is_named = |id: &&String| {
+        refusal
+            .text
+            .contains(&Topic::HandlerPresence((*id).clone()).path())
+    };
     let Some(id) = state.handlers.keys().find(is_named).cloned() else {
         return;
     };
     state.handlers.remove(&id);
-    state.refused.insert(id, text);
+    state.refused.insert(id, refusal);
     drop(state);
     shared.refused.notify_waiters();
 }

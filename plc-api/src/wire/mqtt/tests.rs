@@ -34,7 +34,8 @@ fn the_handshake_comes_in_with_the_m_number_of_its_topic() {
             Claim {
                 boot_id: boot_id.clone(),
                 seq: 7,
-                handler_id: "h".into()
+                handler_id: "h".into(),
+                instance: None,
             }
         )
     );
@@ -54,6 +55,7 @@ fn the_handshake_comes_in_with_the_m_number_of_its_topic() {
                 code: Some(3),
                 text: Some("jam".into()),
                 force: None,
+                instance: None,
             }
         )
     );
@@ -66,14 +68,20 @@ fn the_handshake_comes_in_with_the_m_number_of_its_topic() {
             1,
             Some(5),
             ProgressReport {
-                boot_id: boot_id.clone(),
+                boot_id,
                 seq: 7,
                 handler_id: "h".into(),
                 text: "turning".into(),
                 percent: None,
+                instance: None,
             }
         )
     );
+}
+
+#[test]
+fn a_decision_about_an_output_comes_in_with_the_m_number_of_its_topic() {
+    let boot_id = BootId("b".into());
     assert_eq!(
         ask(
             "cs/1/m_code/5/redeliver",
@@ -204,6 +212,7 @@ fn inputs_and_settings_come_in() {
         online: false,
         handles: Vec::new(),
         validates: false,
+        ..HandlerPresence::default()
     };
     assert_eq!(
         ask("handler/h1/presence", r#"{"online":false}"#),
@@ -425,6 +434,7 @@ fn requests_have_the_topics_and_payloads_of_section_4() {
         online: false,
         handles: Vec::new(),
         validates: false,
+        ..HandlerPresence::default()
     };
     let json = json!({"online": false, "handles": [], "validates": false});
     assert_eq!(

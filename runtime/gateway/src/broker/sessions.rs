@@ -96,6 +96,11 @@ impl Sessions {
         self.of(client_id)?.from
     }
 
+    /// All that are connected.
+    pub(crate) fn connected(&self) -> Vec<Arc<str>> {
+        self.connected.lock().keys().cloned().collect()
+    }
+
     pub(super) fn of(&self, client_id: &str) -> Option<Session> {
         let connected = self.connected.lock();
         connected.get(client_id).map(|(session, _)| session.clone())

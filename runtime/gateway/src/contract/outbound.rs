@@ -17,6 +17,7 @@ pub(super) fn outbound() -> Vec<Topic> {
         Topic::AlarmEvent,
         Topic::AlarmActive,
         Topic::Reply("{client_id}".into()),
+        Topic::HandlerResult("{id}".into()),
     ];
     let of_cs = of_cs.map(|topic| Topic::cs(CS, topic));
     machine.into_iter().chain(of_cs).collect()

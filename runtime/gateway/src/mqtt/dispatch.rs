@@ -7,18 +7,20 @@ use std::task::Poll;
 use plc_api::server::{ServerNotice, ServerTransport};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandReply, CommandStatus};
+use plc_api::types::handler::{HandlerResult, is_own_instance};
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::{HandshakeResult, HandshakeStatus};
+use plc_api::types::output::{Claim, HandshakeResult, HandshakeStatus, OutputAct, Reset};
 use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::{Inbound, sender};
 use plc_api::wire::problem::code_word;
-use plc_api::wire::row::ParsedRequest;
+use plc_api::wire::row::{ParsedRequest, connection_name};
 use tokio::sync::{Semaphore, mpsc};
 use tracing::warn;
 
 use super::{Publisher, message};
 use crate::access::rules;
+use crate::broker::Sessions;
 use crate::machine::{Caller, Machine};
 use crate::metrics::{Metrics, add};
 
@@ -38,11 +40,17 @@ pub(super) struct Dispatch {
     unanswered: Arc<Semaphore>,
     urgent: Arc<Semaphore>,
     results: mpsc::Sender<Message>,
+    /// Clients of the embedded broker.
+    clients: Option<Arc<Sessions>>,
 }
 
 impl Dispatch {
     /// And the results of requests that the port has refused, which are to be published.
-    pub(super) fn new(machine: Machine, metrics: Arc<Metrics>) -> (Self, mpsc::Receiver<Message>) {
+    pub(super) fn new(
+        machine: Machine,
+        metrics: Arc<Metrics>,
+        clients: Option<Arc<Sessions>>,
+    ) -> (Self, mpsc::Receiver<Message>) {
         let (results, told) = mpsc::channel(UNANSWERED_MAX);
         let dispatch = Self {
             machine,
@@ -50,6 +58,7 @@ impl Dispatch {
             unanswered: Arc::new(Semaphore::new(UNANSWERED_MAX)),
             urgent: Arc::new(Semaphore::new(URGENT_MAX)),
             results,
+            clients,
         };
         (dispatch, told)
     }
@@ -90,7 +99,11 @@ impl Dispatch {
         )
     }
 
-    async fn ask(&self, publisher: Publisher, parsed: ParsedRequest, urgent: bool) -> Option<Message> {
+    async fn ask(&self, publisher: Publisher, mut parsed: ParsedRequest, urgent: bool) -> Option<Message> {
+        if let Some(client_id) = publisher.client_id() {
+            parsed.identify(&connection(client_id));
+        }
+        self.end_of_another(parsed.request()).await;
         let to_tell =
             sender(parsed.request()).map(|(cs, meta)| (cs, meta.client_id.clone(), meta.command_id.clone()));
         let places = if urgent { &self.urgent } else { &self.unanswered };
@@ -100,8 +113,14 @@ impl Dispatch {
                 .refuse(to_tell, Refusal::new(RefusalCode::Unavailable, text))
                 .await;
         };
+        let announced = match parsed.request() {
+            Request::Handler(id, presence) if presence.online => {
+                Some((id.clone(), presence.instance.clone()))
+            }
+            _ => None,
+        };
         let judged = match publisher {
-            Publisher::User { user, from } => {
+            Publisher::User { user, from, .. } => {
                 let caller = Caller {
                     user: &user,
                     from,
@@ -109,11 +128,19 @@ impl Dispatch {
                 };
                 self.machine.judge(caller, parsed).await
             }
-            Publisher::Unknown(name) => Machine::judge_last_will(&name, parsed),
+            Publisher::Unknown { name, .. } => Machine::judge_last_will(&name, parsed),
         };
         let authorized = match judged {
             Ok(authorized) => authorized,
-            Err(refusal) => return self.refuse(to_tell, refusal).await,
+            Err(refusal) => {
+                let Some((id, instance)) = announced else {
+                    return self.refuse(to_tell, refusal).await;
+                };
+                self.drop_message(&format!("MQTT request refused: {refusal}"));
+                let result = HandlerResult::refused(instance, &refusal);
+                let topic = Topic::HandlerResult(id);
+                return Some(message(&self.machine, topic, Payload::HandlerResult(result)));
+            }
         };
         let (machine, results) = (self.machine.clone(), self.results.clone());
         let output = output_of(authorized.request());
@@ -138,6 +165,31 @@ impl Dispatch {
             tokio::spawn(asking);
         }
         None
+    }
+
+    /// Before a handler comes: one of its name that is known by its connection alone has gone with it, also without a last
+    /// will.
+    async fn end_of_another(&self, request: &Request) {
+        let (Some(clients), Request::Handler(id, presence)) = (&self.clients, request) else {
+            return;
+        };
+        let known = self.machine.read(&Topic::HandlerPresence(id.clone())).await;
+        let Some(Payload::HandlerPresence(known)) = known.as_deref().map(|message| &message.payload) else {
+            return;
+        };
+        if !presence.online || !known.online || known.instance == presence.instance {
+            return;
+        }
+        let is_connected = |instance: &String| {
+            let mut connected = clients.connected().into_iter();
+            connected.any(|client_id| connection_name(&connection(&client_id)) == *instance)
+        };
+        let of_connection = known.instance.as_ref().filter(|named| !is_own_instance(named));
+        if of_connection.is_some_and(|instance| !is_connected(instance)) {
+            let gone = Machine::gone(id.clone(), known.instance.clone(), ServerTransport::Mqtt);
+            // a runtime that stops refuses it
+            let _ = self.machine.carry_out(gone).await;
+        }
     }
 
     /// A request that does not reach the port.
@@ -184,18 +236,38 @@ impl Dispatch {
     }
 }
 
+/// Names a connection to the embedded broker.
+fn connection(client_id: &str) -> String {
+    format!("mqtt-{client_id}")
+}
+
 /// The topic and the sender of a claim or reset, for a result that says that it is refused.
 fn output_of(request: &Request) -> Option<(Topic, HandshakeResult)> {
-    let (cs, m, seq, handler_id) = match request {
-        Request::Claim(cs, m, claim) => (*cs, *m, claim.seq, &claim.handler_id),
-        Request::Reset(cs, m, reset) => (*cs, *m, reset.seq, &reset.handler_id),
+    let (of, cs, m, seq, handler_id, instance) = match request {
+        Request::Claim(cs, m, claim) => {
+            let Claim {
+                seq,
+                handler_id,
+                instance,
+                ..
+            } = claim;
+            (OutputAct::Claim, *cs, *m, *seq, handler_id, instance)
+        }
+        Request::Reset(cs, m, reset) => {
+            let Reset {
+                seq,
+                handler_id,
+                instance,
+                ..
+            } = reset;
+            (OutputAct::Reset, *cs, *m, *seq, handler_id, instance)
+        }
         _ => return None,
     };
     let result = HandshakeResult {
-        seq,
-        handler_id: handler_id.clone(),
-        status: HandshakeStatus::Refused,
-        text: None,
+        of: Some(of),
+        instance: instance.clone().filter(|named| is_own_instance(named)),
+        ..HandshakeResult::new(seq, handler_id.clone(), HandshakeStatus::Refused)
     };
     Some((Topic::cs(cs, CsTopic::Result(m?)), result))
 }

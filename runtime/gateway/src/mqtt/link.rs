@@ -81,7 +81,11 @@ enum Wakeup {
 
 impl<C: Connect> Link<C> {
     pub(super) fn new(parts: Parts<C>, stop: CancellationToken) -> Self {
-        let (dispatch, results) = Dispatch::new(parts.machine.clone(), Arc::clone(&parts.metrics));
+        let (dispatch, results) = Dispatch::new(
+            parts.machine.clone(),
+            Arc::clone(&parts.metrics),
+            parts.clients.clone(),
+        );
         Self {
             outbox: Outbox::default(),
             positions_due: every(parts.position_interval),
@@ -269,7 +273,10 @@ impl<C: Connect> Link<C> {
             Wakeup::PositionsDue => self.put_positions().await,
             Wakeup::Refused((topic, payload)) => {
                 // with the retain flag it asks for nothing, whoever has published it
-                let publisher = Publisher::Unknown(String::new());
+                let publisher = Publisher::Unknown {
+                    name: String::new(),
+                    client_id: None,
+                };
                 self.take(publisher, &topic, &payload, true).await;
             }
             Wakeup::Result(result) => self.outbox.put(Arc::from(result)),

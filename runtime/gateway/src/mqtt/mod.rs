@@ -71,9 +71,10 @@ enum Publisher {
     User {
         user: User,
         from: Option<IpAddr>,
+        client_id: Option<String>,
     },
     /// A name whose token counts no more, or nobody that the broker names.
-    Unknown(String),
+    Unknown { name: String, client_id: Option<String> },
 }
 
 impl Publisher {
@@ -88,9 +89,24 @@ impl Publisher {
                 .as_deref()
                 .and_then(|name| tokens.now().user_named(name)),
         };
+        let client_id = clients.and(named.client_id.clone());
         match user {
-            Some(user) => Publisher::User { user, from },
-            None => Publisher::Unknown(named.user.clone().unwrap_or_default()),
+            Some(user) => Publisher::User {
+                user,
+                from,
+                client_id,
+            },
+            None => Publisher::Unknown {
+                name: named.user.clone().unwrap_or_default(),
+                client_id,
+            },
+        }
+    }
+
+    /// Its MQTT client id, where the embedded broker says it.
+    fn client_id(&self) -> Option<&str> {
+        match self {
+            Publisher::User { client_id, .. } | Publisher::Unknown { client_id, .. } => client_id.as_deref(),
         }
     }
 }

@@ -190,6 +190,7 @@ mod tests {
 
     fn showing<const N: usize>(open: [u64; N]) -> Arc<Message> {
         let outputs = open.map(|seq| PendingOutput {
+            redelivery: None,
             output: notice(seq),
             state: OutputState::Output,
             handler_id: None,

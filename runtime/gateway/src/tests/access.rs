@@ -24,12 +24,11 @@ fn port() -> Arc<StubPort> {
             Request::Command { meta, .. } => {
                 Answer::Command(reply(&meta.command_id, CommandStatus::Accepted, "ok"))
             }
-            Request::Claim(_, _, _) | Request::Reset(_, _, _) => Answer::Handshake(HandshakeResult {
-                seq: 1,
-                handler_id: "h".into(),
-                status: plc_api::types::output::HandshakeStatus::Accepted,
-                text: None,
-            }),
+            Request::Claim(_, _, _) | Request::Reset(_, _, _) => Answer::Handshake(HandshakeResult::new(
+                1,
+                "h",
+                plc_api::types::output::HandshakeStatus::Accepted,
+            )),
             Request::Programs => Answer::Programs(Vec::new()),
             Request::WriteProgram(..) | Request::CheckProgram(_) => {
                 Answer::Check(plc_api::types::program::ProgramCheck::default())

@@ -29,12 +29,7 @@ fn port() -> Arc<StubPort> {
     StubPort::with(|request| {
         Ok(match request {
             Request::Claim(..) | Request::Reset(..) | Request::Ask(..) => {
-                Answer::Handshake(HandshakeResult {
-                    seq: 1,
-                    handler_id: "handler".into(),
-                    status: HandshakeStatus::Accepted,
-                    text: None,
-                })
+                Answer::Handshake(HandshakeResult::new(1, "handler", HandshakeStatus::Accepted))
             }
             _ => Answer::Done,
         })

@@ -137,6 +137,7 @@ impl StubPort {
             online: true,
             handles: vec![HandledCode { cs, m: 5 }],
             validates: false,
+            ..HandlerPresence::default()
         };
         let topic = Topic::HandlerPresence(id.to_owned());
         self.say(topic, Some(1), Payload::HandlerPresence(presence));

@@ -322,14 +322,7 @@ async fn the_handshake_answers_200_when_it_counts_or_counted_and_409_with_the_st
         (HandshakeStatus::Unknown, (409, "unknown")),
         (HandshakeStatus::NotOwner, (409, "not_owner")),
     ] {
-        let port = StubPort::with(move |_| {
-            Ok(Answer::Handshake(HandshakeResult {
-                seq: 9,
-                handler_id: "h".into(),
-                status,
-                text: None,
-            }))
-        });
+        let port = StubPort::with(move |_| Ok(Answer::Handshake(HandshakeResult::new(9, "h", status))));
         let bodies = [
             ("claim", r#"{"boot_id":"boot-1","handler_id":"h"}"#),
             (
@@ -381,12 +374,7 @@ async fn questions_are_asked_and_answered() {
         let port = StubPort::with(move |_| {
             let handler_id = String::new();
             let seq = 9;
-            Ok(Answer::Handshake(HandshakeResult {
-                seq,
-                handler_id,
-                status,
-                text: None,
-            }))
+            Ok(Answer::Handshake(HandshakeResult::new(seq, handler_id, status)))
         });
         let body =
             r#"{"boot_id":"boot-1","handler_id":"h","question_id":"q","text":"Clean?","choices":["yes"]}"#;

@@ -19,6 +19,7 @@ fn numbered(asker: usize, number: u64) -> CoordinateSystemRequest {
         boot_id: BootId("test".into()),
         seq: number,
         handler_id: asker.to_string(),
+        instance: None,
     };
     CoordinateSystemRequest::Output(Some(100), OutputRequest::Claim(claim))
 }

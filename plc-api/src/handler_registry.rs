@@ -1,0 +1,243 @@
+//! Which handlers there are, and which instance of each: pure, the same for the runtime and for the scripted machine.
+//!
+//! One instance of a `handler_id` is there at a time. Another is refused, unless it is to take over. An instance that has gone
+//! takes nothing away from one that came after it: its last will may arrive late.
+
+use std::collections::BTreeMap;
+use std::time::SystemTime;
+
+use crate::handshake::taken_text;
+use crate::types::CoordinateSystemNumber;
+use crate::types::ids::check_client_id;
+use crate::types::output::{HandledCode, HandlerPresence};
+use crate::types::refusal::{Refusal, RefusalCode};
+
+/// Handlers that are or were there. A further one is refused.
+pub const HANDLERS_MAX: usize = 256;
+
+/// M codes that one handler may say it serves: all of them in every coordinate system.
+const HANDLED_CODES_MAX: usize = 8 * 192;
+
+/// What a presence has changed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Registered {
+    /// The handler is there.
+    Online {
+        /// The instance whose place it has taken, and what that one is told.
+        took_over: Option<(HandlerPresence, String)>,
+        /// A handler that had gone, and was forgotten for it.
+        forgotten: Option<String>,
+    },
+    /// It has gone.
+    Offline,
+    /// Nothing: it is said of an instance that is not there any more.
+    Nothing,
+}
+
+/// Handlers by their ids.
+#[derive(Debug, Default)]
+pub struct HandlerRegistry(BTreeMap<String, (HandlerPresence, Option<SystemTime>)>);
+
+impl HandlerRegistry {
+    /// Notes a presence.
+    ///
+    /// # Errors
+    /// Id or instance are none, it serves too many M codes, another instance is there (`handler_taken`), or there are too many
+    /// handlers.
+    pub fn set(
+        &mut self,
+        id: &str,
+        presence: &HandlerPresence,
+        now: SystemTime,
+    ) -> Result<Registered, Refusal> {
+        check_client_id("handler_id", id)?;
+        presence.check()?;
+        if presence.handles.len() > HANDLED_CODES_MAX {
+            let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        let there = self.0.get(id).filter(|(there, _)| there.online);
+        let (mut since, mut took_over) = (now, None);
+        match there {
+            Some((there, _)) if !presence.online && there.instance != presence.instance => {
+                return Ok(Registered::Nothing);
+            }
+            Some((there, began)) if presence.online && there.instance != presence.instance => {
+                if !presence.take_over {
+                    let began = began.unwrap_or(now);
+                    let text = taken_text(id, there.instance.as_deref(), presence.instance.as_ref(), &began);
+                    return Err(Refusal::new(RefusalCode::HandlerTaken, text));
+                }
+                let by = presence.instance.as_deref().unwrap_or("that names none");
+                let text =
+                    format!("instance {by} has taken over handler_id {id}: this program is at its end");
+                took_over = Some((there.clone(), text));
+            }
+            Some((_, began)) => since = began.unwrap_or(now),
+            None => {}
+        }
+        let mut forgotten = None;
+        if self.0.len() >= HANDLERS_MAX && !self.0.contains_key(id) {
+            let gone = self.0.iter().find(|(_, (presence, _))| !presence.online);
+            let gone = gone.map(|(id, _)| id.clone()).ok_or_else(|| {
+                let text = format!("{HANDLERS_MAX} handlers are connected, which is the limit");
+                Refusal::new(RefusalCode::Unavailable, text)
+            })?;
+            self.0.remove(&gone);
+            forgotten = Some(gone);
+        }
+        let kept = HandlerPresence {
+            take_over: false,
+            ..presence.clone()
+        };
+        self.0
+            .insert(id.to_owned(), (kept, presence.online.then_some(since)));
+        Ok(if presence.online {
+            Registered::Online { took_over, forgotten }
+        } else {
+            Registered::Offline
+        })
+    }
+
+    /// All that are or were there.
+    pub fn all(&self) -> BTreeMap<String, HandlerPresence> {
+        let all = self.0.iter();
+        all.map(|(id, (presence, _))| (id.clone(), presence.clone()))
+            .collect()
+    }
+
+    /// True while a handler is there.
+    pub fn is_online(&self, id: &str) -> bool {
+        self.0.get(id).is_some_and(|(handler, _)| handler.online)
+    }
+
+    /// True when a handler that is there serves this M code.
+    pub fn serve(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
+        let mut handlers = self.0.values().filter(|(handler, _)| handler.online);
+        handlers.any(|(handler, _)| handler.handles.contains(&HandledCode { cs, m }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::UNIX_EPOCH;
+
+    use super::*;
+
+    fn presence(online: bool, instance: Option<&str>) -> HandlerPresence {
+        HandlerPresence {
+            online,
+            handles: vec![HandledCode { cs: 1, m: 100 }],
+            instance: instance.map(ToOwned::to_owned),
+            ..HandlerPresence::default()
+        }
+    }
+
+    fn set(
+        handlers: &mut HandlerRegistry,
+        id: &str,
+        presence: &HandlerPresence,
+    ) -> Result<Registered, Refusal> {
+        handlers.set(id, presence, UNIX_EPOCH)
+    }
+
+    const ONLINE: Result<Registered, Refusal> = Ok(Registered::Online {
+        took_over: None,
+        forgotten: None,
+    });
+
+    #[test]
+    fn a_code_is_served_in_its_coordinate_system_while_its_handler_is_there() {
+        let mut handlers = HandlerRegistry::default();
+        assert_eq!(set(&mut handlers, "gripper", &presence(true, None)), ONLINE);
+        assert!(handlers.serve(1, 100));
+        assert!(!handlers.serve(2, 100) && !handlers.serve(1, 101));
+        let gone = set(&mut handlers, "gripper", &presence(false, None));
+        assert_eq!(gone, Ok(Registered::Offline));
+        assert!(!handlers.serve(1, 100) && !handlers.is_online("gripper") && !handlers.is_online("x"));
+        assert_eq!(handlers.all().len(), 1);
+    }
+
+    #[test]
+    fn a_second_instance_is_refused_in_words_and_the_first_may_come_again() {
+        let mut handlers = HandlerRegistry::default();
+        set(&mut handlers, "cell", &presence(true, Some("a"))).unwrap();
+        for other in [Some("b"), None] {
+            let refusal = set(&mut handlers, "cell", &presence(true, other)).unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::HandlerTaken);
+            for word in ["cell", "instance a", "1970-01-01", "take_over"] {
+                assert!(refusal.text.contains(word), "{refusal}");
+            }
+        }
+        assert_eq!(set(&mut handlers, "cell", &presence(true, Some("a"))), ONLINE);
+        assert_eq!(set(&mut handlers, "other", &presence(true, Some("b"))), ONLINE);
+    }
+
+    #[test]
+    fn an_instance_that_has_gone_takes_nothing_from_the_one_that_is_there() {
+        let mut handlers = HandlerRegistry::default();
+        set(&mut handlers, "cell", &presence(true, Some("a"))).unwrap();
+        for other in [Some("b"), None] {
+            let said = set(&mut handlers, "cell", &presence(false, other));
+            assert_eq!(said, Ok(Registered::Nothing));
+            assert!(handlers.is_online("cell"));
+        }
+        let said = set(&mut handlers, "cell", &presence(false, Some("a")));
+        assert_eq!(said, Ok(Registered::Offline));
+        assert_eq!(set(&mut handlers, "cell", &presence(true, Some("b"))), ONLINE);
+    }
+
+    #[test]
+    fn one_that_is_to_take_over_takes_the_place_of_the_other() {
+        let mut handlers = HandlerRegistry::default();
+        set(&mut handlers, "cell", &presence(true, Some("a"))).unwrap();
+        let new = HandlerPresence {
+            take_over: true,
+            ..presence(true, Some("b"))
+        };
+        let Ok(Registered::Online {
+            took_over: Some((old, text)),
+            ..
+        }) = set(&mut handlers, "cell", &new)
+        else {
+            panic!("it has not taken over");
+        };
+        assert_eq!(old.instance.as_deref(), Some("a"));
+        assert!(text.contains("instance b") && text.contains("cell"), "{text}");
+        let shown = handlers.all()["cell"].clone();
+        assert_eq!((shown.instance.as_deref(), shown.take_over), (Some("b"), false));
+    }
+
+    #[test]
+    fn of_too_many_handlers_one_that_has_gone_is_forgotten_and_one_that_is_there_never() {
+        let mut handlers = HandlerRegistry::default();
+        for n in 0..HANDLERS_MAX {
+            set(&mut handlers, &n.to_string(), &presence(n != 7, None)).unwrap();
+        }
+        assert_eq!(
+            set(&mut handlers, "0", &presence(true, None)),
+            ONLINE,
+            "known already"
+        );
+        let forgotten = Some("7".to_owned());
+        let said = set(&mut handlers, "a", &presence(true, None));
+        assert_eq!(
+            said,
+            Ok(Registered::Online {
+                took_over: None,
+                forgotten
+            })
+        );
+        let refusal = set(&mut handlers, "b", &presence(true, None)).unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::Unavailable);
+    }
+
+    #[test]
+    fn an_instance_is_one_level_of_a_topic() {
+        let mut handlers = HandlerRegistry::default();
+        for wrong in ["", "a/b", &"x".repeat(65)] {
+            let refusal = set(&mut handlers, "cell", &presence(true, Some(wrong))).unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::Invalid, "{wrong}");
+        }
+    }
+}

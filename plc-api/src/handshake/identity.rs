@@ -1,0 +1,162 @@
+//! Who speaks for a handler, and who may take up an output that its handler has lost.
+
+use std::collections::BTreeMap;
+use std::time::SystemTime;
+
+use crate::types::Timestamp;
+use crate::types::handler::is_own_instance;
+use crate::types::output::{HandlerPresence, HandshakeStatus, Redelivery};
+
+use super::effect::OpenOutput;
+
+/// Why something does not count, and the reason in words where the status does not say it.
+pub(super) type Denied = (HandshakeStatus, Option<String>);
+
+/// A handler that is there.
+#[derive(Debug, Clone)]
+struct Live {
+    instance: Option<String>,
+    redelivery: Option<Redelivery>,
+    since: SystemTime,
+}
+
+/// Handlers that are there, by id.
+#[derive(Debug, Default)]
+pub(super) struct LiveHandlers(BTreeMap<String, Live>);
+
+impl LiveHandlers {
+    pub(super) fn come(&mut self, id: &str, presence: &HandlerPresence, since: SystemTime) {
+        let instance = presence.instance.clone();
+        let known = self.0.get(id).filter(|known| known.instance == instance);
+        let since = known.map_or(since, |known| known.since);
+        let redelivery = presence.redelivery;
+        let live = Live {
+            instance,
+            redelivery,
+            since,
+        };
+        self.0.insert(id.to_owned(), live);
+    }
+
+    /// Another instance that has come since stays.
+    pub(super) fn go(&mut self, id: &str, instance: Option<&str>) {
+        let goes = |live: &Live| instance.is_none() || live.instance.as_deref() == instance;
+        if self.0.get(id).is_some_and(goes) {
+            self.0.remove(id);
+        }
+    }
+
+    pub(super) fn redelivery(&self, id: &str) -> Option<Redelivery> {
+        self.0.get(id)?.redelivery
+    }
+
+    /// The instance that speaks: that which is there, if none is named.
+    ///
+    /// # Errors
+    /// Another one is there.
+    pub(super) fn speaker(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denied> {
+        match (self.0.get(id), instance) {
+            (Some(live), Some(named)) if live.instance.as_ref() != Some(named) => {
+                let text = taken_text(id, live.instance.as_deref(), Some(named), &live.since);
+                Err((HandshakeStatus::NotOwner, Some(text)))
+            }
+            (Some(live), None) => Ok(live.instance.clone()),
+            (_, named) => Ok(named.cloned()),
+        }
+    }
+
+    /// How a handler takes up an output; `None` within: nobody has worked on it, or this instance still does.
+    ///
+    /// # Errors
+    /// It is withheld from this one.
+    pub(super) fn take_up(
+        &self,
+        output: &OpenOutput,
+        id: &str,
+        instance: Option<&String>,
+    ) -> Result<Option<Redelivery>, Denied> {
+        if output.how.is_some() || !output.lost {
+            return Ok(output.how);
+        }
+        if output.is_lost_by(id, instance) {
+            return Ok(None);
+        }
+        match strictest(output.redelivery, self.redelivery(id)) {
+            None | Some(Redelivery::Ask) => {
+                let owner = output
+                    .lost_by
+                    .as_ref()
+                    .map_or("its handler", |(id, _)| id.as_str());
+                let text = format!(
+                    "{owner} was lost while it worked on it: an operator decides, by redeliver with redo or verify, or by a reset"
+                );
+                Err((HandshakeStatus::Withheld, Some(text)))
+            }
+            how => Ok(how),
+        }
+    }
+
+    /// The same for a reset without a claim. Whoever is no handler that is there decides as an operator does.
+    pub(super) fn end(&self, output: &OpenOutput, id: &str, instance: Option<&String>) -> Result<(), Denied> {
+        if output.handler_id.is_some() || !self.0.contains_key(id) {
+            return Ok(());
+        }
+        self.take_up(output, id, instance).map(|_| ())
+    }
+}
+
+impl OpenOutput {
+    /// # Errors
+    /// Somebody else owns it, or nobody.
+    pub(super) fn check_owner(&self, handler_id: &str, instance: Option<&String>) -> Result<(), Denied> {
+        if self.handler_id.as_deref() != Some(handler_id) {
+            return Err((HandshakeStatus::NotOwner, None));
+        }
+        match (&self.instance, instance) {
+            (Some(owner), Some(named)) if owner != named => {
+                let text = taken_text(handler_id, Some(owner), Some(named), &self.since);
+                Err((HandshakeStatus::NotOwner, Some(text)))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// True when it is a handler's; `None`: whichever instance of it.
+    pub fn is_owned_by(&self, handler_id: &str, instance: Option<&str>) -> bool {
+        let owner = self.instance.as_deref();
+        self.handler_id.as_deref() == Some(handler_id)
+            && (instance.is_none() || owner.is_none() || owner == instance)
+    }
+
+    /// True for the instance from which it was taken: the same process still works on it.
+    fn is_lost_by(&self, handler_id: &str, instance: Option<&String>) -> bool {
+        let named = instance.filter(|named| is_own_instance(named));
+        named.is_some()
+            && (self.lost_by.as_ref()).is_some_and(|(id, by)| id == handler_id && by.as_ref() == named)
+    }
+}
+
+/// The stricter of what two say; `None`: neither says anything.
+pub(crate) fn strictest(one: Option<Redelivery>, other: Option<Redelivery>) -> Option<Redelivery> {
+    one.max(other)
+}
+
+/// That another instance of a handler is there, and what to do.
+pub(crate) fn taken_text(
+    handler_id: &str,
+    there: Option<&str>,
+    named: Option<&String>,
+    since: &SystemTime,
+) -> String {
+    let name = |instance: Option<&str>| match instance {
+        Some(instance) => format!("instance {instance}"),
+        None => "a program without instance".to_owned(),
+    };
+    format!(
+        "handler_id {handler_id} is in use by {} since {}, and this is {}: end that program, give this one a handler_id of its \
+         own, or let it take over (take_over)",
+        name(there),
+        Timestamp::from_system_time(*since).to_the_second(),
+        name(named.map(String::as_str)),
+    )
+}

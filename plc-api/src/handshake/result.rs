@@ -1,0 +1,59 @@
+//! Answers of the ledger.
+
+use crate::alarm::{Alarm, USER_CODE_MAX};
+use crate::text::cut;
+use crate::types::handler::{INSTANCE_MAX, is_own_instance};
+use crate::types::ids::CLIENT_ID_MAX;
+use crate::types::output::{HandshakeResult, HandshakeStatus, OutputAct, Reset};
+use crate::types::refusal::{Refusal, RefusalCode};
+
+use super::identity::Denied;
+
+pub(super) fn status_of<T>(changed: &Result<T, Denied>) -> HandshakeStatus {
+    match changed {
+        Ok(_) => HandshakeStatus::Accepted,
+        Err((status, _)) => *status,
+    }
+}
+
+/// The answer to what was said of an output.
+pub(super) fn result_of(
+    of: OutputAct,
+    (seq, handler_id, instance): (u64, &str, &Option<String>),
+    changed: &Result<(), Denied>,
+) -> HandshakeResult {
+    let mut handler_id = handler_id.to_owned();
+    cut(&mut handler_id, CLIENT_ID_MAX);
+    let own = instance.as_ref().filter(|named| is_own_instance(named));
+    HandshakeResult {
+        of: Some(of),
+        instance: own.map(|named| {
+            let mut named = named.clone();
+            cut(&mut named, INSTANCE_MAX);
+            named
+        }),
+        text: changed.as_ref().err().and_then(|(_, text)| text.clone()),
+        ..HandshakeResult::new(seq, handler_id, status_of(changed))
+    }
+}
+
+/// The number of an alarm is 10000 + code: a code out of range would be the number of another alarm.
+pub(super) fn check_code(reset: &Reset) -> Result<(), Refusal> {
+    match reset.code {
+        Some(code) if code > USER_CODE_MAX => Err(Refusal::new(
+            RefusalCode::Invalid,
+            format!("reset: code {code} is not one of a handler's alarms; write 0 to {USER_CODE_MAX}"),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The alarm of a handler that has failed.
+pub(super) fn fault_alarm(m: u16, reset: &Reset) -> Alarm {
+    let text = reset.text.clone().unwrap_or_else(|| {
+        let mut handler_id = reset.handler_id.clone();
+        cut(&mut handler_id, CLIENT_ID_MAX);
+        format!("M{m} failed; {handler_id} gave no reason")
+    });
+    Alarm::user(reset.code.unwrap_or(0), text)
+}

@@ -1,0 +1,165 @@
+//! Handlers: which M codes they serve, which of several processes is there, and what they do again.
+
+use serde::{Deserialize, Serialize};
+
+use super::refusal::{Refusal, RefusalCode};
+
+/// Characters of the id of an instance.
+pub const INSTANCE_MAX: usize = 64;
+
+/// Begins the instance that a server end gives to a client that names none: its connection.
+pub const CONNECTION_MARK: char = '~';
+
+/// What a handler does with an output that it may already have worked on. The later is the stricter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Redelivery {
+    /// Run the handler again from its start.
+    Redo,
+    /// Run the handler with `output.redelivered()` true: it looks at the machine first.
+    Verify,
+    /// Nothing: an operator decides by `redeliver` or by a reset by hand.
+    #[default]
+    Ask,
+}
+
+/// Payload of `handler/{id}/presence`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct HandlerPresence {
+    /// False: the handler has gone, or its connection was lost.
+    pub online: bool,
+    /// What it handles.
+    #[serde(default)]
+    pub handles: Vec<HandledCode>,
+    /// True when it answers `validate`.
+    #[serde(default)]
+    pub validates: bool,
+    /// Which of the programs that were started with this id: 1 to 64 characters without `/ + # ~`, made at its start and kept
+    /// over reconnections. While one is there, another is refused. Without it, the connection counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
+    /// With `online`: takes the place of the instance that is there, which is told so.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub take_over: bool,
+    /// What it does with an output that was claimed when its handler was lost. The strictest counts of what is said here and in
+    /// the configuration of the M code; where neither says anything, it is `ask`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub redelivery: Option<Redelivery>,
+}
+
+impl HandlerPresence {
+    /// That an instance has gone.
+    pub fn gone(instance: Option<String>) -> Self {
+        Self {
+            instance,
+            ..Self::default()
+        }
+    }
+
+    /// Whether its instance has a right name.
+    ///
+    /// # Errors
+    /// `invalid`: what to write.
+    pub fn check(&self) -> Result<(), Refusal> {
+        let is_right = |instance: &String| {
+            !instance.is_empty()
+                && instance.chars().nth(INSTANCE_MAX).is_none()
+                && !instance.contains(['/', '+', '#', '\0'])
+        };
+        if self.instance.as_ref().is_none_or(is_right) {
+            return Ok(());
+        }
+        let text = format!("instance: write 1 to {INSTANCE_MAX} characters without / + # ~");
+        Err(Refusal::new(RefusalCode::Invalid, text))
+    }
+}
+
+/// True for an instance that a client has named itself, which outlives its connections.
+pub fn is_own_instance(instance: &str) -> bool {
+    !instance.starts_with(CONNECTION_MARK)
+}
+
+/// One M code that a handler serves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct HandledCode {
+    /// Coordinate system.
+    pub cs: u8,
+    /// M number.
+    pub m: u16,
+}
+
+/// What became of a presence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum HandlerStatus {
+    /// The handler serves its M codes.
+    Accepted,
+    /// It does not; `text` says why, such as that another instance of this id is there.
+    Refused,
+    /// Another instance has taken its place: it ends its work, and claims and resets nothing more.
+    TakenOver,
+}
+
+/// Payload of `handler/{id}/result`: the answer to an `online` presence, or that its place was taken.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct HandlerResult {
+    /// Always `presence`.
+    pub of: HandlerAct,
+    /// Whom it is for.
+    #[serde(default)]
+    pub instance: Option<String>,
+    /// What became of it.
+    pub status: HandlerStatus,
+    /// With `refused`: machine-readable.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code: Option<RefusalCode>,
+    /// With `refused` and `taken_over`: why, and what to do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub text: Option<String>,
+}
+
+impl HandlerResult {
+    /// The presence counts.
+    pub fn accepted(instance: Option<String>) -> Self {
+        Self {
+            of: HandlerAct::Presence,
+            instance,
+            status: HandlerStatus::Accepted,
+            code: None,
+            text: None,
+        }
+    }
+
+    /// The presence does not count.
+    pub fn refused(instance: Option<String>, refusal: &Refusal) -> Self {
+        Self {
+            status: HandlerStatus::Refused,
+            code: Some(refusal.code),
+            text: Some(refusal.text.clone()),
+            ..Self::accepted(instance)
+        }
+    }
+
+    /// Another instance has taken the place of this one.
+    pub fn taken_over(instance: Option<String>, text: String) -> Self {
+        Self {
+            status: HandlerStatus::TakenOver,
+            text: Some(text),
+            ..Self::accepted(instance)
+        }
+    }
+}
+
+/// What a `handler/{id}/result` answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum HandlerAct {
+    /// A presence.
+    Presence,
+}
