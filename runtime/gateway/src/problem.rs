@@ -1,5 +1,7 @@
 //! Problems as HTTP responses.
 
+use std::time::Duration;
+
 use axum::body::Body;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -8,17 +10,33 @@ use plc_api::wire::problem::Problem as Details;
 
 /// A refusal as problem details. Boxed, because it is the rare result of every handler.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Problem(Box<Details>);
+pub(crate) struct Problem {
+    details: Box<Details>,
+    /// When it is worth another try, whole seconds.
+    retry_after_s: Option<u64>,
+}
 
 impl Problem {
     pub(crate) fn new(status: StatusCode, code: &str, detail: impl Into<String>) -> Self {
         Details::new(status.as_u16(), code, detail).into()
     }
 
+    /// With when it is worth another try, rounded up to whole seconds.
+    pub(crate) fn retry_after(mut self, wait: Duration) -> Self {
+        self.retry_after_s = Some(
+            wait.as_millis()
+                .div_ceil(1_000)
+                .try_into()
+                .unwrap_or(u64::MAX)
+                .max(1),
+        );
+        self
+    }
+
     /// Status number and code, for tests.
     #[cfg(test)]
     pub(crate) fn status_and_code(&self) -> (u16, &str) {
-        (self.0.status, &self.0.code)
+        (self.details.status, &self.details.code)
     }
 
     pub(crate) fn not_found(detail: impl Into<String>) -> Self {
@@ -32,13 +50,16 @@ impl Problem {
 
 impl From<Details> for Problem {
     fn from(details: Details) -> Self {
-        Self(Box::new(details))
+        Box::new(details).into()
     }
 }
 
 impl From<Box<Details>> for Problem {
     fn from(details: Box<Details>) -> Self {
-        Self(details)
+        Self {
+            details,
+            retry_after_s: None,
+        }
     }
 }
 
@@ -50,12 +71,13 @@ impl From<Refusal> for Problem {
 
 impl IntoResponse for Problem {
     fn into_response(mut self) -> Response {
-        let status = StatusCode::from_u16(self.0.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let details = &mut self.details;
+        let status = StatusCode::from_u16(details.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         status
             .canonical_reason()
             .unwrap_or("Problem")
-            .clone_into(&mut self.0.title);
-        let body = serde_json::to_string(&self.0).unwrap_or_else(|_| "{}".to_owned());
+            .clone_into(&mut details.title);
+        let body = serde_json::to_string(&details).unwrap_or_else(|_| "{}".to_owned());
         let mut response = Response::new(Body::from(body));
         *response.status_mut() = status;
         let headers = response.headers_mut();
@@ -63,6 +85,9 @@ impl IntoResponse for Problem {
             header::CONTENT_TYPE,
             HeaderValue::from_static("application/problem+json"),
         );
+        if let Some(seconds) = self.retry_after_s {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
         if status == StatusCode::UNAUTHORIZED {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
@@ -89,5 +114,16 @@ mod tests {
         let large = header(StatusCode::PAYLOAD_TOO_LARGE, header::CONNECTION);
         assert_eq!(large.unwrap(), "close");
         assert_eq!(header(StatusCode::CONFLICT, header::CONNECTION), None);
+    }
+
+    #[test]
+    fn too_many_requests_say_after_how_many_whole_seconds_to_try_again() {
+        for (wait_ms, said) in [(0, "1"), (1, "1"), (1_000, "1"), (1_001, "2")] {
+            let problem = Problem::new(StatusCode::TOO_MANY_REQUESTS, "code", "detail");
+            let response = problem
+                .retry_after(Duration::from_millis(wait_ms))
+                .into_response();
+            assert_eq!(response.headers()[header::RETRY_AFTER], said);
+        }
     }
 }

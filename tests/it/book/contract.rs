@@ -6,7 +6,8 @@ use serde_json::Value;
 use tandem_runtime::Config;
 
 use super::generated::check;
-use super::page::read;
+use super::page::{blocks, pages, read};
+use crate::support::schemas::check_message;
 
 fn document(name: &str) -> Value {
     serde_json::from_str(&read(&format!("runtime/gateway/api/{name}.json"))).unwrap()
@@ -98,6 +99,54 @@ fn the_page_of_topics_is_that_of_the_contract() {
     assert!(rows.len() > 30, "only {} topics", rows.len());
     page += &rows.concat();
     check("docs/src/reference/topics.md", &page);
+}
+
+/// Examples of the document: each channel's path, with a payload.
+#[test]
+fn every_example_of_a_message_is_of_its_form() {
+    let document = document("asyncapi");
+    let mut found = 0;
+    for channel in document["channels"].as_object().unwrap().values() {
+        let Some(topic) = channel["address"]
+            .as_str()
+            .unwrap()
+            .strip_prefix("tandem/v1/{machine}/")
+        else {
+            continue;
+        };
+        let path = topic
+            .replace("{cs}", "1")
+            .replace("{m}", "6")
+            .replace("{id}", "changer")
+            .replace("{client_id}", "panel")
+            .replace("{verb}", "load")
+            .replace("{input}", "interlock");
+        for message in channel["messages"].as_object().unwrap().values() {
+            for example in message["examples"].as_array().into_iter().flatten() {
+                assert_eq!(check_message(&path, &example["payload"]), Ok(()), "{path}");
+                found += 1;
+            }
+        }
+    }
+    assert!(found > 20, "only {found} examples");
+}
+
+/// A block `json,topic=PATH` of a page is what crosses the wire on that path.
+#[test]
+fn every_payload_on_a_page_is_of_its_topics_form() {
+    let mut found = 0;
+    for path in pages() {
+        for block in blocks(&read(&path)) {
+            let Some(topic) = block.info.strip_prefix("json,topic=") else {
+                continue;
+            };
+            let payload = serde_json::from_str(&block.text)
+                .unwrap_or_else(|error| panic!("{path}:{}: {error}", block.line));
+            assert_eq!(check_message(topic, &payload), Ok(()), "{path}:{}", block.line);
+            found += 1;
+        }
+    }
+    assert!(found >= 10, "only {found} payloads");
 }
 
 #[test]

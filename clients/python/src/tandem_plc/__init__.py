@@ -27,6 +27,7 @@ from .errors import (
     NotConnected,
     ProgramError,
     Refused,
+    TakenOver,
     TandemError,
 )
 from .messages import (
@@ -90,6 +91,7 @@ __all__ = [
     "SequenceProgram",
     "Serving",
     "State",
+    "TakenOver",
     "TandemError",
     "WaitingOn",
 ]

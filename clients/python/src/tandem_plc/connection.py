@@ -68,15 +68,18 @@ class Connection:
         self.client_id = f"py-{secrets.token_hex(6)}"
         self.hub = Hub()
         self.handler_id = handler_id
+        self.instance = secrets.token_hex(16)
+        """Tells this process from others of the same handler id; the same over all connections."""
         self.will: str | None = None
         """Payload of the handler's presence after a loss of the connection."""
         self.on_message: Callable[[str, Any], None] = lambda _path, _message: None
         """Hears each message of the machine before anybody who follows its topic."""
         self.on_connected: Callable[[], None] = lambda: None
-        """Hears of the machine's presence on each new connection, before requests are sent again."""
+        """Hears of the machine on each new connection and at each boot, before requests are sent again."""
         self._credentials = credentials or Credentials()
         self._link: Link | None = None
         self._is_present = False
+        self._told_boot: str | None = None
         self._requests: list[Request] = []
         self._by_packet: dict[int, Request] = {}
         self._task: asyncio.Task[None] | None = None
@@ -204,8 +207,8 @@ class Connection:
         )
 
     def _filters(self) -> list[str]:
-        own = [f"handler/{self.handler_id}/presence"] if self.handler_id is not None else []
-        return [*FILTERS, f"reply/{self.client_id}", *own]
+        own = [] if self.handler_id is None else ["presence", "result"]
+        return [*FILTERS, f"reply/{self.client_id}", *(f"handler/{self.handler_id}/{level}" for level in own)]
 
     # --- what comes in
 
@@ -234,9 +237,10 @@ class Connection:
 
     def _on_presence(self) -> None:
         if self.boot_id is None:
+            self._is_present = False
             return
-        if not self._is_present:
-            self._is_present = True
+        if not self._is_present or self.boot_id != self._told_boot:
+            self._is_present, self._told_boot = True, self.boot_id
             self.on_connected()
         self._send_all()
 
@@ -247,7 +251,14 @@ class Connection:
             its_path, seq, handler_id, kind = request.result_of
             if (its_path, seq, handler_id) != (path, result.seq, result.handler_id):
                 continue
-            if kind == "reset" and result.status == "accepted" and self._is_open(path, result.seq):
+            if result.of not in (None, kind) or result.instance not in (None, self.instance):
+                continue
+            if (
+                result.of is None
+                and kind == "reset"
+                and result.status == "accepted"
+                and self._is_open(path, result.seq)
+            ):
                 continue  # a late answer to its claim: an output that is reset has left ``pending`` before
             if result.status == "refused":
                 self._end(request, error=Refused("invalid", result.text or "it is not right"))

@@ -57,6 +57,10 @@ class ProgramError(TandemError):
     """A sequence program has a mistake, such as two handlers for one M code."""
 
 
+class TakenOver(TandemError):
+    """Another process with this handler id serves the machine: this one has ended, or has not begun."""
+
+
 class ConnectError(TandemError):
     """The machine was not found in time, or the broker refuses this client for good."""
 

@@ -116,6 +116,7 @@ class State:
 class PendingOutput:
     """One open output."""
 
+    id: str
     seq: int
     run_id: str
     m: int
@@ -169,6 +170,23 @@ class HandshakeResult:
     seq: int
     handler_id: str
     status: str
+    text: str | None = None
+    of: str | None = None
+    """What is answered: ``claim``, ``reset`` and others."""
+    instance: str | None = None
+    how: Redelivery | None = None
+    """Of an accepted claim of work that may have been begun."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandlerResult:
+    """What became of a presence."""
+
+    boot_id: str
+    of: str
+    status: str
+    """``accepted``, ``refused``: another instance is there, or ``taken_over``."""
+    instance: str | None = None
     text: str | None = None
 
 

@@ -61,6 +61,11 @@ class Output:
         return self._notice.m
 
     @property
+    def id(self) -> str:
+        """Names this output for ever, also over restarts: what is done once for each output is kept by it."""
+        return self._notice.id
+
+    @property
     def seq(self) -> int:
         """Identifies it within boot and coordinate system."""
         return self._notice.seq

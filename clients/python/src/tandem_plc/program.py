@@ -175,16 +175,22 @@ class SequenceProgram:
 
     # --- what it does
 
-    async def run(self, address: str, *, credentials: Credentials | None = None) -> None:
+    async def run(self, address: str, *, credentials: Credentials | None = None, take_over: bool = False) -> None:
         """Serve the machine at an address, through every loss of the connection, until this is cancelled.
 
+        Args:
+            address: as :meth:`tandem_plc.Plc.connect` takes it.
+            credentials: user, password and TLS, which an address should not contain.
+            take_over: take the place of another process of the same name, which ends; otherwise this one is refused.
+
         Raises:
+            TakenOver: another process of the same name is there, or has taken the place of this one.
             AddressError: the address is wrong.
             ConnectError: no machine is there within 10 s, or the broker refuses this client.
             ProgramError: the program has a mistake.
             ExceptionGroup: a task has ended with an exception; on Python 3.10 the exception itself.
         """
-        async with self.serving(address, credentials=credentials) as serving:
+        async with self.serving(address, credentials=credentials, take_over=take_over) as serving:
             await serving.ended
 
     @contextlib.asynccontextmanager
@@ -193,13 +199,14 @@ class SequenceProgram:
         address: str,
         *,
         credentials: Credentials | None = None,
+        take_over: bool = False,
         timeout_s: float = PRESENT_TIMEOUT_S,
     ) -> AsyncIterator[Serving]:
         """Serve the machine within the block, which begins when it knows the handlers. Raises as :meth:`run`."""
         self._check()
         connection = Connection(address, credentials, self.handler_id)
         plc = Plc(connection)
-        runner = Runner(self.handler_id, self.handlers, self.checks, connection, plc)
+        runner = Runner(self.handler_id, self.handlers, self.checks, connection, plc, take_over=take_over)
         jobs: list[asyncio.Future[Any]] = []
         try:
             for level in self._levels:

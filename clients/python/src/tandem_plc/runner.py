@@ -9,12 +9,13 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
 from .connection import Connection
-from .errors import CODE_OF_ERROR, CODE_OF_EXCEPTION, Alarm, NoAnswer, NotConnected, Refused, TandemError
+from .errors import CODE_OF_ERROR, CODE_OF_EXCEPTION, Alarm, NoAnswer, NotConnected, Refused, TakenOver, TandemError
 from .messages import (
     Birth,
     Cancel,
     CancelReason,
     HandlerPresence,
+    HandlerResult,
     HandshakeResult,
     OutputState,
     Pending,
@@ -34,6 +35,10 @@ log = logging.getLogger("tandem_plc")
 
 _RETRY_S = 0.5
 _CLEAN_UP_S = 5.0
+_REFUSALS_MAX = 10
+"""Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s."""
+_INSTANCE_TRIES = 4
+_STRICTNESS = [Redelivery.REDO, Redelivery.VERIFY, Redelivery.ASK]
 
 OutputId = tuple[str, int, int]
 """Boot, coordinate system and sequence number."""
@@ -77,8 +82,13 @@ class Runner:
         checks: Mapping[tuple[int | None, int], Callable[[Params], object]],
         connection: Connection,
         plc: Plc,
+        *,
+        take_over: bool = False,
     ) -> None:
-        self._identity: dict[str, Any] = {"handler_id": handler_id}
+        self._identity: dict[str, Any] = {"handler_id": handler_id, "instance": connection.instance}
+        self._take_over = take_over
+        self._refusals = 0
+        self._ended: asyncio.Future[TakenOver] = asyncio.get_running_loop().create_future()
         self._handler_id = handler_id
         self._handlers = handlers
         self._checks = checks
@@ -99,11 +109,16 @@ class Runner:
         """Announce the handlers whenever that must be, for ever.
 
         Raises:
-            Refused: the machine does not take these handlers.
+            TakenOver: another process of this name serves the machine.
         """
         self._must_announce.set()
-        while True:
-            await self._must_announce.wait()
+        while not self._ended.done():
+            changed: asyncio.Future[Any] = asyncio.ensure_future(self._must_announce.wait())
+            either: set[asyncio.Future[Any]] = {changed, self._ended}
+            await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+            changed.cancel()
+            if self._ended.done():
+                break
             self._must_announce.clear()
             try:
                 await self._announce()
@@ -111,6 +126,7 @@ class Runner:
                 log.warning("the machine does not know the handlers yet: %s", error)
                 await asyncio.sleep(_RETRY_S)
                 self._must_announce.set()
+        raise self._ended.result()
 
     async def leave(self) -> None:
         """End all handlers, and tell the machine that they have gone."""
@@ -132,7 +148,7 @@ class Runner:
         return f"handler/{self._handler_id}/presence"
 
     def _offline(self) -> dict[str, Any]:
-        return {"online": False, "handles": [], "validates": False}
+        return {"online": False, "handles": [], "validates": False, "instance": self._connection.instance}
 
     def _systems(self) -> list[int]:
         birth = self._plc.birth
@@ -144,6 +160,12 @@ class Runner:
             "online": True,
             "handles": [{"cs": cs, "m": m} for cs, m in sorted(served)],
             "validates": bool(self._checks),
+            "instance": self._connection.instance,
+            "take_over": self._take_over,
+            # what is stricter than this is kept here: such an output is not claimed
+            "redelivery": min((entry.redelivery for entry in self._handlers.values()), key=_STRICTNESS.index).value
+            if self._handlers
+            else Redelivery.ASK.value,
         }
 
     async def _announce(self) -> None:
@@ -178,9 +200,25 @@ class Runner:
         elif isinstance(message, Birth):
             if self._has_announced and self._systems() != self._announced_systems:
                 self._must_announce.set()
+        elif isinstance(message, HandlerResult) and message.instance == self._connection.instance:
+            self._on_result(message)
         elif isinstance(message, HandlerPresence) and not message.online and self._has_announced:
             # the last will of an earlier connection, which came after the announcement
             self._must_announce.set()
+
+    def _on_result(self, result: HandlerResult) -> None:
+        """Hear what became of the presence."""
+        if result.status == "accepted":
+            self._refusals, self._take_over = 0, False
+            return
+        self._refusals += 1
+        if result.status == "refused" and self._refusals <= _REFUSALS_MAX:
+            # the process before this one may just be ending
+            asyncio.get_running_loop().call_later(1.0, self._must_announce.set)
+            return
+        self._cancel(lambda _id: True, CancelReason.SHUTDOWN)
+        if not self._ended.done():
+            self._ended.set_result(TakenOver(result.text or f"another process serves as {self._handler_id}"))
 
     def _find(self, cs: int, m: int) -> Entry | None:
         return self._handlers.get((cs, m)) or self._handlers.get((None, m))
@@ -254,10 +292,12 @@ class Runner:
 
     async def _work(self, running: _Running, entry: Entry) -> None:
         output = running.output
-        status = await self._until_answered(output, "claim", {})
-        if status != "accepted":
-            log.debug("%r is left to others: %s", output, status)
+        claimed = await self._until_answered(output, "claim", {})
+        if claimed is None or claimed.status != "accepted":
+            log.debug("%r is left to others: %s", output, claimed)
             return
+        if claimed.how is not None:
+            output.redelivered = claimed.how is Redelivery.VERIFY
         alarm = await self._call(output, entry)
         if output.cancelled:
             return
@@ -266,10 +306,10 @@ class Runner:
             reset: dict[str, Any] = {"result": "ok"}
         else:
             reset = {"result": "fault", "code": alarm.code, "text": alarm.text}
-        status = await self._until_answered(output, "reset", reset)
+        answer = await self._until_answered(output, "reset", reset)
         # a duplicate is this reset itself, sent twice because its answer was late
-        if status not in ("accepted", "duplicate"):
-            log.warning("the reset of %r did not count: %s", output, status)
+        if answer is None or answer.status not in ("accepted", "duplicate"):
+            log.warning("the reset of %r did not count: %s", output, answer)
 
     async def _call(self, output: Output, entry: Entry) -> Alarm | None:
         try:
@@ -289,23 +329,28 @@ class Runner:
             return Alarm(CODE_OF_EXCEPTION, f"the handler of M{output.m} has failed: {type(error).__name__}: {error}")
         return None
 
-    async def _until_answered(self, output: Output, kind: str, more: dict[str, Any]) -> str | None:
+    async def _until_answered(self, output: Output, kind: str, more: dict[str, Any]) -> HandshakeResult | None:
         """Claim or reset until the machine answers; ``None`` when it refuses that for good."""
-        payload = {**output._named(), **more}
+        tries = 0
         result_of = (output._path("result"), output.seq, self._handler_id, kind)
         while True:
             try:
                 result: HandshakeResult = await self._connection.request(
-                    output._path(kind), payload, result_of=result_of
+                    output._path(kind), {**output._named(), **more}, result_of=result_of
                 )
             except (NotConnected, NoAnswer) as error:
                 log.warning("%s of %r: %s", kind, output, error)
                 await asyncio.sleep(_RETRY_S)
             except Refused as error:
+                tries += 1
+                if "unknown field `instance`" in error.text and tries < _INSTANCE_TRIES:
+                    # a machine that knows no instances; an answer to an earlier try may still come
+                    self._identity.pop("instance", None)
+                    continue
                 log.warning("%s of %r is refused: %s", kind, output, error)
                 return None
             else:
-                return result.status
+                return result
 
     def _reclaim(self, running: _Running) -> None:
         """Repeat the claim of an output on which a handler still works."""
@@ -314,9 +359,9 @@ class Runner:
         running.is_reclaiming = True
 
         async def claim() -> None:
-            status = await self._until_answered(running.output, "claim", {})
+            claimed = await self._until_answered(running.output, "claim", {})
             running.is_reclaiming = False
-            if status == "accepted":
+            if claimed is not None and claimed.status == "accepted":
                 running.output._tell_progress()
             else:
                 running.cancel(None)

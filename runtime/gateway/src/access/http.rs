@@ -89,7 +89,7 @@ impl Access {
 
 pub(crate) fn too_many(wait: Duration) -> Problem {
     let text = format!("too many requests; send it again in {} ms", wait.as_millis() + 1);
-    Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_requests", text)
+    Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_requests", text).retry_after(wait)
 }
 
 /// The refusal of a known user.

@@ -1,7 +1,11 @@
 //! The AsyncAPI 3 document, from the topics that the runtime publishes and the table of those that come in.
 
+use std::sync::LazyLock;
+
+use plc_api::types::command::Command;
 use plc_api::types::topic::Topic;
 use plc_api::wire::right::Right;
+use plc_api::wire::row::Topic as Inbound;
 use serde_json::{Map, Value, json};
 
 use super::outbound::{CS, M, outbound};
@@ -17,12 +21,12 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     let mut channels = Map::new();
     let mut operations = Map::new();
     let mut add = |path: &str, action: &str, schema: &str, operation: Value| {
-        let name = path.replace(['{', '}'], "").replace('/', "_");
+        let name = channel_name(path);
         let mut parameters = Map::new();
         parameters.insert("machine".into(), json!({"description": "Name of the machine."}));
         for level in path.split('/') {
             if let Some(parameter) = level.strip_prefix('{').and_then(|level| level.strip_suffix('}')) {
-                parameters.insert(parameter.into(), json!({}));
+                parameters.insert(parameter.into(), parameter_of(parameter));
             }
         }
         channels.insert(
@@ -31,7 +35,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
                 "address": format!("tandem/v1/{{machine}}/{path}"),
                 "servers": [{"$ref": "#/servers/machine"}],
                 "parameters": parameters,
-                "messages": {schema: {"payload": reference(schema)}},
+                "messages": {schema: message(path, schema)},
             }),
         );
         let mut operation = operation;
@@ -46,7 +50,10 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     }
     for (topic, right) in inbound_topics() {
         let bindings = json!({"mqtt": {"qos": 1, "retain": topic.retained}});
-        let operation = json!({"summary": topic.summary, "bindings": bindings, "x-right": right.word()});
+        let mut operation = json!({"summary": topic.summary, "bindings": bindings, "x-right": right.word()});
+        if let Some(answer) = answer_to(topic) {
+            operation["reply"] = json!({"channel": {"$ref": format!("#/channels/{}", channel_name(answer))}});
+        }
         add(&topic.path(), "receive", &payload_of(topic).0, operation);
     }
     add_websocket(&mut channels, &mut operations);
@@ -67,6 +74,72 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         "operations": operations,
         "components": {"schemas": schemas},
     })
+}
+
+fn channel_name(path: &str) -> String {
+    path.replace(['{', '}'], "").replace('/', "_")
+}
+
+/// What a level of a path that varies stands for.
+fn parameter_of(name: &str) -> Value {
+    let (description, examples): (&str, &[&str]) = match name {
+        "cs" => ("Number of the coordinate system, from 1.", &["1", "2"]),
+        "m" => (
+            "Number of the M code, 0 to 191, without leading zeros.",
+            &["6", "12", "100"],
+        ),
+        "id" => (
+            "Who it is: 1 to 64 characters without / + #, always the same for one program.",
+            &["changer", "panel"],
+        ),
+        "client_id" => (
+            "The client_id of the command that is answered: 1 to 64 characters without / + #.",
+            &["panel"],
+        ),
+        "number" => ("Number of the CNC motor, from 1.", &["1"]),
+        "verb" => ("What is commanded.", &["load", "start", "hold"]),
+        "input" => ("Which input.", &["optional_skip", "interlock"]),
+        _ => ("A name.", &[]),
+    };
+    let mut parameter = json!({"description": description, "examples": examples});
+    match name {
+        "verb" => parameter["enum"] = json!(Command::VERBS),
+        "input" => {
+            parameter["enum"] = json!([
+                "optional_skip",
+                "optional_stop",
+                "single_block",
+                "dry_run",
+                "interlock",
+                "start_lock"
+            ]);
+        }
+        _ => {}
+    }
+    parameter
+}
+
+/// A message with its examples, where there are some.
+fn message(path: &str, schema: &str) -> Value {
+    let mut message = json!({"payload": reference(schema)});
+    if let Some(payloads) = EXAMPLES[path].as_array() {
+        let examples = payloads.iter().map(|payload| json!({"payload": payload}));
+        message["examples"] = examples.collect();
+    }
+    message
+}
+
+/// Payloads by path, as they cross the wire.
+static EXAMPLES: LazyLock<Value> =
+    LazyLock::new(|| serde_json::from_str(include_str!("examples.json")).unwrap_or_default());
+
+/// The path on which a message is answered; `None` where it is not.
+fn answer_to(topic: &Inbound) -> Option<&'static str> {
+    match topic.pattern {
+        _ if !topic.envelope.is_empty() => Some("reply/{client_id}"),
+        "cs/{cs}/m_code/{m}/claim" | "cs/{cs}/m_code/{m}/reset" => Some("cs/{cs}/m_code/{m}/result"),
+        _ => None,
+    }
 }
 
 /// One connection carries the messages of all topics that its client names.

@@ -27,6 +27,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         },
         "servers": [{"url": "/api/v1"}],
         "security": [{"token": []}, {}],
+        "tags": TAGS.map(|(name, description)| json!({"name": name, "description": description})),
         "paths": paths,
         "components": {
             "schemas": schemas,
@@ -35,9 +36,51 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     })
 }
 
+/// What routes are about, in the order of the document.
+const TAGS: [(&str, &str); 8] = [
+    (
+        "commands",
+        "What a coordinate system shall do, and who may command it.",
+    ),
+    ("states", "What a coordinate system does, and where it is."),
+    ("m_codes", "Outputs of M codes, and the handlers that serve them."),
+    (
+        "inputs",
+        "What the machine is told: inputs, overrides, spindle, tool, and clients that it watches.",
+    ),
+    ("programs", "The store of programs, and what they would do."),
+    ("values", "Variables, tools and work offsets."),
+    ("alarms", "Alarms and the journal."),
+    ("machine", "The machine as a whole, its users and its documents."),
+];
+
+/// What a route is about.
+fn tag(route: &Route) -> &'static str {
+    let path = route.path();
+    let mut levels = path.trim_start_matches('/').split('/');
+    let first = levels.next().unwrap_or_default();
+    let level = match first {
+        "cs" => levels.nth(1).unwrap_or("machine"),
+        first => first,
+    };
+    match level {
+        "alarms" | "journal" => "alarms",
+        _ if route.headers == Headers::Command => "commands",
+        "lease" | "commands" => "commands",
+        "m_codes" | "handlers" => "m_codes",
+        "overrides" | "spindle" | "tool" if route.method == "GET" => "states",
+        "inputs" | "overrides" | "spindle" | "tool" | "motors" | "clients" => "inputs",
+        "programs" => "programs",
+        "variables" | "tools" | "work_offsets" => "values",
+        _ if first == "cs" && level != "machine" => "states",
+        _ => "machine",
+    }
+}
+
 fn operation(route: &Route, right: Option<Right>) -> Value {
     let mut operation = json!({
         "operationId": operation_id(route),
+        "tags": [tag(route)],
         "summary": route.summary,
         "parameters": parameters(route),
         "responses": responses(route, right),
@@ -61,7 +104,12 @@ fn operation(route: &Route, right: Option<Right>) -> Value {
             json!({"required": true, "content": {"application/json": {"schema": {"type": "object"}}}})
         }
         Content::Text => {
-            json!({"required": false, "content": {"text/plain": {"schema": {"type": "string"}}}})
+            // the second is the same for generators that know no text
+            let bytes = json!({"type": "string", "format": "binary"});
+            json!({"required": false, "content": {
+                "text/plain": {"schema": {"type": "string"}},
+                "application/octet-stream": {"schema": bytes},
+            }})
         }
         Content::Bytes => json!({"required": true, "content": {"application/octet-stream": {}}}),
     };
@@ -100,7 +148,7 @@ fn parameters(route: &Route) -> Vec<Value> {
         parameters.push(json!({"name": "Lease-Fence", "in": "header", "required": is_release, "schema": {"type": "integer", "minimum": 0}, "description": "Number of the control lease under which it is sent."}));
     }
     if is_command {
-        parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
+        parameters.push(json!({"name": "wait", "in": "query", "schema": {"type": "string", "enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
         let tag = "\"?([0-9]+|[0-9A-Fa-f]{64}|boot:[0-9A-Za-z]{1,64})\"?";
         let pattern = format!("^{tag}(, *{tag}){{0,2}}$");
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": pattern}, "description": "Revision of the state that the sender has seen, the hash of the program that it means, boot: and the boot_id that it has seen, or several of them, which must all hold then."}));
@@ -223,8 +271,8 @@ fn responses(route: &Route, right: Option<Right>) -> Value {
         if let Some(content) = content {
             response["content"] = content;
         }
-        if matches!(route.headers, Headers::Cached | Headers::Upload) {
-            response["headers"] = json!({"ETag": {"schema": {"type": "string"}, "description": "The hash of the program in quotes."}});
+        if let Some(headers) = response_headers(route, status) {
+            response["headers"] = headers;
         }
         responses.insert(status.to_string(), response);
     }
@@ -232,13 +280,43 @@ fn responses(route: &Route, right: Option<Right>) -> Value {
         responses.insert("304".to_owned(), json!({"description": "The client has it."}));
     }
     for status in refusals(route, right) {
-        let refusal = json!({
+        let mut refusal = json!({
             "description": refusal_text(status),
             "content": {"application/problem+json": {"schema": reference("Problem")}},
         });
+        if status == 429 {
+            refusal["headers"] = json!({"Retry-After": {"schema": {"type": "integer", "minimum": 1}, "description": "Seconds after which it is worth another try."}});
+        }
         responses.insert(status.to_string(), refusal);
     }
     responses.into()
+}
+
+/// What an answer says in its head.
+fn response_headers(route: &Route, status: u16) -> Option<Value> {
+    let says = |description: &str| {
+        let header = json!({"schema": {"type": "string"}, "description": description});
+        Some(json!({"ETag": header}))
+    };
+    let is_path = matches!(route.query, Query::Path);
+    match status {
+        202 => Some(
+            json!({"Location": {"schema": {"type": "string"}, "description": "Where to ask how far the command is."}}),
+        ),
+        200 | 201 if matches!(route.headers, Headers::Cached | Headers::Upload) => {
+            says("The hash of the program in quotes.")
+        }
+        200 if is_path => says("Tells this path from others, in quotes."),
+        200 if is_state(route) => says("The revision of the state in quotes."),
+        _ => None,
+    }
+}
+
+/// True where a message of the machine is given as it is.
+fn is_state(route: &Route) -> bool {
+    plc_api::wire::states::STATES
+        .iter()
+        .any(|state| state.route.pattern == route.pattern)
 }
 
 /// The statuses of a route's refusals, each problem details.
