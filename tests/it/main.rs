@@ -24,6 +24,7 @@ mod cli_output;
 mod cli_plot;
 mod cli_simulate;
 mod cli_simulate_tables;
+mod clients;
 mod conformance;
 mod convert;
 mod damage;

@@ -47,7 +47,7 @@ fn machine(mqtt: &str) -> Machine {
 }
 
 /// An external broker, as a part of a configuration.
-fn broker_at(address: &str) -> String {
+pub fn broker_at(address: &str) -> String {
     format!("[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = \"mqtt://{address}\"\n")
 }
 

@@ -1,6 +1,6 @@
 //! `tandem serve` as a process of its own, and what a client does with it.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -29,10 +29,19 @@ pub struct Process {
 
 impl Process {
     pub fn start(program: &Path, folder: &Path, arguments: &[&str]) -> Self {
+        Self::start_with(program, folder, arguments, Stdio::null())
+    }
+
+    /// The same for a process that [`Process::say`] tells something.
+    pub fn start_listening(program: &Path, folder: &Path, arguments: &[&str]) -> Self {
+        Self::start_with(program, folder, arguments, Stdio::piped())
+    }
+
+    fn start_with(program: &Path, folder: &Path, arguments: &[&str], input: Stdio) -> Self {
         let mut child = Command::new(program)
             .args(arguments)
             .current_dir(folder)
-            .stdin(Stdio::null())
+            .stdin(input)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
@@ -64,6 +73,19 @@ impl Process {
             .arg(format!("--fsize={bytes}"))
             .status();
         assert!(limited.is_ok_and(|status| status.success()), "prlimit");
+    }
+
+    /// Tells the process a line.
+    pub fn say(&mut self, line: &str) {
+        let input = self.child.stdin.as_mut().expect("a process that listens");
+        writeln!(input, "{line}").expect("it listens");
+    }
+
+    /// Kills it, and gives all that it has printed.
+    pub fn killed(mut self) -> String {
+        self.child.kill().expect("a process of ours");
+        self.exit_code_within(PATIENCE);
+        std::mem::take(&mut self.output)
     }
 
     /// Reads until a line that fits.

@@ -21,6 +21,7 @@ pub enum Refusal {
 pub struct Wire {
     address: String,
     whole: watch::Sender<bool>,
+    torn: watch::Sender<u32>,
     hung_up: watch::Receiver<u32>,
     task: JoinHandle<()>,
 }
@@ -39,22 +40,32 @@ impl Wire {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("its address").to_string();
         let (whole, hanging_up) = (watch::Sender::new(true), watch::Sender::new(0));
+        let torn = watch::Sender::new(0);
         let hung_up = hanging_up.subscribe();
         let (target, watching) = (target.to_owned(), whole.subscribe());
+        let tearing = torn.clone();
         let task = tokio::spawn(async move {
             while let Ok((near, _)) = listener.accept().await {
-                tokio::spawn(carry(
+                let carried = carry(
                     near,
                     target.clone(),
                     watching.clone(),
                     refusal,
                     hanging_up.clone(),
-                ));
+                );
+                let mut torn = tearing.subscribe();
+                tokio::spawn(async move {
+                    tokio::select! {
+                        () = carried => {}
+                        _ = torn.changed() => {}
+                    }
+                });
             }
         });
         Self {
             address,
             whole,
+            torn,
             hung_up,
             task,
         }
@@ -74,6 +85,12 @@ impl Wire {
 
     pub fn cut(&self) {
         self.whole.send_replace(false);
+    }
+
+    /// Ends the connections, so that both sides are told, and nobody can connect until [`Wire::mend`].
+    pub fn tear(&self) {
+        self.cut();
+        self.torn.send_modify(|count| *count += 1);
     }
 
     pub fn mend(&self) {

@@ -1,0 +1,111 @@
+//! One list of what a client of the sequence side does (`clients/behaviours.toml`), run against each client.
+
+mod stage;
+
+use std::panic::AssertUnwindSafe;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use futures_util::FutureExt;
+use serde_json::Value;
+
+use crate::support::binary::{example, root};
+use stage::{Driver, Stage};
+
+/// What a behaviour says.
+pub struct Behaviour {
+    name: String,
+    program: String,
+    redelivery: String,
+    /// True: the machine is at a broker of its own, which dies or outlives it.
+    broker: bool,
+    /// True: a source `door` of the interlock is on while nobody owns it.
+    door: bool,
+    steps: Vec<String>,
+    /// What the driver says, in this order where `ordered`.
+    driver: Vec<String>,
+    ordered: bool,
+    /// What the journal says of the coordinate system; empty: it is not looked at.
+    journal: Vec<String>,
+}
+
+fn texts(value: &Value) -> Vec<String> {
+    let texts = value.as_array().into_iter().flatten();
+    texts
+        .map(|text| text.as_str().expect("a text").to_owned())
+        .collect()
+}
+
+fn behaviours() -> Vec<Behaviour> {
+    let text = std::fs::read_to_string(root().join("tests/it/clients/behaviours.toml")).expect("the list");
+    let list: Value = toml::from_str(&text).expect("TOML");
+    let text = |value: &Value, or: &str| value.as_str().unwrap_or(or).to_owned();
+    let entries = list["behaviour"].as_array().expect("behaviours");
+    let read = |entry: &Value| Behaviour {
+        name: text(&entry["name"], ""),
+        program: text(&entry["program"], ""),
+        redelivery: text(&entry["redelivery"], "ask"),
+        broker: entry["broker"] == true,
+        door: entry["door"] == true,
+        steps: texts(&entry["steps"]),
+        driver: texts(&entry["driver"]),
+        ordered: entry["ordered"] != false,
+        journal: texts(&entry["journal"]),
+    };
+    entries.iter().map(read).collect()
+}
+
+/// Runs each behaviour, and tells of all that are not as they are said to be. `TANDEM_BEHAVIOUR` names the beginning of those
+/// that are run.
+async fn behaves(driver: Driver) {
+    let mut wrong = Vec::new();
+    let behaviours = behaviours();
+    assert!(behaviours.len() >= 20, "only {} behaviours", behaviours.len());
+    let only = std::env::var("TANDEM_BEHAVIOUR").unwrap_or_default();
+    for behaviour in behaviours.into_iter().filter(|it| it.name.starts_with(&only)) {
+        let run = async {
+            Stage::set(&behaviour, driver.clone())
+                .await
+                .play(&behaviour)
+                .await
+        };
+        if AssertUnwindSafe(run).catch_unwind().await.is_err() {
+            wrong.push(behaviour.name);
+        }
+    }
+    assert!(
+        wrong.is_empty(),
+        "not as said (the reasons are above): {wrong:#?}"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_rust_client_does_what_the_list_says() {
+    behaves(Driver {
+        program: example("client_driver"),
+        arguments: Vec::new(),
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_python_client_does_what_the_list_says() {
+    let path = format!("PYTHONPATH={}", root().join("clients/python/src").display());
+    let python = python().display().to_string();
+    let script = root().join("tests/it/clients/driver.py").display().to_string();
+    behaves(Driver {
+        program: PathBuf::from("/usr/bin/env"),
+        arguments: vec![path, "PYTHONDONTWRITEBYTECODE=1".to_owned(), python, script],
+    })
+    .await;
+}
+
+/// A Python with the libraries of the package, installed where it is missing.
+fn python() -> PathBuf {
+    let made = Command::new(root().join("tests/python/environment")).output();
+    let made = made.expect("tests/python/environment starts");
+    let said = String::from_utf8_lossy(&made.stderr);
+    assert!(made.status.success(), "tests/python/environment: {said}");
+    let path = String::from_utf8(made.stdout).expect("a path in UTF-8");
+    Path::new(path.trim()).join("bin/python")
+}

@@ -1,0 +1,92 @@
+"""What ``behaviours.toml`` says that a driver does, by tandem-plc: ``driver.py ADDRESS REDELIVERY``."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+from tandem_plc import Alarm, Output, Params, Plc, Redelivery, Refused, SequenceProgram, TandemError
+
+program = SequenceProgram("driver")
+redelivery = Redelivery(sys.argv[2])
+go = asyncio.Semaphore(0)
+
+
+def say(text: str) -> None:
+    print(">", text, flush=True)
+
+
+def pocket(params: Params) -> float:
+    return params.real("A", 1, 24, "the pocket")
+
+
+@program.on(20, validate=pocket, redelivery=redelivery)
+async def change(output: Output) -> None:
+    b = "" if output.b is None else f" VB{output.b:g}"
+    say(f"work M20 VA{pocket(output.params):g}{b}")
+
+
+@program.on(21, redelivery=redelivery)
+async def inspect(output: Output) -> None:
+    say(f"answer {await output.ask('Shall it go on?', ['yes', 'no'])}")
+
+
+@program.on(22, redelivery=redelivery)
+async def work(output: Output) -> None:
+    output.progress("it works", 50)
+    say("work M22 verify" if output.redelivered else "work M22")
+    try:
+        await go.acquire()
+    except asyncio.CancelledError:
+        say(f"cancelled M22 {output.cancel_reason.value if output.cancel_reason else ''}")
+        raise
+    say("done M22")
+
+
+@program.on(23, redelivery=redelivery)
+async def no_coolant(_output: Output) -> None:
+    raise Alarm(23, "the tank is empty")
+
+
+@program.on(24, redelivery=redelivery)
+async def fails(_output: Output) -> None:
+    raise ZeroDivisionError("a mistake of the handler")
+
+
+async def told(plc: Plc, line: str) -> None:
+    verb, _, rest = line.partition(" ")
+    mill = plc.cs(1)
+    try:
+        if verb == "go":
+            go.release()
+            return
+        if verb == "interlock":
+            await mill.set_interlock(rest == "on", "the door is open", source="door")
+            say("interlock set")
+            return
+        if verb == "load":
+            await mill.load(int(rest))
+        elif verb == "mdi":
+            await mill.mdi(rest)
+        elif verb == "start":
+            await mill.start(command_id=rest or None)
+        else:
+            await mill.command(verb)
+        say(f"{verb} done")
+    except Refused as refused:
+        say(f"{verb} refused {refused.code}")
+    except TandemError as error:
+        say(f"{verb} failed {error}")
+
+
+async def main() -> None:
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    jobs = set()
+    async with program.serving(sys.argv[1]) as serving:
+        while (line := (await reader.readline()).decode().strip()) != "end":
+            jobs.add(asyncio.create_task(told(serving.plc, line)))
+    say("ended")
+
+
+asyncio.run(main())

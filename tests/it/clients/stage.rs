@@ -1,0 +1,311 @@
+//! A machine with a driver, and what is done to them.
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::Behaviour;
+use crate::support::broker::Mosquitto;
+use crate::support::machine::Machine;
+use crate::support::mqtt::Bus;
+use crate::support::served::{FREE_PORTS, Process, Served};
+use crate::support::wait::{until, within};
+use crate::support::wire::Wire;
+
+/// Number of the program of each behaviour.
+const PROGRAM: u16 = 60;
+
+/// A source of the interlock that is on while nobody owns it.
+const DOOR: &str = r#"
+[input.interlock.source.door]
+on_loss = "on"
+coordinate_systems = [1]
+"#;
+
+/// M codes of the driver, which wait for it.
+const M_CODES: &str = r#"
+[m_code.20]
+unhandled = "wait"
+[m_code.21]
+unhandled = "wait"
+[m_code.22]
+unhandled = "wait"
+[m_code.23]
+unhandled = "wait"
+[m_code.24]
+unhandled = "wait"
+"#;
+
+/// How the driver of a client is started.
+#[derive(Clone)]
+pub struct Driver {
+    pub program: PathBuf,
+    pub arguments: Vec<String>,
+}
+
+pub struct Stage {
+    machine: Machine,
+    served: Option<Served>,
+    broker: Option<Mosquitto>,
+    wire: Wire,
+    driver: Driver,
+    running: Option<Process>,
+    redelivery: String,
+    /// What drivers before the one that runs have said.
+    said_before: Vec<String>,
+}
+
+impl Stage {
+    pub async fn set(behaviour: &Behaviour, driver: Driver) -> Self {
+        let broker = behaviour.broker.then(Mosquitto::start);
+        let mqtt = match &broker {
+            Some(broker) => super::super::transports::broker_at(&broker.address()),
+            None => FREE_PORTS.to_owned(),
+        };
+        let door = if behaviour.door { DOOR } else { "" };
+        let machine = Machine::new(&format!("{door}{M_CODES}{mqtt}"));
+        let served = Served::start(&machine);
+        let wire = Wire::to(&served.broker).await;
+        let mut stage = Self {
+            machine,
+            served: Some(served),
+            broker,
+            wire,
+            driver,
+            running: None,
+            redelivery: behaviour.redelivery.clone(),
+            said_before: Vec::new(),
+        };
+        stage.start_driver().await;
+        stage
+    }
+
+    fn served(&self) -> &Served {
+        self.served.as_ref().expect("a machine that runs")
+    }
+
+    async fn start_driver(&mut self) {
+        let address = format!("mqtt://{}/test-1", self.wire.address());
+        let mut arguments: Vec<&str> = self.driver.arguments.iter().map(String::as_str).collect();
+        arguments.extend([address.as_str(), self.redelivery.as_str()]);
+        let folder = self.machine.folder();
+        self.running = Some(Process::start_listening(&self.driver.program, folder, &arguments));
+        until("the driver serves the machine", async || {
+            let handlers = self.served().get("/handlers").await.expect(200).json();
+            (handlers["handlers"]["driver"]["online"] == true).then_some(())
+        })
+        .await;
+    }
+
+    /// Does what the behaviour says, and compares what was said.
+    pub async fn play(mut self, behaviour: &Behaviour) {
+        self.served()
+            .put_program(PROGRAM, &behaviour.program)
+            .await
+            .expect(201);
+        for step in &behaviour.steps {
+            println!("{}: {step}", behaviour.name);
+            let (verb, rest) = step.split_once(' ').unwrap_or((step, ""));
+            self.step(verb, rest).await;
+        }
+        let (mut said, mut expected) = (self.end().await, behaviour.driver.clone());
+        if !behaviour.ordered {
+            said.sort();
+            expected.sort();
+        }
+        assert_eq!(said, expected, "{}: what the driver said", behaviour.name);
+        if !behaviour.journal.is_empty() {
+            self.compare_journal(behaviour).await;
+        }
+    }
+
+    async fn step(&mut self, verb: &str, rest: &str) {
+        match verb {
+            "load" => drop(self.load().await.expect(200)),
+            "start" if rest.is_empty() => {
+                self.load().await.expect(200);
+                self.served().command(1, "start").await;
+            }
+            "refused" => self.is_refused(rest).await,
+            "say" => self.running().say(rest),
+            "see" => {
+                let line = format!("> {rest}");
+                self.running().line(rest, |said| said == line);
+            }
+            "state" => {
+                let (word, reason) = rest.split_once(' ').unwrap_or((rest, ""));
+                let fits = |state: &Value| {
+                    state["execution"] == word && state["reason"].as_str().unwrap_or_default() == reason
+                };
+                self.served().state_where(1, rest, fits).await;
+            }
+            "progress" => {
+                let fits = |state: &Value| state["waiting_on"]["progress"]["text"] == rest;
+                self.served().state_where(1, rest, fits).await;
+            }
+            "asks" => {
+                let fits = |state: &Value| state["waiting_on"]["question"]["text"] == rest;
+                self.served().state_where(1, rest, fits).await;
+            }
+            "answer" => self.answer(rest).await,
+            "operator" => self.served().command(1, rest).await,
+            "by" => drop(self.served().reset_output(1, "operator", true).await.expect(200)),
+            "redeliver" => self.redeliver(rest).await,
+            "repeat" => self.repeat_the_last_reset().await,
+            "lock" => self.lock(rest).await,
+            _ => self.fault(verb, rest).await,
+        }
+    }
+
+    /// What breaks, and what comes back.
+    async fn fault(&mut self, verb: &str, what: &str) {
+        match (verb, what) {
+            ("kill", "driver") => {
+                let process = self.running.take().expect("a driver");
+                self.said_before.extend(lines(process.killed()));
+            }
+            ("start", "driver") => self.start_driver().await,
+            ("tear", "") => self.wire.tear(),
+            ("mend", "") => self.wire.mend(),
+            ("kill", "broker") => self.broker.as_mut().expect("a broker").kill(),
+            ("start", "broker") => self.broker.as_mut().expect("a broker").start_again(),
+            ("restart", "machine") => {
+                self.served = None;
+                self.served = Some(Served::start(&self.machine));
+            }
+            _ => panic!("there is no step `{verb} {what}`"),
+        }
+    }
+
+    fn running(&mut self) -> &mut Process {
+        self.running.as_mut().expect("a driver that runs")
+    }
+
+    async fn load(&self) -> crate::support::http::Answer {
+        let load = json!({"program": PROGRAM});
+        self.served().post("/cs/1/load?wait=1", &load).await
+    }
+
+    async fn is_refused(&self, said: &str) {
+        let refused = self.load().await.expect(422).json();
+        let (line, code) = said.split_once(' ').expect("a line and a code");
+        let found = &refused["diagnostics"][0];
+        let found = (
+            found["line"].to_string(),
+            found["code"].as_str().unwrap_or_default(),
+        );
+        assert_eq!(found, (line.to_owned(), code), "{refused}");
+    }
+
+    async fn answer(&self, choice: &str) {
+        let state = self.served().state(1).await;
+        let waiting = &state["waiting_on"];
+        let (seq, question) = (&waiting["seq"], &waiting["question"]["id"]);
+        let answer = json!({"boot_id": state["boot_id"], "question_id": question, "choice": choice});
+        let path = format!("/cs/1/m_codes/{seq}/answer");
+        self.served().post(&path, &answer).await.expect(200);
+    }
+
+    async fn redeliver(&self, how: &str) {
+        let state = self.served().state(1).await;
+        let path = format!("/cs/1/m_codes/{}/redeliver", state["waiting_on"]["seq"]);
+        let how = json!({"boot_id": state["boot_id"], "how": how});
+        self.served().post(&path, &how).await.expect(204);
+    }
+
+    /// Sends the reset of the output that was reset last once more.
+    async fn repeat_the_last_reset(&self) {
+        let reset = until("a reset in the journal", async || {
+            let journal = self.journal().await;
+            journal.into_iter().rfind(|line| line["event"] == "reset")
+        });
+        let reset = reset.await;
+        let bus = Bus::connect(&self.served().broker, "test-1").await;
+        let boot_id = &self.served().state(1).await["boot_id"];
+        let again = json!({"boot_id": boot_id, "seq": reset["seq"], "handler_id": "driver", "result": "ok"});
+        let path = format!("cs/1/m_code/{}", reset["m"]);
+        bus.publish(&format!("{path}/reset"), &again).await;
+        let said = bus.history.find(&format!("{path}/result"), |_| true).await;
+        assert_eq!(said["status"], "duplicate", "H3: it was reset before");
+    }
+
+    async fn lock(&self, what: &str) {
+        let (value, lost) = what
+            .split_once(' ')
+            .map_or((what, false), |(value, _)| (value, true));
+        until(&format!("the interlock is {what}"), async || {
+            let inputs = self.served().get("/cs/1/inputs").await.expect(200).json();
+            let source = &inputs["interlock"]["sources"][0];
+            let is = (source["value"] == (value == "on")) && (source["lost"] == lost);
+            is.then_some(())
+        })
+        .await;
+    }
+
+    /// Ends the driver, and gives all that was said.
+    async fn end(&mut self) -> Vec<String> {
+        let mut said = std::mem::take(&mut self.said_before);
+        if let Some(mut process) = self.running.take() {
+            process.say("end");
+            process.line("the end of the driver", |line| line == "> ended");
+            said.extend(lines(process.killed()));
+        }
+        said.retain(|line| line != "ended");
+        said
+    }
+
+    async fn journal(&self) -> Vec<Value> {
+        let journal = self
+            .served()
+            .get("/journal?count=1000&cs=1")
+            .await
+            .expect(200)
+            .json();
+        journal["lines"].as_array().expect("lines").clone()
+    }
+
+    /// The journal is written a little later than states are told.
+    async fn compare_journal(&self, behaviour: &Behaviour) {
+        let mut last = Vec::new();
+        let comparing = until("the journal", async || {
+            last = self.journal().await.iter().filter_map(told).collect();
+            (last == behaviour.journal).then_some(())
+        });
+        let patience = std::time::Duration::from_secs(5);
+        if tokio::time::timeout(patience, within("the journal", comparing))
+            .await
+            .is_err()
+        {
+            assert_eq!(last, behaviour.journal, "{}: the journal", behaviour.name);
+        }
+    }
+}
+
+/// What a driver has said.
+fn lines(output: String) -> Vec<String> {
+    let said = output.lines().filter_map(|line| line.strip_prefix("> "));
+    said.map(str::to_owned).collect()
+}
+
+/// A line of the journal in the words of the list.
+fn told(line: &Value) -> Option<String> {
+    let word = |name: &str| line[name].as_str().unwrap_or_default();
+    match word("event") {
+        "output" if line["redelivered"] == false => Some(format!("output M{}", line["m"])),
+        "reset" => Some(format!(
+            "reset M{} {} by {}",
+            line["m"],
+            word("result"),
+            word("handler_id")
+        )),
+        "alarm" if line["cleared_at"].is_null() && word("severity") == "alarm" => {
+            Some(format!("alarm {} {}", line["number"], word("text")))
+        }
+        "end" => Some(
+            format!("end {} {}", word("outcome"), word("reason"))
+                .trim_end()
+                .to_owned(),
+        ),
+        _ => None,
+    }
+}
