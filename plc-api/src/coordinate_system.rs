@@ -10,6 +10,7 @@ use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta, CommandStatus};
 use crate::types::lease::LeaseState;
+use crate::types::line_start::{LineStart, LineState};
 use crate::types::message::Payload;
 use crate::types::output::Pending;
 use crate::types::refusal::{Refusal, RefusalCode};
@@ -107,6 +108,11 @@ calls! {
 
     /// Starts the loaded program from its beginning: ACTIVE.
     start() => command(Command::Start), "Not allowed now, or a start lock is on.";
+
+    /// Starts the loaded program from a line, with what is in force there: M codes that are to be restored are put out, the
+    /// axes go there, ACTIVE. [`line_state`](Self::line_state) tells all of it before.
+    start_from(from: LineStart) => command(Command::StartFrom(from)),
+        "Not allowed now, a start lock is on, or the state at the line cannot be known.";
 
     /// Feed hold: `FEED_HOLD` once the axes are at rest. No effect if the program is paused or nothing runs.
     hold() => command(Command::Hold);
@@ -322,6 +328,14 @@ impl CoordinateSystem {
     /// No such coordinate system, or the machine cannot be reached.
     pub async fn select_tool(&self, id: u16) -> Result<()> {
         self.plc.request(typed::Tool(self.number, id)).await
+    }
+
+    /// What is in force at a line of the loaded program, and what [`start_from`](Self::start_from) does; nothing changes.
+    ///
+    /// # Errors
+    /// No program is loaded, it does not come to the line, or the state there cannot be known; the text says why.
+    pub async fn line_state(&self, from: LineStart) -> Result<LineState> {
+        self.plc.request(typed::LineState(self.number, from)).await
     }
 
     /// Commands the spindle; `rpm` is used by `Cw` and `Ccw`.

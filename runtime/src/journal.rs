@@ -147,6 +147,9 @@ pub enum Event {
         /// Hash of the program.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program_hash: Option<String>,
+        /// The line that it begins at, if not at the head.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        from_line: Option<u32>,
     },
     /// The motion of a block begins. Not written to disk: too many, and other events show what follows from them.
     Block {

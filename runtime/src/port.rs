@@ -300,6 +300,12 @@ impl RuntimePort {
             MachineRequest::SkipInput(motor, value) => self.skip_input(motor, value).await,
             MachineRequest::Explain(what) => self.explain(what),
             MachineRequest::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
+            MachineRequest::LineState(cs, from) => {
+                self.mailbox(cs)?;
+                let search = self.previews.line_state(cs, from);
+                let told = self.on_disk(move |_| Ok(search())).await?;
+                told.map(Answer::LineState)
+            }
         }
     }
 

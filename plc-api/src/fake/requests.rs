@@ -82,7 +82,9 @@ impl FakePort {
             MachineRequest::LastRun(_) => Ok(Answer::LastRun(None)),
             MachineRequest::Journal { .. } => Ok(Answer::Journal(Vec::new())),
             MachineRequest::Programs => Ok(Answer::Programs(Vec::new())),
-            MachineRequest::CommandStatus(_) | MachineRequest::Explain(_) => unsupported(),
+            MachineRequest::CommandStatus(_) | MachineRequest::Explain(_) | MachineRequest::LineState(..) => {
+                unsupported()
+            }
         }
     }
 

@@ -169,7 +169,7 @@ impl System {
                 self.shown.program = Some(*program);
                 self.idle = (Execution::Ready, None);
             }
-            Command::Start => self.begin(),
+            Command::Start | Command::StartFrom(_) => self.begin(),
             Command::Hold => self.hold((Execution::FeedHold, None)),
             Command::Resume => self.run().paused = None,
             Command::Stop if self.run.is_some() => return Ok(Some(CancelReason::Stop)),

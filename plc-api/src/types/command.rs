@@ -9,6 +9,7 @@ use super::BootId;
 use super::Timestamp;
 use super::data::VariableValues;
 use super::lease::Lease;
+use super::line_start::{Approach, LineStart};
 
 pub use super::verb::Verb;
 
@@ -23,8 +24,11 @@ pub enum Command {
         #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
         program: u16,
     },
-    /// From the head, as a new run.
+    /// From the head, as a new run; with `from_line` from that line.
     Start,
+    /// From a line, with what is in force there: a start with `from_line`.
+    #[cfg_attr(feature = "schema", schemars(skip))]
+    StartFrom(LineStart),
     /// Feed hold.
     Hold,
     /// Goes on after a pause.
@@ -106,7 +110,7 @@ impl Command {
     pub fn verb(&self) -> Verb {
         match self {
             Command::Load { .. } => Verb::Load,
-            Command::Start => Verb::Start,
+            Command::Start | Command::StartFrom(_) => Verb::Start,
             Command::Hold => Verb::Hold,
             Command::Resume => Verb::Resume,
             Command::BackTrace { .. } => Verb::BackTrace,
@@ -140,6 +144,7 @@ impl Command {
                 json!({"axis": axis, "velocity": velocity, "distance": distance, "refresh_id": refresh_id})
             }
             Command::JogEnd { refresh_id } => json!({"refresh_id": refresh_id, "end": true}),
+            Command::StartFrom(from) => json!(from),
             Command::Home { axes } if !axes.is_empty() => json!({ "axes": axes }),
             Command::BackTrace { on } => json!({ "on": on }),
             Command::Start
@@ -165,6 +170,7 @@ impl Command {
             "back_trace" => &["on"],
             "jog" => &["axis", "velocity", "distance", "refresh_id", "end"],
             "home" => &["axes"],
+            "start" => &["from_line", "program", "occurrence", "approach"],
             _ => &[],
         })
     }
@@ -189,7 +195,7 @@ impl Command {
                     .map_err(|_| format!("program {program} is not a program number; write 1 to 9999"))?;
                 Ok(Command::Load { program })
             }
-            "start" => Ok(Command::Start),
+            "start" => start(args),
             "hold" => Ok(Command::Hold),
             "resume" => Ok(Command::Resume),
             "stop" => Ok(Command::Stop),
@@ -249,6 +255,40 @@ fn check_names(verb: &str, known: &[&str], args: &Value) -> Result<(), String> {
 fn axis(value: &Value) -> Option<char> {
     let mut letters = value.as_str()?.chars();
     letters.next().filter(|_| letters.next().is_none())
+}
+
+/// From the head, or from a line.
+fn start(args: &Value) -> Result<Command, String> {
+    let given = |key: &str| args.get(key).filter(|value| !value.is_null());
+    let number = |key: &str, of: &str| match given(key) {
+        None => Ok(None),
+        Some(value) => (value.as_u64())
+            .and_then(|number| u32::try_from(number).ok().filter(|number| *number > 0))
+            .map(Some)
+            .ok_or_else(|| format!("start: \"{key}\" is {of}: a whole number from 1")),
+    };
+    let from_line = number("from_line", "the line that it begins at")?;
+    let program = number("program", "the program that has the line")?;
+    let occurrence = number("occurrence", "which time the program comes to the line")?;
+    let wrong = "start: \"approach\" is plane_first, infeed_first or direct";
+    let approach = given("approach").map(|value| Approach::deserialize(value).map_err(|_| wrong));
+    let approach = approach.transpose()?;
+    let Some(from_line) = from_line else {
+        return match (program, occurrence, approach) {
+            (None, None, None) => Ok(Command::Start),
+            _ => Err("start: program, occurrence and approach go with \"from_line\"".to_owned()),
+        };
+    };
+    let program = program.map(|number| {
+        u16::try_from(number)
+            .map_err(|_| format!("program {number} is not a program number; write 1 to 9999"))
+    });
+    Ok(Command::StartFrom(LineStart {
+        from_line,
+        program: program.transpose()?,
+        occurrence,
+        approach: approach.unwrap_or_default(),
+    }))
 }
 
 fn jog(args: &Value) -> Result<Command, String> {
@@ -424,6 +464,13 @@ mod tests {
             Command::JogEnd {
                 refresh_id: "a".into(),
             },
+            Command::StartFrom(LineStart::line(12)),
+            Command::StartFrom(LineStart {
+                from_line: 3,
+                program: Some(1000),
+                occurrence: Some(2),
+                approach: Approach::Direct,
+            }),
         ] {
             let verb = serde_json::to_value(command.verb()).unwrap();
             let verb = verb.as_str().unwrap();
@@ -460,6 +507,25 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn a_start_from_a_line_that_is_not_one_is_refused_in_words() {
+        for (args, what) in [
+            (json!({"from_line": 0}), "from_line"),
+            (json!({"from_line": 1.5}), "from_line"),
+            (json!({"from_line": 1, "occurrence": 0}), "occurrence"),
+            (json!({"from_line": 1, "program": 70_000}), "70000"),
+            (json!({"from_line": 1, "approach": "sideways"}), "plane_first"),
+            (json!({"occurrence": 2}), "from_line"),
+        ] {
+            let refusal = Command::parse("start", &args).unwrap_err();
+            assert!(refusal.contains(what), "{args}: {refusal}");
+        }
+        assert_eq!(
+            Command::parse("start", &json!({"from_line": null})),
+            Ok(Command::Start)
+        );
     }
 
     #[test]

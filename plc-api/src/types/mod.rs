@@ -9,6 +9,7 @@ pub mod handler;
 pub mod heartbeat;
 pub mod ids;
 pub mod lease;
+pub mod line_start;
 pub mod lock;
 pub mod machine;
 pub mod message;

@@ -84,6 +84,9 @@ explained! {
         /// The machine runs signed programs only, and this has no valid signature (422).
         NotSigned = "not_signed",
             "Sign the program with a key of [programs] signed_by, and store it with its signature.";
+        /// The program cannot begin at that line (422).
+        LineRefused = "line_refused",
+            "Choose a line whose state the text alone decides: outside of cutter compensation and fixed cycles, and before what a handler, a capture or an input decides.";
         /// The request is not well-formed, or a value is out of its range (400).
         Invalid = "invalid",
             "Correct what the text names; the page of routes or topics has the form.";

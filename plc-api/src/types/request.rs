@@ -11,6 +11,7 @@ use super::data::{self, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
 use super::explained::Explanation;
 use super::heartbeat::ClientHeartbeat;
 use super::lease::LeaseRequest;
+use super::line_start::{self, LineStart};
 use super::machine::{AlarmRaise, AlarmRecord};
 use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
 use super::planned::{self, PathQuery};
@@ -328,6 +329,8 @@ requests! {
         } -> Vec<Value>;
         /// Alarms raised since the start, newest last, at most 1000.
         AlarmHistory -> Vec<AlarmRecord>;
+        /// What is in force at a line of the loaded program, and what a start from there does.
+        LineState(cs: CoordinateSystemNumber, from: LineStart) -> line_start::LineState;
         /// Programs of the store.
         Programs -> Vec<ProgramInfo>;
         /// What a name means that people see: a diagnostic, an alarm, a code, a word of a state or a refusal, a key.
@@ -481,6 +484,8 @@ answers! {
     Path(planned::PlannedPath),
     /// What a run does.
     Rehearsed(planned::Rehearsal),
+    /// What is in force at a line.
+    LineState(line_start::LineState),
 }
 
 impl TryFrom<Answer> for () {

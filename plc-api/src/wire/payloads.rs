@@ -12,6 +12,7 @@ use crate::types::command::Command;
 use crate::types::data::VARIABLES_AT_ONCE_MAX;
 use crate::types::data::{JournalFilter, Number, VariableArea, VariableKind};
 use crate::types::lease::{LeaseRelease, LeaseRequest};
+use crate::types::line_start::Approach;
 use crate::types::planned::{PATH_TOLERANCE_MM, PathQuery};
 use crate::types::request::{Input, Request};
 use crate::types::state::{LockSet, Switch};
@@ -25,6 +26,24 @@ const SKIP_MAX: u8 = 31;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct Empty {}
+
+/// Body of a start.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(deny_unknown_fields))]
+#[allow(dead_code, reason = "it is the form of what Command::parse reads")]
+pub(super) struct StartArgs {
+    /// Line of the first block, from 1; null: from the head. The others go with it.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
+    from_line: Option<u32>,
+    /// The program that has the line, where that is a subprogram.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
+    program: Option<u16>,
+    /// Which time the program comes to the line, from 1.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
+    occurrence: Option<u32>,
+    /// How the axes come to where the block begins; null: `plane_first`.
+    approach: Option<Approach>,
+}
 
 /// Body of what brings a machine to rest, or ends a lease; its members are ignored.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -123,6 +123,7 @@ fn status_of(code: RefusalCode) -> u16 {
         RefusalCode::PreconditionFailed | RefusalCode::Expired => 412,
         RefusalCode::ProgramHasErrors
         | RefusalCode::NotSigned
+        | RefusalCode::LineRefused
         | RefusalCode::WrongDialect
         | RefusalCode::CommandIdReused => 422,
         RefusalCode::Invalid | RefusalCode::Retained => 400,
@@ -169,6 +170,7 @@ mod tests {
             (RefusalCode::PreconditionFailed, 412),
             (RefusalCode::ProgramHasErrors, 422),
             (RefusalCode::NotSigned, 422),
+            (RefusalCode::LineRefused, 422),
             (RefusalCode::WrongDialect, 422),
             (RefusalCode::CommandIdReused, 422),
             (RefusalCode::Invalid, 400),

@@ -6,9 +6,10 @@ use super::answer::{
     Accepted, AlarmHistory, AnswerForm, Handlers, JournalAnswer, LastRunAnswer, Programs, json_of,
 };
 use super::payloads::{
-    CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, VariableGet, VariableSet, VariableWrite, break_lease,
-    command_answer, handshake, lease, of_area, read_command, read_input, read_path, read_variables, release,
-    remove_program, store_program, switch, upload, variables, with_filter, write_input, write_variables,
+    CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, StartArgs, VariableGet, VariableSet, VariableWrite,
+    break_lease, command_answer, handshake, lease, of_area, read_command, read_input, read_path,
+    read_variables, release, remove_program, store_program, switch, upload, variables, with_filter,
+    write_input, write_variables,
 };
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set, SetInput};
 use super::route::{Content, Headers, Query, Route};
@@ -20,6 +21,7 @@ use crate::types::explained::Explanation;
 use crate::types::form::HasForm;
 use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use crate::types::line_start::{LineStart, LineState};
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
 use crate::types::planned::{PathQuery, Rehearsal};
@@ -118,7 +120,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 40] = [
+pub static ROWS: [Row; 41] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -205,7 +207,7 @@ pub static ROWS: [Row; 40] = [
     Row {
         routes: &[
             command::<Command>("/cs/{cs}/{verb=load}", "Loads a program of the store."),
-            command::<Empty>("/cs/{cs}/{verb=start}", "Starts the loaded program from its head."),
+            command::<StartArgs>("/cs/{cs}/{verb=start}", "Starts the loaded program, from its head or from a line."),
             command::<NoArgs>("/cs/{cs}/{verb=hold}", "Feed hold."),
             command::<Empty>("/cs/{cs}/{verb=resume}", "Goes on after a pause."),
             command::<NoArgs>("/cs/{cs}/{verb=stop}", "Decelerates on the path and ends the run."),
@@ -305,6 +307,18 @@ pub static ROWS: [Row; 40] = [
                     parts.header(IDEMPOTENCY_KEY, meta.command_id)
                 }),
         )
+    },
+    Row {
+        routes: &[
+            Route::post::<LineStart>(
+                "/cs/{cs}/line_state",
+                "What is in force at a line of the loaded program, and what a start from there does; nothing changes.",
+            )
+            .gives::<LineState>()
+            .refusals(&[422]),
+        ],
+        answer: json_of::<LineState>,
+        ..carried!(Read, LineState(cs: number, from: json))
     },
     Row {
         routes: &[Route::get("/commands/{id}", "How far a command is.").gives::<CommandReply>()],

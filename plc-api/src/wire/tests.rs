@@ -12,6 +12,7 @@ use crate::types::command::{Command, CommandMeta, Expect};
 use crate::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
 use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use crate::types::line_start::LineStart;
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{
     Claim, HandledCode, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
@@ -72,6 +73,7 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::IntermediateCode(_)
         | Request::PlannedPath(..)
         | Request::Rehearsal(..)
+        | Request::LineState(..)
         | Request::Explain(_)
         | Request::AlarmHistory => &[Rest],
     }
@@ -129,6 +131,7 @@ fn command() -> impl Strategy<Value = Command> {
     prop_oneof![
         any::<u16>().prop_map(|program| Command::Load { program }),
         Just(Command::Start),
+        any::<u32>().prop_map(|line| Command::StartFrom(LineStart::line(line.max(1)))),
         Just(Command::Hold),
         Just(Command::Resume),
         any::<bool>().prop_map(|on| Command::BackTrace { on }),
@@ -315,7 +318,7 @@ fn of_programs() -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..11);
+    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..12);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::CheckProgram(number),
@@ -327,6 +330,7 @@ fn of_machine() -> impl Strategy<Value = Request> {
         7 => Request::Explain(text + "/ %?"),
         8 => Request::PlannedPath(number, PathQuery { cs, tolerance: online.then_some(0.25), from: number.into(), count: cs.map(Into::into) }),
         9 => Request::Rehearsal(number, cs),
+        10 => Request::LineState(cs.unwrap_or(1), LineStart { program: online.then_some(number), ..LineStart::line(u32::from(number) + 1) }),
         _ => Request::Handlers,
     })
 }

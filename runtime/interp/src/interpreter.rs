@@ -153,6 +153,22 @@ impl Interpreter {
     /// (D11) or not finite (D07), a missing program (D12), a missing end, a program with errors, or
     /// `blocks_without_motion_max` blocks without an item that read neither P nor Q.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
+        let item = self.next_unless(inputs, |_, _| false)?;
+        Ok(item.unwrap_or_else(|| Item::End(self.origin())))
+    }
+
+    /// The same; but `None` before a block of which `is_awaited` is true, by the number of its program and its index there:
+    /// nothing of it has been interpreted, and all that comes before it has been given out. It is asked once for each block
+    /// that is interpreted.
+    ///
+    /// # Errors
+    /// As [`Interpreter::next`].
+    #[inline]
+    pub fn next_unless(
+        &mut self,
+        inputs: &Inputs<'_>,
+        mut is_awaited: impl FnMut(u16, usize) -> bool,
+    ) -> Result<Option<Item>, Alarm> {
         self.began = None;
         loop {
             if self.queue.is_empty() {
@@ -164,12 +180,17 @@ impl Interpreter {
                     self.idle_steps = 0;
                     self.is_waiting = false;
                 }
-                return Ok(item);
+                return Ok(Some(item));
             }
             match &self.state {
                 State::Running => {}
-                State::Ended(origin) => return Ok(Item::End(*origin)),
+                State::Ended(origin) => return Ok(Some(Item::End(*origin))),
                 State::Failed(alarm) => return Err(alarm.clone()),
+            }
+            if let Some(frame) = self.stack.last()
+                && is_awaited(frame.number, frame.next)
+            {
+                return Ok(None);
             }
             self.idle_steps += 1;
             self.steps += 1;

@@ -147,6 +147,9 @@ alarms! {
     PROGRAM_REFUSED = 24, Reset, "The program may not be called here",
         "A computed call has come to a program that this coordinate system may not run: it is of another dialect, or not signed as the machine demands.",
         "Do what the text says to the program that is called, and load the program again.";
+    TOOL_DIFFERS = 25, Reset, "The tool in the spindle is not that of the line",
+        "A run from a line has put out the M codes that its state needs, and another tool is in the spindle than the program has there.",
+        "Look at what the tool change has done; bring the tool into the spindle, tell the runtime so, and start from the line again.";
     PROGRAM_WARNING = 30, Notice, "The program was not carried out as written",
         "A word has no effect as things are, or a value was limited to what the machine can do.",
         "Look at the line that the text names.";

@@ -1,7 +1,9 @@
 //! User variables that outlive a program (manual 4-3): P, shared by all coordinate systems, and Q, of one.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use crate::lost::LOST;
 
 /// P0 to P32767.
 pub const GLOBAL_VARIABLES: usize = 32_768;
@@ -15,37 +17,76 @@ pub const LOCAL_VARIABLES: usize = 256;
 /// An array of 64-bit floating point variables, initially zero. Each is atomic by itself, without any order among them; a
 /// clone is another handle of the same array.
 #[derive(Debug, Clone)]
-pub struct VariableArray(Arc<[AtomicU64]>);
+pub struct VariableArray {
+    values: Arc<[AtomicU64]>,
+    /// Which were set, where somebody wants to know.
+    written: Option<Arc<[AtomicBool]>>,
+}
 
 impl VariableArray {
     /// An array of `count` variables.
     pub fn new(count: usize) -> Self {
-        Self((0..count).map(|_| AtomicU64::new(0)).collect())
+        Self {
+            values: (0..count).map(|_| AtomicU64::new(0)).collect(),
+            written: None,
+        }
+    }
+
+    /// An array of its own with the same values, which remembers the variables that are set from now on.
+    #[must_use]
+    pub fn watched_copy(&self) -> Self {
+        let copy = |value: &AtomicU64| AtomicU64::new(value.load(Ordering::Relaxed));
+        Self {
+            values: self.values.iter().map(copy).collect(),
+            written: Some(self.values.iter().map(|_| AtomicBool::new(false)).collect()),
+        }
+    }
+
+    /// Index and value of each variable that was set since [`VariableArray::watched_copy`], ascending.
+    pub fn written(&self) -> impl Iterator<Item = (usize, f64)> {
+        let marks = self.written.iter().flat_map(|marks| marks.iter());
+        let is_set = marks.map(|mark| mark.load(Ordering::Relaxed)).enumerate();
+        is_set
+            .filter(|(_, is_set)| *is_set)
+            .filter_map(|(index, _)| Some((index, self.get(index)?)))
+    }
+
+    /// From now on those that were not set since [`VariableArray::watched_copy`] are lost: nobody knows them.
+    pub fn lose_unwritten(&self) {
+        let Some(marks) = &self.written else { return };
+        for (value, mark) in self.values.iter().zip(marks.iter()) {
+            if !mark.load(Ordering::Relaxed) {
+                value.store(LOST.to_bits(), Ordering::Relaxed);
+            }
+        }
     }
 
     /// The value of a variable; `None` beyond the array.
     pub fn get(&self, index: usize) -> Option<f64> {
-        let cell = self.0.get(index)?;
+        let cell = self.values.get(index)?;
         Some(f64::from_bits(cell.load(Ordering::Relaxed)))
     }
 
     /// Sets a variable. False beyond the array, where nothing changes.
     pub fn set(&self, index: usize, value: f64) -> bool {
-        let Some(cell) = self.0.get(index) else {
+        let Some(cell) = self.values.get(index) else {
             return false;
         };
         cell.store(value.to_bits(), Ordering::Relaxed);
+        if let Some(mark) = self.written.as_ref().and_then(|marks| marks.get(index)) {
+            mark.store(true, Ordering::Relaxed);
+        }
         true
     }
 
     /// Number of variables.
     pub fn len(&self) -> usize {
-        self.0.len()
+        self.values.len()
     }
 
     /// True for an array of no variables.
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.values.is_empty()
     }
 }
 
@@ -86,6 +127,21 @@ mod tests {
         assert!(other.set(1, -0.5));
         assert_eq!(array.get(1), Some(-0.5));
         assert_eq!(array.get(0), Some(0.0));
+    }
+
+    #[test]
+    fn a_watched_copy_knows_what_was_set_and_the_rest_can_be_lost() {
+        let array = VariableArray::new(3);
+        array.set(0, 1.0);
+        array.set(1, 2.0);
+        let copy = array.watched_copy();
+        copy.set(1, 2.0);
+        assert_eq!(copy.written().collect::<Vec<_>>(), [(1, 2.0)]);
+        copy.lose_unwritten();
+        assert_eq!(copy.get(1), Some(2.0));
+        assert!(copy.get(0).is_some_and(crate::lost::is_lost));
+        assert_eq!(array.get(0), Some(1.0), "the array itself is as it was");
+        assert_eq!(array.written().count(), 0);
     }
 
     #[test]

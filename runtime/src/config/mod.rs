@@ -355,6 +355,14 @@ pub struct MCodeConfig {
     pub wait_state: Option<String>,
     /// What the stock sequence program does.
     pub stock: Option<Stock>,
+    /// Group of M codes of which a start from a line puts the newest out again that the program has before that line: M codes
+    /// of a group end each other, such as those of the coolant. Default `spindle` for M03, M04, M05 and M19, `tool` where
+    /// `stock` is `select_tool`, otherwise none: it is not put out.
+    pub restore_group: Option<String>,
+    /// Where in the order of these outputs it comes; equal ones in the order of the program. Default 10 in `tool`, 30 in `spindle`,
+    /// otherwise 20.
+    #[schemars(range(min = 0, max = 1000))]
+    pub restore_order: Option<u16>,
     /// How long the stock sequence program takes.
     #[schemars(range(min = 0.0, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub simulated_ms: f64,

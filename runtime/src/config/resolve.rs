@@ -177,6 +177,13 @@ impl Config {
                 let text = format!("wait_state: write a word of 1 to {WAIT_STATE_MAX} characters");
                 checked.problem("wait_state", text);
             }
+            if let Some(group) = &config.restore_group
+                && (!(1..=WAIT_STATE_MAX).contains(&group.chars().count())
+                    || group.contains(char::is_control))
+            {
+                let text = format!("restore_group: write a word of 1 to {WAIT_STATE_MAX} characters");
+                checked.problem("restore_group", text);
+            }
             let settings = MCodeSettings {
                 timing: config.timing,
                 unhandled: config.unhandled,
@@ -185,6 +192,8 @@ impl Config {
                 wait_state: config.wait_state.clone(),
                 stock: config.stock,
                 simulated_s: config.simulated_ms / 1000.0,
+                restore_group: config.restore_group.clone(),
+                restore_order: config.restore_order,
             };
             m_codes.insert(m, settings);
         }

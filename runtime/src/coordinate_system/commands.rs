@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
+use plc_api::types::line_start::LineStart;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::upload::{Hashes, ProgramCondition};
@@ -13,6 +14,7 @@ use super::pending_commands::{Awaiting, Deferred};
 use super::run::{Kind, Run};
 use super::run_state::{Cause, End, Phase, RunEvent};
 use crate::journal::Event;
+use crate::preview::LineEntry;
 use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, word};
 
@@ -22,6 +24,8 @@ struct Prepared {
     /// What the operator should know.
     note: String,
     run: Option<Run>,
+    /// Where the run begins, unless at the head.
+    entry: Option<LineEntry>,
     /// What is loaded or started.
     program: Option<Arc<StoredProgram>>,
 }
@@ -103,6 +107,7 @@ impl CoordinateSystem {
         let Prepared {
             note: text,
             run,
+            entry,
             program,
         } = match judged {
             Ok(prepared) => prepared,
@@ -144,7 +149,7 @@ impl CoordinateSystem {
             program,
             reply,
         });
-        if self.take_effect(&command, run) {
+        if self.take_effect(&command, run, entry) {
             self.complete(&|awaiting| awaiting.verb == verb);
         }
     }
@@ -235,14 +240,17 @@ impl CoordinateSystem {
     /// What can still refuse a command, and what it needs: nothing has changed when it does.
     fn prepare_command(&self, command: &Command, meta: &CommandMeta) -> Result<Prepared, Refusal> {
         let number = self.commands.program;
-        if !matches!(command, Command::Load { .. } | Command::Start) {
+        if !matches!(
+            command,
+            Command::Load { .. } | Command::Start | Command::StartFrom(_)
+        ) {
             let main = self.main_program();
             judge_program(meta, number, main.as_ref().map(|main| main.sum()))?;
         }
         let of_run = |(note, run)| Prepared {
             note,
             run,
-            program: None,
+            ..Prepared::default()
         };
         match command {
             Command::Load { program } => {
@@ -250,21 +258,12 @@ impl CoordinateSystem {
                 judge_program(meta, Some(*program), Some(main.sum()))?;
                 Ok(Prepared {
                     note: self.context.check_called(&main)?,
-                    run: None,
                     program: Some(main),
+                    ..Prepared::default()
                 })
             }
-            Command::Start => {
-                let main = self.context.stored(number.unwrap_or_default())?;
-                judge_program(meta, number, Some(main.sum()))?;
-                self.context.check_called(&main)?;
-                self.context.check_loaded(main.number, &self.commands.texts)?;
-                Ok(Prepared {
-                    note: String::new(),
-                    run: Some(self.new_run(Kind::Program, Arc::clone(&main))),
-                    program: Some(main),
-                })
-            }
+            Command::Start => self.prepare_start(meta, None),
+            Command::StartFrom(from) => self.prepare_start(meta, Some(from)),
             Command::BackTrace { on } => {
                 self.judge_back_trace(*on)?;
                 Ok(Prepared::default())
@@ -284,11 +283,26 @@ impl CoordinateSystem {
         }
     }
 
+    fn prepare_start(&self, meta: &CommandMeta, from: Option<&LineStart>) -> Result<Prepared, Refusal> {
+        let number = self.commands.program;
+        let main = self.context.stored(number.unwrap_or_default())?;
+        judge_program(meta, number, Some(main.sum()))?;
+        self.context.check_called(&main)?;
+        self.context.check_loaded(main.number, &self.commands.texts)?;
+        let entry = from.map(|from| self.search_line(&main, from)).transpose()?;
+        Ok(Prepared {
+            note: String::new(),
+            run: Some(self.new_run(Kind::Program, Arc::clone(&main))),
+            entry,
+            program: Some(main),
+        })
+    }
+
     /// Carries a command out. True when its effect is reached at once.
-    fn take_effect(&mut self, command: &Command, run: Option<Run>) -> bool {
+    fn take_effect(&mut self, command: &Command, run: Option<Run>, entry: Option<LineEntry>) -> bool {
         if let Some(run) = run {
-            self.start(run);
-            return matches!(command, Command::Start);
+            self.start(run, entry);
+            return matches!(command, Command::Start | Command::StartFrom(_));
         }
         match command {
             Command::Load { program } => {
@@ -329,7 +343,7 @@ impl CoordinateSystem {
         self.publish_place();
     }
 
-    fn start(&mut self, run: Run) {
+    fn start(&mut self, mut run: Run, entry: Option<LineEntry>) {
         let number = run.main.number;
         let mut phase = Phase::Interpret;
         if matches!(run.kind, Kind::Program) {
@@ -337,6 +351,8 @@ impl CoordinateSystem {
         }
         if let Kind::Jog(jog) = &run.kind {
             phase = self.start_jog(jog);
+        } else if let Some(entry) = entry {
+            run.arrival = Some(Box::new(self.begin_at_line(entry)));
         } else {
             let goes_on = matches!(run.kind, Kind::Manual) && self.past.manual_goes_on;
             let tree = Arc::clone(&run.main.tree);
@@ -351,6 +367,7 @@ impl CoordinateSystem {
             program: number,
             run_id: run.id.clone(),
             program_hash: (number != 0).then(|| run.main.sum().to_owned()),
+            from_line: run.arrival.as_ref().map(|arrival| arrival.target.line),
         };
         self.context.record(event);
         self.inputs.take_over_skip(1);

@@ -98,6 +98,7 @@ impl CoordinateSystem {
             first_segment: self.pipeline.planner.last_segment() + 1,
             steps: Steps::default(),
             at_rest: AtRest::default(),
+            arrival: None,
         }
     }
 }

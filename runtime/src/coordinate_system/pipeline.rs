@@ -15,6 +15,7 @@ use tandem_motion::{Planner, Replan, speed_limit};
 use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
 
+use crate::preview::{LineArrival, LineEntry};
 use crate::simulation::{OnPlan, Planned};
 
 /// The stages and what they have ready for the servo.
@@ -307,6 +308,48 @@ impl Pipeline {
         self.last = self.in_force.clone();
     }
 
+    /// Begins in the state of a line; [`Pipeline::enter`] comes before its first block.
+    pub fn start_from(&mut self, entry: LineEntry, epoch: u32) -> LineArrival {
+        let LineEntry { interpreter, arrival } = entry;
+        self.restart(epoch, self.path.position(), false);
+        self.in_force = Change {
+            after_segment: self.next_segment() - 1,
+            modal: interpreter.modal().clone(),
+            transform: *arrival.path.transform(),
+            stack: callers(&interpreter).collect(),
+        };
+        self.last = self.in_force.clone();
+        self.interpreter = interpreter;
+        arrival
+    }
+
+    /// Plans the approach to where the line begins, and goes on from there.
+    ///
+    /// # Errors
+    /// The approach cannot be planned.
+    pub fn enter(&mut self, arrival: LineArrival) -> Result<(), Alarm> {
+        let mut from = self.path.position();
+        let is_dry_run = self.path.is_dry_run();
+        for step in arrival.approach_from(from) {
+            self.segments.push(Segment {
+                origin: arrival.target,
+                motion: SegmentMotion::Rapid {
+                    from: from.0,
+                    to: step.0,
+                },
+                end: SegmentEnd::ExactStop,
+                multi_block: MultiBlock::Off,
+            });
+            self.blocks.push_back(self.next_segment());
+            self.plan(Ok(()))?;
+            from = step;
+        }
+        self.end_chain();
+        self.path = arrival.path;
+        self.path.set_dry_run(is_dry_run);
+        Ok(())
+    }
+
     /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
     /// ends, or is kept.
     pub fn restart(&mut self, epoch: u32, at: MachinePosition, goes_on: bool) {
@@ -352,7 +395,7 @@ impl Pipeline {
 }
 
 /// The calls of the nesting: in which program and line each was made.
-fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSite> {
+pub(crate) fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSite> {
     let depth = interpreter.call_stack().count();
     interpreter
         .call_stack()

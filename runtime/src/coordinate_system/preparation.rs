@@ -169,6 +169,9 @@ impl CoordinateSystem {
     }
 
     fn interpret(&mut self) {
+        if self.approach_line() {
+            return;
+        }
         let Some(run) = &mut self.run else { return };
         let tables = self.context.shared.tables.read();
         let inputs = Inputs {

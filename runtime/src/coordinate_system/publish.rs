@@ -9,6 +9,7 @@ use plc_api::types::topic::CsTopic;
 use tandem_model::{AXES_MAX, Axis, AxisSet, MachinePosition};
 
 use super::CoordinateSystem;
+use crate::config::CoordinateSystem as Configured;
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 
@@ -234,21 +235,25 @@ impl CoordinateSystem {
     }
 
     pub(super) fn publish_modal(&self, modal: &tandem_interp::Modal) {
-        let groups = modal
-            .groups()
-            .map(|(group, code)| (group.to_owned(), code.to_owned()));
-        let modal = Modal {
-            g: groups.collect(),
-            f: (modal.feedrate_mm_min)
-                .min(self.context.configured.settings.max_feedrate_mm_min * modal.unit()),
-            s: modal.spindle_speed_r_min,
-            ta: modal.ta_ms,
-            td: modal.td_ms,
-            ts: modal.ts_ms,
-            tool: self.inputs.tool,
-            work_offset: modal.work_offset().map(str::to_owned),
-        };
+        let modal = modal_told(modal, &self.context.configured, self.inputs.tool);
         self.context.publish(CsTopic::Modal, Payload::Modal(modal));
+    }
+}
+
+/// A modal state, with the tool in the spindle, as it is told.
+pub(crate) fn modal_told(modal: &tandem_interp::Modal, configured: &Configured, tool: Option<u16>) -> Modal {
+    let groups = modal
+        .groups()
+        .map(|(group, code)| (group.to_owned(), code.to_owned()));
+    Modal {
+        g: groups.collect(),
+        f: (modal.feedrate_mm_min).min(configured.settings.max_feedrate_mm_min * modal.unit()),
+        s: modal.spindle_speed_r_min,
+        ta: modal.ta_ms,
+        td: modal.td_ms,
+        ts: modal.ts_ms,
+        tool,
+        work_offset: modal.work_offset().map(str::to_owned),
     }
 }
 

@@ -11,6 +11,7 @@ use tandem_model::{Alarm, AxisVector};
 use tandem_syntax::NcProgram;
 
 use crate::clock::Clock;
+use crate::preview::LineArrival;
 use crate::program_store::StoredProgram;
 
 /// A run of the loaded program, of manual data input, or of a motion by hand.
@@ -26,6 +27,8 @@ pub(super) struct Run {
     pub first_segment: u64,
     pub steps: Steps,
     pub at_rest: AtRest,
+    /// It begins at a line, and has not come there yet.
+    pub arrival: Option<Box<LineArrival>>,
 }
 
 impl Run {

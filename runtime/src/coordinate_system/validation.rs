@@ -31,7 +31,7 @@ impl CoordinateSystem {
     pub(super) fn validate_first(&mut self, command: Deferred) -> Option<Deferred> {
         let program = match command.command {
             Command::Load { program } => Some(program),
-            Command::Start => (self.commands.program)
+            Command::Start | Command::StartFrom(_) => (self.commands.program)
                 .filter(|program| !self.context.stand_as(*program, &self.commands.texts)),
             _ => None,
         };

@@ -98,6 +98,7 @@ mod tests {
                 program: 60,
                 run_id: format!("1-{run}"),
                 program_hash: None,
+                from_line: None,
             },
         }
     }
@@ -129,6 +130,7 @@ mod tests {
                 program: 1,
                 run_id: "x".repeat(SLOT_BYTES),
                 program_hash: None,
+                from_line: None,
             },
             ..line(1)
         };

@@ -404,6 +404,7 @@ mod tests {
                 program: 60,
                 run_id: format!("1-{n}"),
                 program_hash: None,
+                from_line: None,
             },
             ..line(0)
         };

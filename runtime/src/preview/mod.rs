@@ -7,6 +7,7 @@
 mod bytes;
 mod chunk;
 mod conditions;
+mod line_search;
 mod plan;
 mod planning;
 mod rehearsed;
@@ -21,6 +22,7 @@ use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex};
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::line_start::{LineStart, LineState};
 use plc_api::types::message::Payload;
 use plc_api::types::planned::{PathQuery, PlannedPath, Rehearsal};
 use plc_api::types::request::{Refusal, RefusalCode};
@@ -34,6 +36,7 @@ use crate::coordinate_system::View;
 use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 use conditions::{Conditions, state_of};
+pub(crate) use line_search::{LineArrival, LineEntry};
 use plan::{Moment, Plan};
 
 /// How often the thread looks whether something has changed.
@@ -175,6 +178,29 @@ impl Previews {
         Ok(rehearsal)
     }
 
+    /// What is in force at a line of the loaded program: a function, which takes its time, for a thread that may wait.
+    ///
+    /// # Errors
+    /// No program is loaded, or as [`line_entry`].
+    pub fn line_state(
+        &self,
+        cs: CoordinateSystemNumber,
+        from: LineStart,
+    ) -> impl FnOnce() -> Result<LineState, Refusal> + Send + use<> {
+        let inner = Arc::clone(&self.inner);
+        move || {
+            let state = state_of(&inner.shared, cs).unwrap_or_default();
+            let program = state.program.and_then(|number| inner.shared.store.get(number));
+            let none = "no program is loaded; load one first";
+            let program = program.ok_or_else(|| Refusal::new(RefusalCode::NotFound, none))?;
+            inner.judge(cs, &program)?;
+            let conditions = inner.conditions(cs, &program);
+            let conditions = conditions.ok_or_else(|| Refusal::new(RefusalCode::NotFound, none))?;
+            let entry = line_search::search(&inner.shared, &conditions, &from)?;
+            Ok(line_search::told(&entry, &conditions))
+        }
+    }
+
     async fn plan(
         &self,
         program: Arc<StoredProgram>,
@@ -214,6 +240,20 @@ impl Previews {
             }
         }
     }
+}
+
+/// What a run of a program from a line begins with.
+///
+/// # Errors
+/// The program does not come there, or the state there cannot be known; the text says why.
+pub(crate) fn line_entry(
+    shared: &Shared,
+    view: &View,
+    configured: &Configured,
+    main: Arc<StoredProgram>,
+    from: &LineStart,
+) -> Result<LineEntry, Refusal> {
+    line_search::search(shared, &Conditions::now(shared, view, configured, main), from)
 }
 
 impl Drop for Previews {

@@ -1,0 +1,90 @@
+//! A run that begins at a line: M codes that its state needs are put out, then the axes go there, then it goes on.
+
+use std::sync::Arc;
+
+use plc_api::types::data::VariableKind;
+use plc_api::types::line_start::LineStart;
+use plc_api::types::request::Refusal;
+use tandem_model::Alarm;
+use tandem_model::alarm::TOOL_DIFFERS;
+
+use super::CoordinateSystem;
+use super::run_state::Then;
+use crate::preview::{LineArrival, LineEntry, line_entry};
+use crate::program_store::StoredProgram;
+
+impl CoordinateSystem {
+    /// What a run of the program from a line begins with.
+    pub(super) fn search_line(
+        &self,
+        main: &Arc<StoredProgram>,
+        from: &LineStart,
+    ) -> Result<LineEntry, Refusal> {
+        let context = &self.context;
+        line_entry(
+            &context.shared,
+            &context.view,
+            &context.configured,
+            Arc::clone(main),
+            from,
+        )
+    }
+
+    /// Everything is as at the line, but for the outputs and the position of the axes.
+    pub(super) fn begin_at_line(&mut self, entry: LineEntry) -> LineArrival {
+        self.past.manual_goes_on = false;
+        let arrival = self.pipeline.start_from(entry, self.servo.epoch());
+        let variables = &self.context.variables;
+        for (kind, index, value) in &arrival.variables {
+            let array = match kind {
+                VariableKind::P => &variables.global,
+                VariableKind::Q => &variables.coordinate_system,
+            };
+            array.set(*index, *value);
+        }
+        self.publish_modal(&self.pipeline.in_force.modal);
+        let (transform, stack) = (
+            self.pipeline.in_force.transform,
+            Arc::clone(&self.pipeline.in_force.stack),
+        );
+        self.context.view.update(|place| {
+            place.transform = transform;
+            place.stack = stack;
+        });
+        arrival
+    }
+
+    /// The next step towards the line that the run begins at: an output, or the approach. False: it is there.
+    pub(super) fn approach_line(&mut self) -> bool {
+        let Some(run) = &mut self.run else { return false };
+        let Some(mut arrival) = run.arrival.take() else {
+            return false;
+        };
+        if let Some(output) = arrival.restore.pop_front() {
+            run.arrival = Some(arrival);
+            self.stand_still_then(Then::Output(output));
+            return true;
+        }
+        run.steps.in_block = true;
+        let target = arrival.target;
+        let entered = if arrival.tool == self.inputs.tool {
+            self.pipeline.enter(*arrival)
+        } else {
+            let name =
+                |tool: Option<u16>| tool.map_or("an unknown one".to_owned(), |id| format!("tool {id}"));
+            let (needed, here) = (name(arrival.tool), name(self.inputs.tool));
+            let text = format!(
+                "the program has {needed} in line {}, and in the spindle is {here}",
+                target.line
+            );
+            Err(Alarm::new(&TOOL_DIFFERS, text))
+        };
+        if let Err(alarm) = entered {
+            self.stand_still_then(Then::Alarm(alarm.at(target)));
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests;

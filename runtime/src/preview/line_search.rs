@@ -1,0 +1,458 @@
+//! What is in force at a line of a program: the program is interpreted from its head, as a run would, and nothing moves.
+//!
+//! Only what the text, the tables and the inputs of now decide can be known: what a handler, a capture or a skip input decides
+//! on the way is refused by its name. A variable that the program has set itself counts as that, though a handler might have
+//! set it anew.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use plc_api::types::data::VariableKind;
+use plc_api::types::line_start::{Approach, LineStart, LineState, RestoredOutput};
+use plc_api::types::request::{Refusal, RefusalCode};
+use tandem_interp::{Inputs, Interpreter};
+use tandem_model::alarm::VALUE_LOST;
+use tandem_model::flow::{Compensation, Item, Output, Segment};
+use tandem_model::settings::{Tool, WorkOffsets};
+use tandem_model::{Alarm, Axis, AxisVector, MachinePosition, Origin, Variables};
+use tandem_path::{PathStage, work_position};
+
+use super::conditions::Conditions;
+use crate::config::{MCodeSettings, Stock, Unhandled};
+use crate::coordinate_system::{callers, modal_told, rest_refused};
+use crate::sequence::stock;
+use crate::shared::Shared;
+
+/// Blocks that are interpreted to come to a line. Reason: a loop may never end.
+const BLOCKS_MAX: u64 = 10_000_000;
+
+/// What a run from a line begins with.
+#[derive(Debug)]
+pub(crate) struct LineEntry {
+    /// Before the block.
+    pub interpreter: Interpreter,
+    pub arrival: LineArrival,
+}
+
+/// How a run from a line comes there.
+#[derive(Debug)]
+pub(crate) struct LineArrival {
+    /// At rest where the block begins.
+    pub path: PathStage,
+    /// At right angles to the plane in force.
+    infeed: Axis,
+    /// The block.
+    pub target: Origin,
+    pub occurrence: u32,
+    /// Number of the tool that is in the spindle then; `None`: nobody knows.
+    pub tool: Option<u16>,
+    /// Put out before the approach, in order.
+    pub restore: VecDeque<Output>,
+    /// The newest of each other M code before.
+    pub not_restored: Vec<Output>,
+    /// What the program sets on its way.
+    pub variables: Vec<(VariableKind, usize, f64)>,
+    pub approach: Approach,
+}
+
+impl LineArrival {
+    /// Machine positions to which the axes go from `from`, one after another; none where they stand there.
+    pub fn approach_from(&self, from: MachinePosition) -> Vec<MachinePosition> {
+        let to = self.path.position().0;
+        let infeed = self.infeed;
+        let move_axes = |at: AxisVector, moves: &dyn Fn(Axis) -> bool| {
+            let mut next = at;
+            for axis in Axis::ALL.into_iter().filter(|axis| moves(*axis)) {
+                next[axis] = to[axis];
+            }
+            next
+        };
+        let first = match self.approach {
+            Approach::PlaneFirst => move_axes(from.0, &|axis| axis != infeed),
+            Approach::InfeedFirst => move_axes(from.0, &|axis| axis == infeed),
+            Approach::Direct => to,
+        };
+        let mut at = from.0;
+        let mut steps = Vec::new();
+        for next in [first, to] {
+            if next != at {
+                steps.push(MachinePosition(next));
+                at = next;
+            }
+        }
+        steps
+    }
+}
+
+/// What operators are told of it.
+pub(super) fn told(LineEntry { interpreter, arrival }: &LineEntry, conditions: &Conditions) -> LineState {
+    let axes = conditions.configured.settings.axes();
+    let by_letter = |at: AxisVector| -> BTreeMap<String, f64> {
+        let letters = axes.iter().map(|axis| (axis.letter().to_string(), at[axis]));
+        letters.collect()
+    };
+    let at = arrival.path.position();
+    let mut before = conditions.at;
+    let approach = arrival.approach_from(before).into_iter().map(|step| {
+        let moved = axes
+            .iter()
+            .filter(|axis| step.0[*axis].to_bits() != before.0[*axis].to_bits());
+        let moved = moved
+            .map(|axis| (axis.letter().to_string(), step.0[axis]))
+            .collect();
+        before = step;
+        moved
+    });
+    let told = |output: &Output| RestoredOutput {
+        m: output.m,
+        params: output.params.into(),
+        program: output.origin.program,
+        line: output.origin.line,
+    };
+    let text = conditions.texts.get(&arrival.target.program);
+    LineState {
+        program: arrival.target.program,
+        line: arrival.target.line,
+        occurrence: arrival.occurrence,
+        block: text.map_or_else(String::new, |text| text.line(arrival.target.line).to_owned()),
+        stack: callers(interpreter).collect(),
+        modal: modal_told(interpreter.modal(), &conditions.configured, arrival.tool),
+        work: by_letter(work_position(arrival.path.transform(), at).0),
+        machine: by_letter(at.0),
+        approach: approach.collect(),
+        restore: arrival.restore.iter().map(told).collect(),
+        not_restored: arrival.not_restored.iter().map(told).collect(),
+        variables: arrival
+            .variables
+            .iter()
+            .map(|(kind, index, value)| (format!("{kind:?}{index}"), *value))
+            .collect(),
+    }
+}
+
+/// Interprets the loaded program as far as a line.
+///
+/// # Errors
+/// The program does not come there, or comes there several times and `occurrence` is not named; it stops before by an alarm; the
+/// state there cannot be known, or no run can begin in it.
+pub(super) fn search(
+    shared: &Shared,
+    conditions: &Conditions,
+    from: &LineStart,
+) -> Result<LineEntry, Refusal> {
+    let program = from.program.unwrap_or(conditions.main.number);
+    let index = index_of(conditions, program, from.from_line)?;
+    let occurrence = match from.occurrence {
+        Some(occurrence) => occurrence,
+        None => {
+            let times = Search::new(shared, conditions, (program, index)).count(from.from_line)?;
+            if times > 1 {
+                return Err(refused(format!(
+                    "the program comes to line {} {times} times; say which one by occurrence, 1 to {times}",
+                    from.from_line
+                )));
+            }
+            1
+        }
+    };
+    let mut search = Search::new(shared, conditions, (program, index));
+    search.run_to(occurrence).map_err(|why| match why {
+        Why::Ended if search.times > 0 => refused(format!(
+            "the program comes to line {} {} times, not {occurrence} times",
+            from.from_line, search.times
+        )),
+        why => why.refusal(from.from_line),
+    })?;
+    search.into_entry(from, occurrence)
+}
+
+/// The first block of a line.
+fn index_of(conditions: &Conditions, program: u16, line: u32) -> Result<usize, Refusal> {
+    let Some(tree) = conditions.programs.get(&program) else {
+        let main = conditions.main.number;
+        return Err(refused(format!("program {main} does not call program {program}")));
+    };
+    let blocks = tree.blocks();
+    if let Some(index) = blocks.iter().position(|block| block.line == line) {
+        return Ok(index);
+    }
+    let next = blocks.iter().find(|block| block.line > line);
+    let next = next.map_or_else(String::new, |block| {
+        format!("; the next one with a block is {}", block.line)
+    });
+    Err(refused(format!(
+        "line {line} of program {program} has no block{next}"
+    )))
+}
+
+fn refused(text: impl Into<String>) -> Refusal {
+    Refusal::new(RefusalCode::LineRefused, text)
+}
+
+/// Why a search ends before its line.
+enum Why {
+    /// The program ends.
+    Ended,
+    /// An alarm stops it.
+    Alarm(Alarm),
+    /// What decides is not known.
+    Unknown(String),
+}
+
+impl Why {
+    fn refusal(self, line: u32) -> Refusal {
+        match self {
+            Why::Ended => refused(format!(
+                "with the inputs and values of now the program does not come to line {line}"
+            )),
+            Why::Alarm(alarm) => {
+                let at = alarm
+                    .origin
+                    .map_or_else(String::new, |at| format!(" in line {}", at.line));
+                refused(format!(
+                    "an alarm stops the program{at} before line {line}: {}: {}",
+                    alarm.entry.title, alarm.text
+                ))
+            }
+            Why::Unknown(why) => refused(format!("the state in line {line} cannot be known: {why}")),
+        }
+    }
+}
+
+struct Search<'a> {
+    shared: &'a Shared,
+    conditions: &'a Conditions,
+    /// Program and index of the block.
+    target: (u16, usize),
+    /// How often the program has come there.
+    times: u32,
+    interpreter: Interpreter,
+    path: PathStage,
+    segments: Vec<Segment>,
+    variables: Variables,
+    work_offsets: WorkOffsets,
+    tool: Option<u16>,
+    /// Every M code that was put out, in order; the newest of each number.
+    outputs: Vec<Output>,
+    /// The first M code whose handler may have set variables.
+    handled: Option<Output>,
+}
+
+impl<'a> Search<'a> {
+    fn new(shared: &'a Shared, conditions: &'a Conditions, target: (u16, usize)) -> Self {
+        let settings = &conditions.configured.settings;
+        let mut interpreter = Interpreter::new(settings, conditions.configured.dialect);
+        interpreter.start(Arc::clone(&conditions.main.tree), conditions.main.number);
+        let mut path = PathStage::new(settings, conditions.at);
+        path.set_dry_run(conditions.dry_run);
+        Self {
+            shared,
+            conditions,
+            target,
+            times: 0,
+            interpreter,
+            path,
+            segments: Vec::new(),
+            variables: Variables {
+                global: conditions.variables.global.watched_copy(),
+                coordinate_system: conditions.variables.coordinate_system.watched_copy(),
+            },
+            work_offsets: conditions.work_offsets,
+            tool: conditions.tool,
+            outputs: Vec::new(),
+            handled: None,
+        }
+    }
+
+    /// How often the program comes to the line, as far as that can be known; at least once.
+    fn count(&mut self, line: u32) -> Result<u32, Refusal> {
+        let Err(why) = self.run_to(u32::MAX) else {
+            return Ok(u32::MAX);
+        };
+        if self.times > 0 {
+            return Ok(self.times);
+        }
+        Err(why.refusal(line))
+    }
+
+    /// Comes to the line for the so-manyth time.
+    fn run_to(&mut self, occurrence: u32) -> Result<(), Why> {
+        while self.interpreter.steps() < BLOCKS_MAX {
+            let item = self.next(occurrence).map_err(|alarm| self.why(alarm))?;
+            let done = match item {
+                None => return Ok(()),
+                Some(Item::Block(block)) => self.path.push(&block, &mut self.segments),
+                Some(Item::Output(output)) => self.put_out(output),
+                Some(item @ Item::Stop(_)) => self.rest(&item),
+                Some(Item::Warning(..)) => Ok(()),
+                Some(Item::NeedsStandstill(at)) => {
+                    let why = format!("line {} reads a captured position", at.line);
+                    return Err(Why::Unknown(why));
+                }
+                Some(Item::End(_)) => return Err(Why::Ended),
+            };
+            self.segments.clear();
+            done.map_err(Why::Alarm)?;
+            if self.path.is_skipping() {
+                let line = self.place().line;
+                let why = format!("the skip input decides where the motion of line {line} ends");
+                return Err(Why::Unknown(why));
+            }
+        }
+        Err(Why::Unknown(format!("it is more than {BLOCKS_MAX} blocks away")))
+    }
+
+    fn next(&mut self, occurrence: u32) -> Result<Option<Item>, Alarm> {
+        let conditions = self.conditions;
+        let tool = match self.tool {
+            Some(id) => conditions.tools.get(&id).copied(),
+            None => Some(Tool::LOST),
+        };
+        let inputs = Inputs {
+            programs: &conditions.programs,
+            optional_skip: conditions.optional_skip,
+            work_offsets: &self.work_offsets,
+            variables: &self.variables,
+            tool,
+            tools: &conditions.tools,
+            captured: None,
+            position: Some(self.path.counts_from().0),
+        };
+        let (target, times) = (self.target, &mut self.times);
+        self.interpreter.next_unless(&inputs, |program, index| {
+            let is_there = (program, index) == target;
+            *times = times.saturating_add(u32::from(is_there));
+            is_there && *times == occurrence
+        })
+    }
+
+    /// A variable that is lost since a handler may have set it is not known.
+    fn why(&self, alarm: Alarm) -> Why {
+        let name = alarm.text.split(' ').next().unwrap_or_default();
+        match &self.handled {
+            Some(output) if *alarm.entry == VALUE_LOST => Why::Unknown(format!(
+                "line {} reads {name}, which the handler of M{:02} in line {} may have set",
+                alarm.origin.unwrap_or_default().line,
+                output.m,
+                output.origin.line
+            )),
+            _ => Why::Alarm(alarm),
+        }
+    }
+
+    /// The block interpreted last.
+    fn place(&self) -> Origin {
+        self.interpreter.call_stack().last().unwrap_or_default()
+    }
+
+    fn settings_of(&self, m: u16) -> MCodeSettings {
+        self.shared.machine.m_codes.get(&m).cloned().unwrap_or_default()
+    }
+
+    fn put_out(&mut self, output: Output) -> Result<(), Alarm> {
+        let configured = &self.conditions.configured;
+        let settings = self.settings_of(output.m);
+        let is_compensating = self.path.is_compensating();
+        if !configured.is_put_out_at_once(&output, Some(&settings), is_compensating) {
+            self.rest(&Item::Output(output))?;
+        }
+        let selects = settings.stock == Some(Stock::SelectTool);
+        if selects && let Ok(id) = stock::selected_tool(output.m, output.params[0]) {
+            self.tool = Some(id);
+        }
+        if self.handled.is_none() && self.is_handled(output.m, &settings) {
+            self.handled = Some(output);
+            self.variables.global.lose_unwritten();
+            self.variables.coordinate_system.lose_unwritten();
+        }
+        self.outputs.retain(|earlier| earlier.m != output.m);
+        self.outputs.push(output);
+        Ok(())
+    }
+
+    /// True where somebody else than the runtime answers an M code.
+    fn is_handled(&self, m: u16, settings: &MCodeSettings) -> bool {
+        let system = &self.conditions.configured.settings;
+        if self.shared.is_handled(system.number, m) {
+            return true;
+        }
+        let is_stock = settings.stock.is_some() || (system.spindle.is_some() && stock::is_spindle_code(m));
+        let unhandled = settings.unhandled.unwrap_or(self.shared.machine.unhandled);
+        !is_stock && unhandled == Unhandled::Wait
+    }
+
+    /// Comes to rest, which cutter compensation refuses.
+    fn rest(&mut self, item: &Item) -> Result<(), Alarm> {
+        let is_compensating =
+            self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
+        if let (true, Some(alarm)) = (is_compensating, rest_refused(item)) {
+            return Err(alarm);
+        }
+        self.path.flush(&mut self.segments);
+        Ok(())
+    }
+
+    fn into_entry(mut self, from: &LineStart, occurrence: u32) -> Result<LineEntry, Refusal> {
+        let line = from.from_line;
+        let modal = self.interpreter.modal();
+        if self.path.is_compensating() || modal.compensates() {
+            let text = format!(
+                "line {line} is within cutter compensation; choose one before it begins, or behind its end"
+            );
+            return Err(refused(text));
+        }
+        if modal.fixed_cycle().is_some() {
+            let text = format!(
+                "line {line} is within a fixed cycle; choose the line of its code, or one behind its end"
+            );
+            return Err(refused(text));
+        }
+        self.path.flush(&mut self.segments);
+        let (restore, not_restored) = self.restored();
+        let written = |array: &tandem_model::variables::VariableArray, kind: VariableKind| {
+            let set: Vec<_> = array
+                .written()
+                .map(|(index, value)| (kind, index, value))
+                .collect();
+            set
+        };
+        let mut variables = written(&self.variables.global, VariableKind::P);
+        variables.extend(written(&self.variables.coordinate_system, VariableKind::Q));
+        let arrival = LineArrival {
+            infeed: self.interpreter.modal().plane().normal(),
+            target: Origin {
+                program: self.target.0,
+                line,
+                column: 1,
+            },
+            occurrence,
+            tool: self.tool,
+            restore,
+            not_restored,
+            variables,
+            approach: from.approach,
+            path: self.path,
+        };
+        Ok(LineEntry {
+            interpreter: self.interpreter,
+            arrival,
+        })
+    }
+
+    /// The newest of each group in the order of the settings, and those that have none.
+    fn restored(&self) -> (VecDeque<Output>, Vec<Output>) {
+        let mut groups: Vec<(String, u16, Output)> = Vec::new();
+        let mut others = Vec::new();
+        for output in &self.outputs {
+            let settings = self.settings_of(output.m);
+            let Some((group, order)) = settings.restore(output.m) else {
+                others.push(*output);
+                continue;
+            };
+            groups.retain(|(earlier, ..)| earlier != group);
+            groups.push((group.to_owned(), order, *output));
+        }
+        groups.sort_by_key(|(_, order, _)| *order);
+        (groups.into_iter().map(|(.., output)| output).collect(), others)
+    }
+}
