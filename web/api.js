@@ -110,6 +110,11 @@ export const api = {
     return reply;
   },
 
+  /** What is in force at a line, and what a start from there does. @param {number} cs @param {import("./types.d.ts").LineStart} from @returns {Promise<import("./types.d.ts").LineState>} */
+  async lineState(cs, from) {
+    return (await request("POST", `/cs/${cs}/line_state`, from)).json();
+  },
+
   /** Begins or refreshes a jog; the answer says whether it is allowed. @param {number} cs @param {object} args */
   async jog(cs, args) {
     await request("POST", `/cs/${cs}/jog`, args, underLease(cs), JOG_TIMEOUT_MS);

@@ -5,6 +5,8 @@ import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { explain } from "../explain.js";
 import { programName, shortHash } from "../format.js";
 import { NcText } from "../nc_text.js";
+import { openLineStart } from "../start_line.js";
+import { disableFor, whyNot } from "../why_not.js";
 
 /** Height of a line, as in cards.css. */
 const LINE_PX = 24;
@@ -25,11 +27,12 @@ class ProgramView {
   #hash = h("span", { class: "hash" });
   #stack = h("span", { class: "muted stack" }, this.#calls, this.#place, this.#hash);
   #follow = button({ class: "button small", "aria-pressed": "true", onclick: () => this.#setFollowing(!this.#following) }, "Follow");
+  #start = button({ class: "button small", hidden: true, onclick: () => this.#chosen && openLineStart(this.app, this.#chosen) });
   #spacer = h("div", { class: "spacer" });
   #rows = h("ol", { class: "rows" });
   #view = h("div", { class: "program-text", tabindex: 0, role: "region", "aria-label": "Program text" }, this.#spacer, this.#rows);
   #note = h("p", { class: "empty" });
-  element = card("program-card", "Program", [this.#stack, this.#follow], this.#view, this.#note);
+  element = card("program-card", "Program", [this.#stack, this.#start, this.#follow], this.#view, this.#note);
 
   /** The last requested text, and the result. @type {{key: string, text: NcText | null, error: string}} */
   #loaded = { key: "", text: null, error: "" };
@@ -90,7 +93,17 @@ class ProgramView {
     setAttr(this.#stack, "title", `${this.#calls.textContent}${this.#place.textContent}${hash ? `\nSHA-256 ${hash}` : ""}`);
     this.#number = number ?? 0;
     this.#show(text);
+    this.#offerStart(system?.state?.run_kind !== null);
     if (text) this.#draw(text, place?.line ?? 0, place?.interpreted_line ?? 0);
+  }
+
+  /** A start at the line that is chosen; nobody chooses one for that while something runs. @param {boolean} runs */
+  #offerStart(runs) {
+    const { chosen } = this.app.model;
+    const line = chosen?.program === this.#number ? chosen.line : 0;
+    setAttr(this.#start, "hidden", runs || line === 0);
+    setText(this.#start, `Start at line ${line}…`);
+    disableFor(this.#start, whyNot(this.app.model, "start"), "Shows what is in force there before anything moves");
   }
 
   /** Brings a block that was chosen on the path into view. @param {NcText | null} text */

@@ -9,7 +9,8 @@ use plc_api::{Alarm, AuxOutput, Error, Plc, SequenceProgram};
 
 use crate::Config;
 use crate::config::Machine;
-use crate::test::{Bench, Scene};
+use crate::journal::Event;
+use crate::test::{Bench, Scene, kept_journal};
 
 /// What an output shows: M number, program, line, and the machine position of X, Y and Z.
 type Shown = (u16, u16, u32, [f64; 3]);
@@ -158,8 +159,8 @@ fn the_newest_m_code_of_each_group_is_put_out_before_the_approach_in_the_order_o
     };
     assert_eq!(
         told(&state.restore),
-        [(100, 6), (8, 8), (4, 7)],
-        "tool, coolant, spindle"
+        [(100, 6), (4, 7), (8, 8)],
+        "tool, spindle, coolant"
     );
     assert_eq!(told(&state.not_restored), [(60, 4)]);
     assert_eq!((state.modal.tool, state.modal.s), (Some(2), 900.0));
@@ -195,7 +196,7 @@ fn the_settings_of_m_codes_give_group_and_order() {
         .iter()
         .map(|output| (output.m, output.params.a))
         .collect();
-    assert_eq!(restored, [(8, None), (3, None), (60, Some(2.0))]);
+    assert_eq!(restored, [(3, None), (8, None), (60, Some(2.0))]);
 }
 
 #[test]
@@ -303,7 +304,7 @@ fn what_the_text_does_not_decide_is_refused_by_its_name() {
         ),
         ("G01 X1 F600\n\nX2\nM30", 2, ["no block", "is 3"]),
         ("G01 X1 F600\nX2\nM30", 9, ["no block", "line 9"]),
-        ("/1 if (0 > 1) {\nX5\n}\nM30", 2, ["does not come to", "line 2"]),
+        ("if (0 > 1)\n{\nX5\n}\nM30", 3, ["does not come to", "line 3"]),
         ("G01 X9000 F600\nX2\nM30", 2, ["soft limit", "in line 1"]),
     ] {
         let why = refusal(text, LineStart::line(line));
@@ -353,10 +354,19 @@ fn a_tool_change_that_gives_another_tool_than_the_line_needs_stops_before_the_ap
 
 #[test]
 fn the_journal_names_the_line_that_a_run_began_at() {
-    let lines = with_program("G01 X1 F600\nX2\nM30", async |scene, _| {
-        run_from(scene, LineStart::line(2)).await;
-        scene.plc().journal(0, 20).await.unwrap()
+    let (journal, lines) = kept_journal();
+    let bench = Bench::on_machine(machine()).journal(journal);
+    let played = bench
+        .subprogram(1, "G01 X1 F600\nX2\nM30")
+        .play(async |scene, _| {
+            scene.cs(1).load(1).await.unwrap();
+            run_from(&scene, LineStart::line(2)).await;
+        });
+    played.unwrap();
+    let lines = lines.lock().unwrap();
+    let began = lines.iter().find_map(|line| match &line.event {
+        Event::Start { from_line, .. } => Some(*from_line),
+        _ => None,
     });
-    let start = lines.iter().find(|line| line["event"] == "start").unwrap();
-    assert_eq!(start["from_line"], 2);
+    assert_eq!(began, Some(Some(2)));
 }

@@ -1,0 +1,103 @@
+// A start from a line on the real runtime: chosen in the text, seen before, and only then carried out.
+
+import assert from "node:assert/strict";
+import { after, afterEach, before, beforeEach, test } from "node:test";
+
+import { launch, openPage } from "./browser.mjs";
+import { takePictures } from "./pictures.mjs";
+import { Runtime } from "./runtime.mjs";
+import { Screen } from "./screen.mjs";
+
+/** M03 is restored, M60 is not; behind line 5 the axes stand at X30 Y10. */
+const PART = `G90 G54
+M03 S900
+M60
+G00 X10 Y10
+G01 X30 F6000
+Y20
+L1 = 0
+while (L1 < 2) {
+L1 = L1 + 1
+G91 G01 X1
+}
+M30
+`;
+
+let browser;
+let runtime;
+let page;
+let errors;
+let close;
+let screen;
+
+const line = (number) => page.locator(".line").filter({ has: page.locator(".line-number", { hasText: new RegExp(`^${number}$`) }) });
+const dialog = () => page.getByRole("dialog");
+
+before(async () => {
+  runtime = await Runtime.create();
+  await runtime.start();
+  const put = await fetch(`${runtime.url}/api/v1/programs/6`, { method: "PUT", body: PART, headers: { "Content-Type": "text/plain" } });
+  assert.ok(put.ok);
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await runtime?.remove();
+});
+
+beforeEach(async () => {
+  ({ page, errors, close } = await openPage(browser));
+  screen = new Screen(page);
+  await page.goto(runtime.url);
+  await page.getByText("Connected", { exact: true }).waitFor();
+  await screen.load("O0006");
+  await screen.sees("READY");
+});
+
+afterEach(async () => {
+  await close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors, and all is of its form");
+});
+
+async function choose(number) {
+  await line(number).locator(".line-number").click();
+  await page.getByRole("button", { name: `Start at line ${number}…` }).click();
+}
+
+test("what is in force at the line is seen before anything moves, and the run begins there", async () => {
+  await choose(6);
+  await dialog().getByText("M03 (line 2)").waitFor();
+  await dialog().getByText("See for yourself: M60 (line 3) was put out").waitFor();
+  await dialog().getByRole("row", { name: /^X 30\.000/ }).waitFor();
+  assert.equal(await screen.workPosition("X"), "0.000", "nothing has moved");
+  await dialog().getByRole("button", { name: "Start at line 6" }).click();
+  await screen.sees("PROGRAM_COMPLETED");
+  assert.equal(await screen.workPosition("Y"), "20.000");
+  assert.equal(await screen.workPosition("X"), "32.000");
+});
+
+test("a line of a loop asks which time the program comes there", async () => {
+  await choose(10);
+  await dialog().getByText(/line 10 2 times/).waitFor();
+  const start = dialog().getByRole("button", { name: "Start at line 10" });
+  assert.ok(await start.isDisabled());
+  await dialog().getByLabel("Which time the program comes there").fill("2");
+  await dialog().getByLabel("Which time the program comes there").press("Tab");
+  await dialog().getByRole("row", { name: /^X 31\.000/ }).waitFor();
+  assert.ok(await start.isEnabled());
+  await dialog().getByRole("button", { name: "Leave it" }).click();
+  await screen.sees("READY");
+});
+
+test("pictures of a start from a line", async () => {
+  const said = await takePictures(browser, runtime.url, "line-start", async (shown) => {
+    const tab = shown.getByRole("tab", { name: "Program" });
+    if (await tab.count()) await tab.click();
+    const five = shown.locator(".line").filter({ has: shown.locator(".line-number", { hasText: /^6$/ }) });
+    await five.locator(".line-number").click();
+    await shown.getByRole("button", { name: "Start at line 6…" }).click();
+    await shown.getByText("M03 (line 2)").waitFor();
+  });
+  assert.deepEqual(said, []);
+});
