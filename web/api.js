@@ -81,6 +81,11 @@ function variablesOf(cs, kind) {
  * @typedef {{boot_id?: string | null, state_rev?: number | undefined}} Expected
  */
 
+/**
+ * A line that a run begins at.
+ * @typedef {{from_line: number, program?: number, occurrence?: number, approach?: "plane_first" | "infeed_first" | "direct"}} LineStart
+ */
+
 /** @param {Expected} expect @returns {Record<string, string>} */
 function expected({ boot_id, state_rev }) {
   const tags = [state_rev === undefined ? "" : `"${state_rev}"`, boot_id ? `"boot:${boot_id}"` : ""].filter((tag) => tag !== "");
@@ -110,7 +115,7 @@ export const api = {
     return reply;
   },
 
-  /** What is in force at a line, and what a start from there does. @param {number} cs @param {import("./types.d.ts").LineStart} from @returns {Promise<import("./types.d.ts").LineState>} */
+  /** What is in force at a line, and what a start from there does. @param {number} cs @param {LineStart} from @returns {Promise<import("./types.d.ts").LineState>} */
   async lineState(cs, from) {
     return (await request("POST", `/cs/${cs}/line_state`, from)).json();
   },

@@ -6,7 +6,7 @@ import { openDialog } from "./dialog.js";
 import { params, plain, position, programName } from "./format.js";
 import { disableFor, whyNot } from "./why_not.js";
 
-/** @typedef {import("./types.d.ts").LineStart} LineStart */
+/** @typedef {import("./api.js").LineStart} LineStart */
 /** @typedef {import("./types.d.ts").LineState} LineState */
 
 /** Orders of the axes, and their names. */
@@ -29,9 +29,9 @@ export function openLineStart(app, { line, program }) {
   const from = { from_line: line, approach, ...(program === main ? {} : { program }) };
 
   const found = h("div", { class: "scroll line-state" }, h("p", { class: "muted" }, "The program is read as far as this line…"));
-  const occurrence = h("input", { class: "field number", type: "number", min: 1, step: 1, inputmode: "numeric" });
-  const which = h("label", { class: "field-label", hidden: true }, "Which time the program comes there", occurrence);
-  const order = h("select", { class: "field", "aria-label": "Order of the axes" }, ...Object.entries(APPROACHES).map(([value, name]) => h("option", { value, selected: value === approach }, name)));
+  const occurrence = h("input", { class: "input", type: "number", min: 1, step: 1, inputmode: "numeric" });
+  const which = h("label", { class: "choice", hidden: true }, "Which time the program comes there", occurrence);
+  const order = h("select", { class: "input", "aria-label": "Order of the axes" }, ...Object.entries(APPROACHES).map(([value, name]) => h("option", { value, selected: value === approach }, name)));
   const start = button({ class: "button start", disabled: true, onclick: () => dialog.close("start") }, `Start at line ${line}`);
   const leave = button({ autofocus: true, onclick: () => dialog.close("") }, "Leave it");
 
@@ -64,7 +64,7 @@ export function openLineStart(app, { line, program }) {
   });
 
   const place = program === main ? `line ${line}` : `line ${line} of ${programName(program)}`;
-  const children = [found, h("div", { class: "row" }, which, h("label", { class: "field-label" }, "The axes go there", order)), h("div", { class: "row end" }, leave, start)];
+  const children = [found, h("div", { class: "row" }, which, h("label", { class: "choice" }, "The axes go there", order)), h("div", { class: "row end" }, leave, start)];
   const dialog = openDialog("line-start", `Start at ${place}`, children, (answer) => {
     if (answer === "start") void app.attempt(() => app.api.command(cs, "start", from, seen));
   });

@@ -197,6 +197,13 @@ export interface Limits {
   open_outputs_max: number; program_bytes_max: number;
 }
 
+/** What is in force where a run from a line begins, and what such a start does before it. */
+export interface LineState {
+  approach: (Record<string, number>)[]; block: string; line: number; machine: Record<string, number>; modal: Modal;
+  not_restored: RestoredOutput[]; occurrence: number; program: number; restore: RestoredOutput[]; stack: CallSite[];
+  variables: Record<string, number>; work: Record<string, number>;
+}
+
 /** Payload of `input/interlock/state` and `input/start_lock/state`: an input that says why it is on. */
 export interface LockMessage {
   boot_id: BootId; rev?: number; sources: LockSource[]; text: string; ts: string; v: 1; value: boolean;
@@ -215,6 +222,12 @@ export interface Login {
 /** Settings of one M code. */
 export interface MCodeInfo {
   timeout_ms: number | null; timing: Timing; wait_state: string | null;
+}
+
+/** Payload of `modal`. */
+export interface Modal {
+  f: number; g: Record<string, string>; s: number; ta: number; td: number; tool: number | null; ts_ms: number;
+  work_offset: string | null;
 }
 
 /** Payload of `modal`. */
@@ -379,6 +392,11 @@ export interface RehearsedPeak {
 /** How far a run is. */
 export interface RehearsedRun {
   at_s: number; left_s: number; progress: number;
+}
+
+/** An M code that a program puts out before the line that a run begins at. */
+export interface RestoredOutput {
+  line: number; m: number; params: Params; program: number;
 }
 
 /** What runs. */

@@ -47,7 +47,7 @@ after(async () => {
 });
 
 beforeEach(async () => {
-  ({ page, errors, close } = await openPage(browser));
+  ({ page, errors, close } = await openPage(browser, { viewport: { width: 1920, height: 1080 } }));
   screen = new Screen(page);
   await page.goto(runtime.url);
   await page.getByText("Connected", { exact: true }).waitFor();
@@ -70,11 +70,11 @@ test("what is in force at the line is seen before anything moves, and the run be
   await dialog().getByText("M03 (line 2)").waitFor();
   await dialog().getByText("See for yourself: M60 (line 3) was put out").waitFor();
   await dialog().getByRole("row", { name: /^X 30\.000/ }).waitFor();
-  assert.equal(await screen.workPosition("X"), "0.000", "nothing has moved");
+  assert.equal(await screen.workPosition("X"), 0, "nothing has moved");
   await dialog().getByRole("button", { name: "Start at line 6" }).click();
   await screen.sees("PROGRAM_COMPLETED");
-  assert.equal(await screen.workPosition("Y"), "20.000");
-  assert.equal(await screen.workPosition("X"), "32.000");
+  assert.equal(await screen.workPosition("Y"), 20);
+  assert.equal(await screen.workPosition("X"), 32);
 });
 
 test("a line of a loop asks which time the program comes there", async () => {
@@ -88,6 +88,8 @@ test("a line of a loop asks which time the program comes there", async () => {
   assert.ok(await start.isEnabled());
   await dialog().getByRole("button", { name: "Leave it" }).click();
   await screen.sees("READY");
+  // the browser tells of a refusal by itself
+  errors.splice(0, errors.length, ...errors.filter((text) => !text.includes("status of 422")));
 });
 
 test("pictures of a start from a line", async () => {
