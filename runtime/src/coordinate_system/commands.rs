@@ -10,11 +10,11 @@ use plc_api::types::upload::{Hashes, ProgramCondition};
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
+use super::line_search::LineEntry;
 use super::pending_commands::{Awaiting, Deferred};
 use super::run::{Kind, Run};
 use super::run_state::{Cause, End, Phase, RunEvent};
 use crate::journal::Event;
-use crate::preview::LineEntry;
 use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, word};
 

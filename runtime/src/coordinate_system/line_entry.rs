@@ -9,8 +9,9 @@ use tandem_model::Alarm;
 use tandem_model::alarm::TOOL_DIFFERS;
 
 use super::CoordinateSystem;
+use super::conditions::Conditions;
+use super::line_search::{LineArrival, LineEntry, search};
 use super::run_state::Then;
-use crate::preview::{LineArrival, LineEntry, line_entry};
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
@@ -21,13 +22,13 @@ impl CoordinateSystem {
         from: &LineStart,
     ) -> Result<LineEntry, Refusal> {
         let context = &self.context;
-        line_entry(
+        let conditions = Conditions::now(
             &context.shared,
             &context.view,
             &context.configured,
             Arc::clone(main),
-            from,
-        )
+        );
+        search(&context.shared, &conditions, from)
     }
 
     /// Everything is as at the line, but for the outputs and the position of the axes.

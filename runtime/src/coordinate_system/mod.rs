@@ -7,11 +7,13 @@
 
 mod bus;
 mod commands;
+mod conditions;
 mod context;
 mod holding;
 mod jog;
 mod lease;
 mod line_entry;
+pub(crate) mod line_search;
 mod mailbox;
 mod manual;
 mod open_outputs;
@@ -45,6 +47,7 @@ use crate::config::CoordinateSystem as Configured;
 use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
 use crate::shared::Shared;
 use bus::Bus;
+pub(crate) use conditions::{Conditions, state_of};
 use context::Context;
 use lease::ControlLease;
 use mailbox::Envelope;

@@ -15,7 +15,7 @@ use tandem_motion::{Planner, Replan, speed_limit};
 use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
 
-use crate::preview::{LineArrival, LineEntry};
+use super::line_search::{LineArrival, LineEntry};
 use crate::simulation::{OnPlan, Planned};
 
 /// The stages and what they have ready for the servo.

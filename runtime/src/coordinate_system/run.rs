@@ -10,8 +10,8 @@ use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, AxisVector};
 use tandem_syntax::NcProgram;
 
+use super::line_search::LineArrival;
 use crate::clock::Clock;
-use crate::preview::LineArrival;
 use crate::program_store::StoredProgram;
 
 /// A run of the loaded program, of manual data input, or of a motion by hand.

@@ -6,8 +6,6 @@
 
 mod bytes;
 mod chunk;
-mod conditions;
-mod line_search;
 mod plan;
 mod planning;
 mod rehearsed;
@@ -32,11 +30,9 @@ use tandem_model::Axis;
 use tokio::sync::watch;
 
 use crate::config::CoordinateSystem as Configured;
-use crate::coordinate_system::View;
+use crate::coordinate_system::{Conditions, View, line_search, state_of};
 use crate::program_store::StoredProgram;
 use crate::shared::Shared;
-use conditions::{Conditions, state_of};
-pub(crate) use line_search::{LineArrival, LineEntry};
 use plan::{Moment, Plan};
 
 /// How often the thread looks whether something has changed.
@@ -240,20 +236,6 @@ impl Previews {
             }
         }
     }
-}
-
-/// What a run of a program from a line begins with.
-///
-/// # Errors
-/// The program does not come there, or the state there cannot be known; the text says why.
-pub(crate) fn line_entry(
-    shared: &Shared,
-    view: &View,
-    configured: &Configured,
-    main: Arc<StoredProgram>,
-    from: &LineStart,
-) -> Result<LineEntry, Refusal> {
-    line_search::search(shared, &Conditions::now(shared, view, configured, main), from)
 }
 
 impl Drop for Previews {

@@ -8,8 +8,9 @@ use plc_api::types::planned::{PlannedPlace, RehearsalOutcome, RehearsedMCode, Ru
 
 use tandem_model::Origin;
 
+use crate::coordinate_system::Conditions;
+
 use super::chunk::{Chunk, distance_squared, share_along};
-use super::conditions::Conditions;
 use super::tracer::{AxisTrace, Mark, Times};
 
 /// A plan.

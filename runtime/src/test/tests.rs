@@ -453,3 +453,17 @@ fn interlock_single_block_and_skip_inputs_are_scripted() {
     // The skip input of X is on before the G31 begins.
     assert!(run.captured[0].captured[0], "{:?}", run.captured);
 }
+
+#[test]
+fn a_sequence_program_that_the_machine_refuses_fails_the_test() {
+    let program = |m| SequenceProgram::new().on(m, wait).handler_id("magazine");
+    let refused = Bench::new()
+        .serve(program(100))
+        .serve(program(101))
+        .run("M100\nM30");
+    let text = refused.unwrap_err().to_string();
+    assert!(
+        text.contains("a sequence program ended") && text.contains("magazine"),
+        "{text}"
+    );
+}

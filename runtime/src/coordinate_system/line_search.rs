@@ -18,8 +18,8 @@ use tandem_model::{Alarm, Axis, AxisVector, MachinePosition, Origin, Variables};
 use tandem_path::{PathStage, work_position};
 
 use super::conditions::Conditions;
+use super::{callers, modal_told, rest_refused};
 use crate::config::{MCodeSettings, Stock, Unhandled};
-use crate::coordinate_system::{callers, modal_told, rest_refused};
 use crate::sequence::stock;
 use crate::shared::Shared;
 
@@ -85,7 +85,7 @@ impl LineArrival {
 }
 
 /// What operators are told of it.
-pub(super) fn told(LineEntry { interpreter, arrival }: &LineEntry, conditions: &Conditions) -> LineState {
+pub(crate) fn told(LineEntry { interpreter, arrival }: &LineEntry, conditions: &Conditions) -> LineState {
     let axes = conditions.configured.settings.axes();
     let by_letter = |at: AxisVector| -> BTreeMap<String, f64> {
         let letters = axes.iter().map(|axis| (axis.letter().to_string(), at[axis]));
@@ -135,7 +135,7 @@ pub(super) fn told(LineEntry { interpreter, arrival }: &LineEntry, conditions: &
 /// # Errors
 /// The program does not come there, or comes there several times and `occurrence` is not named; it stops before by an alarm; the
 /// state there cannot be known, or no run can begin in it.
-pub(super) fn search(
+pub(crate) fn search(
     shared: &Shared,
     conditions: &Conditions,
     from: &LineStart,

@@ -13,14 +13,14 @@ use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, VariableArray};
 use tandem_model::{AXES_MAX, MachinePosition, Variables};
 use tandem_syntax::NcProgram;
 
+use super::View;
 use crate::config::CoordinateSystem as Configured;
-use crate::coordinate_system::View;
 use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 
 /// The program with those that it may call, and all that it reads.
 #[derive(Debug)]
-pub(super) struct Conditions {
+pub(crate) struct Conditions {
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
     pub texts: BTreeMap<u16, Arc<StoredProgram>>,
@@ -117,7 +117,7 @@ impl Conditions {
 }
 
 /// The state of a coordinate system.
-pub(super) fn state_of(shared: &Shared, cs: CoordinateSystemNumber) -> Option<State> {
+pub(crate) fn state_of(shared: &Shared, cs: CoordinateSystemNumber) -> Option<State> {
     match &shared.hub.read(&Topic::cs(cs, CsTopic::State))?.payload {
         Payload::State(state) => Some(state.clone()),
         _ => None,
