@@ -120,14 +120,15 @@ export interface HandlerPresence {
   validates: boolean;
 }
 
-/** Payload of `handler/{id}/result`: the answer to an `online` presence, or that its place was taken. */
+/** Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was
+ * taken. */
 export interface HandlerResultMessage {
   boot_id: BootId; code?: RefusalCode; instance: string | null; of: HandlerAct; rev?: number; status: HandlerStatus;
   text?: string; ts: string; v: 1;
 }
 
 /** What became of a presence. */
-export type HandlerStatus = "accepted" | "refused" | "taken_over";
+export type HandlerStatus = "accepted" | "refused" | "confirm" | "taken_over";
 
 export interface Handlers {
   handlers: Record<string, HandlerPresence>;
@@ -354,7 +355,7 @@ export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" 
 export type Redelivery = "redo" | "verify" | "ask";
 
 /** Machine-readable reason of a refusal. */
-export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_locked" | "forbidden" | "busy" | "lease_lost" | "handler_taken" | "no_answer" | "command_id_reused" | "precondition_failed" | "program_has_errors" | "wrong_dialect" | "not_signed" | "invalid" | "too_large" | "not_supported" | "retained" | "expired" | "unavailable";
+export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_locked" | "forbidden" | "busy" | "lease_lost" | "handler_taken" | "no_answer" | "command_id_reused" | "precondition_failed" | "program_has_errors" | "wrong_dialect" | "not_signed" | "line_refused" | "invalid" | "too_large" | "not_supported" | "retained" | "expired" | "unavailable";
 
 /** What a run of a program does, as it was planned with the tools, offsets, variables and inputs of now. Times are those at
  * 100 percent overrides. */

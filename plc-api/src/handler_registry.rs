@@ -1,19 +1,24 @@
 //! Which handlers there are, and which instance of each: pure, the same for the runtime and for the scripted machine.
 //!
-//! One instance of a `handler_id` is there at a time. Another is refused, unless it is to take over. An instance that has gone
-//! takes nothing away from one that came after it: its last will may arrive late.
+//! One instance of a `handler_id` is there at a time. Another is refused, unless it is to take over, or the one that is there
+//! does not confirm within [`CONFIRM_MAX_S`] that it still is: its last will may never arrive. An instance that has gone takes
+//! nothing away from one that came after it: its last will may arrive late.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
 use crate::handshake::taken_text;
 use crate::types::CoordinateSystemNumber;
+use crate::types::handler::is_own_instance;
 use crate::types::ids::check_client_id;
 use crate::types::output::{HandledCode, HandlerPresence};
 use crate::types::refusal::{Refusal, RefusalCode};
 
 /// Handlers that are or were there. A further one is refused.
 pub const HANDLERS_MAX: usize = 256;
+
+/// Time in which an instance that is there confirms it, when another comes, s.
+pub const CONFIRM_MAX_S: f64 = 2.0;
 
 /// M codes that one handler may say it serves: all of them in every coordinate system.
 const HANDLED_CODES_MAX: usize = 8 * 192;
@@ -36,19 +41,30 @@ pub enum Registered {
 
 /// Handlers by their ids.
 #[derive(Debug, Default)]
-pub struct HandlerRegistry(BTreeMap<String, (HandlerPresence, Option<SystemTime>)>);
+pub struct HandlerRegistry(BTreeMap<String, Entry>);
+
+/// A handler that is or was there.
+#[derive(Debug)]
+struct Entry {
+    presence: HandlerPresence,
+    /// Since when it is there.
+    since: SystemTime,
+    /// When it was asked whether it still is, and has not confirmed it, seconds since the start.
+    asked_s: Option<f64>,
+}
 
 impl HandlerRegistry {
-    /// Notes a presence.
+    /// Notes a presence. `now_s`: seconds since the start.
     ///
     /// # Errors
-    /// Id or instance are none, it serves too many M codes, another instance is there (`handler_taken`), or there are too many
-    /// handlers.
+    /// Id or instance are none, it serves too many M codes, another instance is there (`handler_taken`; [`asked`](Self::asked)
+    /// says whether that one is to confirm it), or there are too many handlers.
     pub fn set(
         &mut self,
         id: &str,
         presence: &HandlerPresence,
         now: SystemTime,
+        now_s: f64,
     ) -> Result<Registered, Refusal> {
         check_client_id("handler_id", id)?;
         presence.check()?;
@@ -56,29 +72,20 @@ impl HandlerRegistry {
             let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
-        let there = self.0.get(id).filter(|(there, _)| there.online);
+        let there = self.0.get_mut(id).filter(|there| there.presence.online);
         let (mut since, mut took_over) = (now, None);
         match there {
-            Some((there, _)) if !presence.online && there.instance != presence.instance => {
-                return Ok(Registered::Nothing);
+            Some(there) if there.presence.instance == presence.instance => since = there.since,
+            Some(_) if !presence.online => return Ok(Registered::Nothing),
+            Some(there) => {
+                let text = there.place_for(id, presence, now_s)?;
+                took_over = Some((there.presence.clone(), text));
             }
-            Some((there, began)) if presence.online && there.instance != presence.instance => {
-                if !presence.take_over {
-                    let began = began.unwrap_or(now);
-                    let text = taken_text(id, there.instance.as_deref(), presence.instance.as_ref(), &began);
-                    return Err(Refusal::new(RefusalCode::HandlerTaken, text));
-                }
-                let by = presence.instance.as_deref().unwrap_or("that names none");
-                let text =
-                    format!("instance {by} has taken over handler_id {id}: this program is at its end");
-                took_over = Some((there.clone(), text));
-            }
-            Some((_, began)) => since = began.unwrap_or(now),
             None => {}
         }
         let mut forgotten = None;
         if self.0.len() >= HANDLERS_MAX && !self.0.contains_key(id) {
-            let gone = self.0.iter().find(|(_, (presence, _))| !presence.online);
+            let gone = self.0.iter().find(|(_, entry)| !entry.presence.online);
             let gone = gone.map(|(id, _)| id.clone()).ok_or_else(|| {
                 let text = format!("{HANDLERS_MAX} handlers are connected, which is the limit");
                 Refusal::new(RefusalCode::Unavailable, text)
@@ -90,8 +97,12 @@ impl HandlerRegistry {
             take_over: false,
             ..presence.clone()
         };
-        self.0
-            .insert(id.to_owned(), (kept, presence.online.then_some(since)));
+        let entry = Entry {
+            presence: kept,
+            since,
+            asked_s: None,
+        };
+        self.0.insert(id.to_owned(), entry);
         Ok(if presence.online {
             Registered::Online { took_over, forgotten }
         } else {
@@ -99,22 +110,51 @@ impl HandlerRegistry {
         })
     }
 
+    /// The instance of a handler that is to confirm that it is still there.
+    pub fn asked(&self, id: &str) -> Option<&str> {
+        let entry = self.0.get(id).filter(|entry| entry.asked_s.is_some())?;
+        entry.presence.instance.as_deref()
+    }
+
     /// All that are or were there.
     pub fn all(&self) -> BTreeMap<String, HandlerPresence> {
         let all = self.0.iter();
-        all.map(|(id, (presence, _))| (id.clone(), presence.clone()))
+        all.map(|(id, entry)| (id.clone(), entry.presence.clone()))
             .collect()
     }
 
     /// True while a handler is there.
     pub fn is_online(&self, id: &str) -> bool {
-        self.0.get(id).is_some_and(|(handler, _)| handler.online)
+        self.0.get(id).is_some_and(|entry| entry.presence.online)
     }
 
     /// True when a handler that is there serves this M code.
     pub fn serve(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
-        let mut handlers = self.0.values().filter(|(handler, _)| handler.online);
-        handlers.any(|(handler, _)| handler.handles.contains(&HandledCode { cs, m }))
+        let mut there = self.0.values().map(|entry| &entry.presence);
+        there.any(|handler| handler.online && handler.handles.contains(&HandledCode { cs, m }))
+    }
+}
+
+impl Entry {
+    /// Gives its place to another instance; what it is told then.
+    fn place_for(&mut self, id: &str, other: &HandlerPresence, now_s: f64) -> Result<String, Refusal> {
+        let there = self.presence.instance.as_deref();
+        let by = other.instance.as_deref().unwrap_or("that names none");
+        if other.take_over {
+            return Ok(format!(
+                "instance {by} has taken over handler_id {id}: this program is at its end"
+            ));
+        }
+        // a server end knows when the connection of one that it has named itself ends
+        let may_be_asked = there.is_some_and(is_own_instance);
+        let asked_s = may_be_asked.then(|| *self.asked_s.get_or_insert(now_s));
+        if asked_s.is_some_and(|asked_s| now_s - asked_s >= CONFIRM_MAX_S) {
+            return Ok(format!(
+                "instance {by} has the place of handler_id {id}: this one did not confirm within {CONFIRM_MAX_S} s that it is there"
+            ));
+        }
+        let text = taken_text(id, there, other.instance.as_ref(), &self.since);
+        Err(Refusal::new(RefusalCode::HandlerTaken, text))
     }
 }
 
@@ -138,7 +178,7 @@ mod tests {
         id: &str,
         presence: &HandlerPresence,
     ) -> Result<Registered, Refusal> {
-        handlers.set(id, presence, UNIX_EPOCH)
+        handlers.set(id, presence, UNIX_EPOCH, 0.0)
     }
 
     const ONLINE: Result<Registered, Refusal> = Ok(Registered::Online {
@@ -185,6 +225,42 @@ mod tests {
         let said = set(&mut handlers, "cell", &presence(false, Some("a")));
         assert_eq!(said, Ok(Registered::Offline));
         assert_eq!(set(&mut handlers, "cell", &presence(true, Some("b"))), ONLINE);
+    }
+
+    #[test]
+    fn an_instance_that_does_not_confirm_that_it_is_there_gives_its_place_to_the_next() {
+        let mut handlers = HandlerRegistry::default();
+        let mut at =
+            |now_s: f64, instance| handlers.set("cell", &presence(true, Some(instance)), UNIX_EPOCH, now_s);
+        at(0.0, "a").unwrap();
+        assert!(at(10.0, "b").is_err(), "a is asked");
+        assert!(at(11.9, "b").is_err(), "it still has time");
+        at(11.95, "a").unwrap();
+        assert!(at(12.0, "b").is_err(), "a has confirmed it, and is asked anew");
+        assert!(at(13.0, "c").is_err());
+        let Ok(Registered::Online {
+            took_over: Some((old, text)),
+            ..
+        }) = at(14.0, "b")
+        else {
+            panic!("a has not confirmed it");
+        };
+        assert_eq!(old.instance.as_deref(), Some("a"));
+        assert!(text.contains("instance b") && text.contains("2 s"), "{text}");
+        assert!(at(14.0, "a").is_err());
+    }
+
+    #[test]
+    fn only_an_instance_that_names_itself_is_asked() {
+        for (instance, asked) in [(Some("a"), Some("a")), (Some("~mqtt-a"), None), (None, None)] {
+            let mut handlers = HandlerRegistry::default();
+            set(&mut handlers, "cell", &presence(true, instance)).unwrap();
+            assert_eq!(handlers.asked("cell"), None);
+            set(&mut handlers, "cell", &presence(true, Some("b"))).unwrap_err();
+            assert_eq!(handlers.asked("cell"), asked);
+            let later = handlers.set("cell", &presence(true, Some("b")), UNIX_EPOCH, 100.0);
+            assert_eq!(later.is_ok(), asked.is_some());
+        }
     }
 
     #[test]

@@ -185,7 +185,7 @@ impl Presence {
                 // messages first: a cancel reaches a handler before it is polled again
                 biased;
                 message = self.messages.next() => {
-                    if let Some(text) = message.as_deref().and_then(|message| self.is_taken_over(message)) {
+                    if let Some(text) = message.as_deref().and_then(|message| self.is_told(message, HandlerStatus::TakenOver)) {
                         return Err(Error::TakenOver { handler_id: self.by.id(), text });
                     }
                     return Ok(message.map(|message| self.on_message(message)));
@@ -200,8 +200,8 @@ impl Presence {
         }
     }
 
-    /// Why this instance is at its end, where a message says that another has taken its place.
-    fn is_taken_over(&self, message: &Message) -> Option<String> {
+    /// What a message says to this instance, where it says that this has become of its presence.
+    fn is_told(&self, message: &Message, wanted: HandlerStatus) -> Option<String> {
         let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
         else {
             return None;
@@ -214,7 +214,7 @@ impl Presence {
         } = result;
         let is_it = **id == *self.by.handler_id
             && instance.as_deref() == Some(&self.by.instance)
-            && *status == HandlerStatus::TakenOver;
+            && *status == wanted;
         is_it.then(|| text.clone().unwrap_or_default())
     }
 
@@ -230,6 +230,9 @@ impl Presence {
             // the last will of an earlier connection, or of another instance, arrived after the announcement
             (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
                 self.announced != Announcement::Never && **id == *self.by.handler_id && !presence.online
+            }
+            (Topic::HandlerResult(_), Payload::HandlerResult(_)) => {
+                self.is_told(&message, HandlerStatus::Confirm).is_some()
             }
             _ => false,
         };

@@ -99,6 +99,9 @@ impl RuntimePort {
         let changed = match self.shared.set_handler(&id, &presence) {
             Ok(changed) => changed,
             Err(refusal) => {
+                if let Some(asked) = self.shared.asked_handler(&id) {
+                    self.shared.tell_handler(&id, HandlerResult::confirm(Some(asked)));
+                }
                 let result = HandlerResult::refused(presence.instance, &refusal);
                 self.shared.tell_handler(&id, result);
                 return Err(refusal);

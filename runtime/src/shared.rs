@@ -266,7 +266,8 @@ impl Shared {
     /// # Errors
     /// As of the registry.
     pub fn set_handler(&self, id: &str, presence: &HandlerPresence) -> Result<Registered, Refusal> {
-        let changed = self.handlers.lock().set(id, presence, self.clock.wall())?;
+        let (now, now_s) = (self.clock.wall(), self.clock.now_s());
+        let changed = self.handlers.lock().set(id, presence, now, now_s)?;
         if let Registered::Online {
             forgotten: Some(gone),
             ..
@@ -285,6 +286,11 @@ impl Shared {
             );
         }
         Ok(changed)
+    }
+
+    /// The instance of a handler that is to confirm that it is still there.
+    pub fn asked_handler(&self, id: &str) -> Option<String> {
+        self.handlers.lock().asked(id).map(str::to_owned)
     }
 
     /// Tells an instance of a handler what became of it.

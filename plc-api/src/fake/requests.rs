@@ -162,9 +162,15 @@ impl FakePort {
     fn handler(&self, id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
         let changed = {
             let mut inner = lock(&self.inner);
-            let now = inner.now().time;
-            inner.handlers.set(id, presence, now)
+            let (now, now_s) = (inner.now().time, inner.now_s);
+            let changed = inner.handlers.set(id, presence, now, now_s);
+            let asked = inner.handlers.asked(id).map(ToOwned::to_owned);
+            (changed, asked)
         };
+        let (changed, asked) = changed;
+        if let Some(asked) = asked {
+            self.tell(id, HandlerResult::confirm(Some(asked)));
+        }
         let changed = match changed {
             Ok(changed) => changed,
             Err(refusal) => {

@@ -100,11 +100,15 @@ pub enum HandlerStatus {
     Accepted,
     /// It does not; `text` says why, such as that another instance of this id is there.
     Refused,
+    /// Another instance of this id has come: the one that is there says its presence again within 2 s, or the other takes its
+    /// place.
+    Confirm,
     /// Another instance has taken its place: it ends its work, and claims and resets nothing more.
     TakenOver,
 }
 
-/// Payload of `handler/{id}/result`: the answer to an `online` presence, or that its place was taken.
+/// Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was
+/// taken.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandlerResult {
@@ -141,6 +145,14 @@ impl HandlerResult {
             status: HandlerStatus::Refused,
             code: Some(refusal.code),
             text: Some(refusal.text.clone()),
+            ..Self::accepted(instance)
+        }
+    }
+
+    /// The instance that is there is asked whether it still is.
+    pub fn confirm(instance: Option<String>) -> Self {
+        Self {
+            status: HandlerStatus::Confirm,
             ..Self::accepted(instance)
         }
     }

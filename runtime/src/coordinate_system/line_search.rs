@@ -142,18 +142,17 @@ pub(crate) fn search(
 ) -> Result<LineEntry, Refusal> {
     let program = from.program.unwrap_or(conditions.main.number);
     let index = index_of(conditions, program, from.from_line)?;
-    let occurrence = match from.occurrence {
-        Some(occurrence) => occurrence,
-        None => {
-            let times = Search::new(shared, conditions, (program, index)).count(from.from_line)?;
-            if times > 1 {
-                return Err(refused(format!(
-                    "the program comes to line {} {times} times; say which one by occurrence, 1 to {times}",
-                    from.from_line
-                )));
-            }
-            1
+    let occurrence = if let Some(occurrence) = from.occurrence {
+        occurrence
+    } else {
+        let times = Search::new(shared, conditions, (program, index)).count(from.from_line)?;
+        if times > 1 {
+            return Err(refused(format!(
+                "the program comes to line {} {times} times; say which one by occurrence, 1 to {times}",
+                from.from_line
+            )));
         }
+        1
     };
     let mut search = Search::new(shared, conditions, (program, index));
     search.run_to(occurrence).map_err(|why| match why {

@@ -458,9 +458,9 @@ fn interlock_single_block_and_skip_inputs_are_scripted() {
 fn a_sequence_program_that_the_machine_refuses_fails_the_test() {
     let program = |m| SequenceProgram::new().on(m, wait).handler_id("magazine");
     let refused = Bench::new()
-        .serve(program(100))
-        .serve(program(101))
-        .run("M100\nM30");
+        .serve(program(20))
+        .serve(program(21))
+        .run("M20 VA10\nM30");
     let text = refused.unwrap_err().to_string();
     assert!(
         text.contains("a sequence program ended") && text.contains("magazine"),

@@ -162,8 +162,12 @@ impl Handler {
         match (&message.topic, &message.payload) {
             (Topic::HandlerResult(_), Payload::HandlerResult(result)) => {
                 let is_own = result.instance.as_ref() == Some(&self.instance());
-                if is_own && result.status == HandlerStatus::Refused {
-                    self.announces_at = Some(Instant::now() + self.random.ms(500, 2000));
+                match result.status {
+                    HandlerStatus::Refused if is_own => {
+                        self.announces_at = Some(Instant::now() + self.random.ms(500, 2000));
+                    }
+                    HandlerStatus::Confirm if is_own => self.announce(wire, true),
+                    _ => {}
                 }
             }
             (Topic::CoordinateSystem(cs, CsTopic::Output(_)), Payload::Output(notice)) => {

@@ -104,11 +104,11 @@ impl Stage {
             .await
             .expect(201);
         for step in &behaviour.steps {
-            println!("{}: {step}", behaviour.name);
+            eprintln!("{}: {step}", behaviour.name);
             let (verb, rest) = step.split_once(' ').unwrap_or((step, ""));
             self.step(verb, rest).await;
         }
-        let (mut said, mut expected) = (self.end().await, behaviour.driver.clone());
+        let (mut said, mut expected) = (self.end(), behaviour.driver.clone());
         if !behaviour.ordered {
             said.sort();
             expected.sort();
@@ -162,7 +162,7 @@ impl Stage {
         match (verb, what) {
             ("kill", "driver") => {
                 let process = self.running.take().expect("a driver");
-                self.said_before.extend(lines(process.killed()));
+                self.said_before.extend(lines(&process.killed()));
             }
             ("start", "driver") => self.start_driver().await,
             ("tear", "") => self.wire.tear(),
@@ -243,12 +243,12 @@ impl Stage {
     }
 
     /// Ends the driver, and gives all that was said.
-    async fn end(&mut self) -> Vec<String> {
+    fn end(&mut self) -> Vec<String> {
         let mut said = std::mem::take(&mut self.said_before);
         if let Some(mut process) = self.running.take() {
             process.say("end");
             process.line("the end of the driver", |line| line == "> ended");
-            said.extend(lines(process.killed()));
+            said.extend(lines(&process.killed()));
         }
         said.retain(|line| line != "ended");
         said
@@ -282,7 +282,7 @@ impl Stage {
 }
 
 /// What a driver has said.
-fn lines(output: String) -> Vec<String> {
+fn lines(output: &str) -> Vec<String> {
     let said = output.lines().filter_map(|line| line.strip_prefix("> "));
     said.map(str::to_owned).collect()
 }

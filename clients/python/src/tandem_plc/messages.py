@@ -185,7 +185,7 @@ class HandlerResult:
     boot_id: str
     of: str
     status: str
-    """``accepted``, ``refused``: another instance is there, or ``taken_over``."""
+    """``accepted``, ``refused``: another instance is there, ``taken_over``, or ``confirm``: is this one still there?"""
     instance: str | None = None
     text: str | None = None
 

@@ -211,6 +211,10 @@ class Runner:
         if result.status == "accepted":
             self._refusals, self._take_over = 0, False
             return
+        if result.status == "confirm":
+            # another process has come, and the machine asks whether this one is still there
+            self._must_announce.set()
+            return
         self._refusals += 1
         if result.status == "refused" and self._refusals <= _REFUSALS_MAX:
             # the process before this one may just be ending

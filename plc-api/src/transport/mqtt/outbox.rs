@@ -135,7 +135,9 @@ impl Outbox {
                     _ => Ok(Answer::Handshake(result.clone())),
                 });
             }
-            (Topic::HandlerResult(id), Payload::HandlerResult(result)) => {
+            (Topic::HandlerResult(id), Payload::HandlerResult(result))
+                if result.status != HandlerStatus::Confirm =>
+            {
                 let is_its = |entry: &Entry| match &entry.outgoing.until {
                     Until::Announced { handler_id, instance } => {
                         handler_id == id && Some(instance) == result.instance.as_ref()
@@ -143,7 +145,7 @@ impl Outbox {
                     _ => false,
                 };
                 self.end(is_its, &|| match result.status {
-                    HandlerStatus::Accepted => Ok(Answer::Done),
+                    HandlerStatus::Accepted | HandlerStatus::Confirm => Ok(Answer::Done),
                     HandlerStatus::Refused | HandlerStatus::TakenOver => {
                         let code = result.code.unwrap_or(RefusalCode::HandlerTaken);
                         Err(Refusal::new(code, result.text.clone().unwrap_or_default()))
