@@ -67,7 +67,7 @@ async fn behaves(driver: Driver) {
             Stage::set(&behaviour, driver.clone())
                 .await
                 .play(&behaviour)
-                .await
+                .await;
         };
         if AssertUnwindSafe(run).catch_unwind().await.is_err() {
             wrong.push(behaviour.name);
