@@ -14,7 +14,6 @@ use tandem_model::flow::Output;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions, Tool, WorkOffsets};
 
 use crate::program_store::{ProgramStore, Signers, TextRules};
-use crate::sequence::stock::is_spindle_code;
 
 /// A machine as configured.
 #[derive(Debug, Clone)]
@@ -131,28 +130,10 @@ pub struct MCodeSettings {
     pub stock: Option<Stock>,
     /// How long the stock sequence program takes, s.
     pub simulated_s: f64,
-    /// Of which group a start from a line puts out the newest; `None`: as [`MCodeSettings::restore`] says.
+    /// Of which group a start from a line puts out the newest; `None`: as the configuration page says.
     pub restore_group: Option<String>,
-    /// Where in the order of these outputs it comes; `None`: as [`MCodeSettings::restore`] says.
+    /// Where in the order of these outputs it comes; `None`: as the configuration page says.
     pub restore_order: Option<u16>,
-}
-
-impl MCodeSettings {
-    /// The group of which a start from a line puts out the newest, and its place in their order; `None`: it is not put out.
-    pub fn restore(&self, m: u16) -> Option<(&str, u16)> {
-        let group = match &self.restore_group {
-            Some(group) => group.as_str(),
-            None if self.stock == Some(Stock::SelectTool) => "tool",
-            None if is_spindle_code(m) => "spindle",
-            None => return None,
-        };
-        let order = match group {
-            "tool" => 10,
-            "spindle" => 30,
-            _ => 20,
-        };
-        Some((group, self.restore_order.unwrap_or(order)))
-    }
 }
 
 /// What happens to an output that no handler is registered for.

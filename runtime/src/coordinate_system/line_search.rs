@@ -444,7 +444,7 @@ impl<'a> Search<'a> {
         let mut others = Vec::new();
         for output in &self.outputs {
             let settings = self.settings_of(output.m);
-            let Some((group, order)) = settings.restore(output.m) else {
+            let Some((group, order)) = restore(&settings, output.m) else {
                 others.push(*output);
                 continue;
             };
@@ -454,4 +454,20 @@ impl<'a> Search<'a> {
         groups.sort_by_key(|(_, order, _)| *order);
         (groups.into_iter().map(|(.., output)| output).collect(), others)
     }
+}
+
+/// The group of which a start from a line puts out the newest, and its place in their order; `None`: it is not put out.
+fn restore(settings: &MCodeSettings, m: u16) -> Option<(&str, u16)> {
+    let group = match &settings.restore_group {
+        Some(group) => group.as_str(),
+        None if settings.stock == Some(Stock::SelectTool) => "tool",
+        None if stock::is_spindle_code(m) => "spindle",
+        None => return None,
+    };
+    let order = match group {
+        "tool" => 10,
+        "spindle" => 30,
+        _ => 20,
+    };
+    Some((group, settings.restore_order.unwrap_or(order)))
 }
