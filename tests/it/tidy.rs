@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use crate::support::binary::root;
 
 /// Sources of each crate.
-const CRATES: [&str; 9] = [
+const CRATES: [&str; 10] = [
     "plc-api/src",
     "runtime/src",
     "runtime/model/src",
@@ -22,6 +22,7 @@ const CRATES: [&str; 9] = [
     "runtime/motion/src",
     "runtime/servo/src",
     "runtime/gateway/src",
+    "runtime/mtconnect/src",
 ];
 
 /// Folders that are made by tools, or of what others have written.

@@ -7,14 +7,15 @@ use axum::extract::{Request, State};
 use axum::http::{Method, StatusCode, Uri, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
+use tandem_mtconnect::Agent;
 
 use crate::contract::routes::API;
 use crate::problem::Problem;
 use crate::shared::Shared;
-use crate::{access, hmi, origin, rest, server, websocket};
+use crate::{access, hmi, mtconnect, origin, rest, server, websocket};
 
 /// Everything that is served over HTTP.
-pub(crate) fn router(shared: Arc<Shared>) -> Router {
+pub(crate) fn router(shared: Arc<Shared>, agent: Option<&Agent>) -> Router {
     let api = rest::routes()
         .merge(websocket::routes())
         .fallback(nothing_there)
@@ -25,6 +26,7 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .layer(middleware::map_response(no_store));
     Router::new()
         .nest(API, api)
+        .merge(mtconnect::routes(agent, &shared))
         .merge(hmi::routes())
         .method_not_allowed_fallback(wrong_method)
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), origin::guard))

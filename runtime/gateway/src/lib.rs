@@ -13,6 +13,7 @@ mod http;
 mod machine;
 mod metrics;
 mod mqtt;
+mod mtconnect;
 mod origin;
 mod places;
 mod position;
@@ -50,7 +51,8 @@ pub use access::{
 };
 pub use error::GatewayError;
 pub use mqtt::{Connect, Event, Lost, MqttEnd, Named, Version, Wire};
-pub use settings::{GatewaySettings, MqttSettings};
+pub use settings::{GatewaySettings, MqttSettings, MtconnectSettings};
+pub use tandem_mtconnect::Version as MtconnectVersion;
 pub use tls::ServerTls;
 
 /// Time for running HTTP requests to end at a shutdown; then they are aborted.
@@ -91,7 +93,7 @@ impl Gateway {
         if let Some(problem) = settings.problems().into_iter().next() {
             return Err(problem);
         }
-        let machine = Machine::new(port);
+        let machine = Machine::new(Arc::<dyn ServedPort>::clone(&port));
         let address = settings.http_address()?;
         let listener = bind(HTTP_LISTEN, address)?;
         let http_addr = listener.local_addr().unwrap_or(address);
@@ -116,6 +118,7 @@ impl Gateway {
         };
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
+        let agent = mtconnect::start(&settings, port, &stop).await?;
         // an external broker has users of its own
         let broker_users = tokens.filter(|_| broker.is_some());
         let shared = Arc::new(Shared::new(
@@ -141,7 +144,7 @@ impl Gateway {
         });
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),
-            http::router(Arc::clone(&shared)),
+            http::router(Arc::clone(&shared), agent.as_ref()),
             tls,
             stop,
             server::HEADER_MAX,

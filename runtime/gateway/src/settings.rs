@@ -6,6 +6,7 @@ use std::sync::Arc;
 use plc_api::TlsFiles;
 use plc_api::transport::mqtt::mqtt_over;
 use rumqttc::Transport;
+use tandem_mtconnect::Version as MtconnectVersion;
 use tokio::net::{TcpListener, TcpSocket};
 
 use crate::access::{LiveTokens, Tokens};
@@ -26,8 +27,19 @@ pub struct GatewaySettings {
     /// `[http] token_file`: the users of HTTP and of the embedded broker. `None`: everyone on the loopback may do
     /// everything, and the servers listen on the loopback only.
     pub tokens: Option<Arc<Tokens>>,
+    /// `[mtconnect]`; `None`: without it.
+    pub mtconnect: Option<MtconnectSettings>,
     /// Shortest time between two positions of one coordinate system on MQTT and on a WebSocket, ms. 20 to 10 000.
     pub position_interval_ms: u64,
+}
+
+/// Settings of MTConnect.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct MtconnectSettings {
+    /// `[mtconnect] version`: version of the documents.
+    pub version: MtconnectVersion,
+    /// `[mtconnect] shdr_listen`: address and port of the adapter, on the loopback. Port 0 takes any free port. `None`: without it.
+    pub shdr_listen: Option<String>,
 }
 
 /// Settings of the MQTT end.
@@ -61,6 +73,7 @@ impl Default for GatewaySettings {
             tls: None,
             mqtt: MqttSettings::default(),
             tokens: None,
+            mtconnect: None,
             position_interval_ms: 100,
         }
     }
@@ -98,6 +111,7 @@ impl std::fmt::Debug for MqttSettings {
 /// Names of the settings, for messages.
 pub(crate) const HTTP_LISTEN: &str = "[http] listen";
 pub(crate) const MQTT_LISTEN: &str = "[mqtt] listen";
+pub(crate) const SHDR_LISTEN: &str = "[mtconnect] shdr_listen";
 
 impl GatewaySettings {
     /// Everything that prevents these settings from being served, as far as it can be known without opening a port: values,
@@ -117,6 +131,7 @@ impl GatewaySettings {
         problems.extend(http.err());
         problems.extend(mqtt.err());
         problems.extend(self.mqtt.transport().err());
+        problems.extend(self.shdr_address().err());
         let tls = self.tls.as_ref().map(ServerTls::check);
         problems.extend(tls.and_then(Result::err).map(GatewayError::ServerTls));
         problems
@@ -133,6 +148,25 @@ impl GatewaySettings {
         listen
             .map(|listen| listen_address(MQTT_LISTEN, listen, self.tokens.is_some()))
             .transpose()
+    }
+
+    /// The address of the SHDR adapter, if there is one: it knows no users, so that it is on the loopback only.
+    pub(crate) fn shdr_address(&self) -> Result<Option<SocketAddr>, GatewayError> {
+        let listen = self
+            .mtconnect
+            .as_ref()
+            .and_then(|mtconnect| mtconnect.shdr_listen.as_deref());
+        let address = listen
+            .map(|listen| listen_address(SHDR_LISTEN, listen, true))
+            .transpose()?;
+        match address.filter(|address| !address.ip().is_loopback()) {
+            None => Ok(address),
+            Some(address) => Err(GatewayError::Setting {
+                setting: SHDR_LISTEN,
+                value: address.to_string(),
+                text: "SHDR knows no users; write 127.0.0.1 or [::1] with a port, and let its agent run on this computer".to_owned(),
+            }),
+        }
     }
 
     /// The certificate of the listeners, which follows its files.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use plc_api::TlsFiles;
-use tandem_gateway::{GatewayError, GatewaySettings, MqttSettings, ServerTls, Tokens};
+use tandem_gateway::{GatewayError, GatewaySettings, MqttSettings, MtconnectSettings, ServerTls, Tokens};
 use tandem_runtime::{Broker, Config, Machine};
 
 use super::read_config;
@@ -78,6 +78,10 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
         }),
         mqtt: mqtt_settings(config, &mut problems),
         tokens,
+        mtconnect: config.mtconnect.as_ref().map(|mtconnect| MtconnectSettings {
+            version: mtconnect.version,
+            shdr_listen: mtconnect.shdr_listen.clone(),
+        }),
         ..GatewaySettings::default()
     };
     let found = settings.problems();

@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Deserializer, Error as _};
 use serde::{Deserialize, Serialize};
+use tandem_gateway::MtconnectVersion;
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
 
@@ -77,6 +78,8 @@ pub struct Config {
     pub http: HttpConfig,
     /// `[tls]`
     pub tls: Option<TlsConfig>,
+    /// `[mtconnect]`
+    pub mtconnect: Option<MtconnectConfig>,
     /// `[programs]`
     #[serde(default)]
     pub programs: ProgramsConfig,
@@ -427,6 +430,16 @@ pub struct ProgramsConfig {
     pub signed_by: Vec<String>,
     /// Whether manual data input is taken, which nobody signs; default `true`, and `false` with `signed_by`.
     pub mdi: Option<bool>,
+}
+
+/// `[mtconnect]`: MTConnect, for reading only, below `/mtconnect` of the HTTP address. Without this table there is none.
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct MtconnectConfig {
+    /// Version of the standard that its documents follow.
+    pub version: MtconnectVersion,
+    /// Address of an adapter for an agent of another make, which speaks SHDR; it knows no users, and is on the loopback only.
+    pub shdr_listen: Option<String>,
 }
 
 /// `[http]`

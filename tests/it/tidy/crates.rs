@@ -34,6 +34,7 @@ fn every_crate_of_the_layout_is_there_with_its_name() {
         ("runtime/motion", "tandem-motion"),
         ("runtime/servo", "tandem-servo"),
         ("runtime/gateway", "tandem-gateway"),
+        ("runtime/mtconnect", "tandem-mtconnect"),
     ] {
         let manifest = read(format!("{folder}/Cargo.toml").as_ref());
         assert!(
@@ -82,13 +83,15 @@ fn stages_and_model_know_no_executor_no_socket_and_no_clock() {
 }
 
 #[test]
-fn the_gateway_imports_plc_api_only_and_plc_api_imports_none_of_ours() {
+fn the_gateway_imports_plc_api_and_mtconnect_which_imports_that_alone_and_plc_api_none_of_ours() {
     let ours = |folder: &str| {
         let mut found = dependencies(folder);
         found.retain(|name| name.starts_with("tandem") || name == "plc-api");
         found
     };
-    assert_eq!(ours("runtime/gateway"), BTreeSet::from(["plc-api".to_owned()]));
+    let of = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
+    assert_eq!(ours("runtime/gateway"), of(&["plc-api", "tandem-mtconnect"]));
+    assert_eq!(ours("runtime/mtconnect"), of(&["plc-api"]));
     assert_eq!(ours("plc-api"), BTreeSet::new());
     assert_eq!(ours("runtime/model"), BTreeSet::new());
 }

@@ -7,6 +7,7 @@ use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use plc_api::server::{AccessKind, ServerTransport};
+use plc_api::wire::right::Right;
 
 use super::http::{Access, forbidden, token};
 use super::{Shown, User};
@@ -43,6 +44,20 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
             }
             refused.response
         }
+    }
+}
+
+/// Admits a request beside the table of routes that only reads, and only from users who may.
+pub(crate) async fn guard_reading(
+    State(shared): State<Arc<Shared>>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let certificate = certificate_of(request.extensions());
+    match shared.access.user(request.headers(), certificate, false) {
+        Ok(shown) if shown.user.has(Right::Read) => next.run(request).await,
+        Ok(_) => forbidden("this user may not read".to_owned()).into_response(),
+        Err(problem) => problem.into_response(),
     }
 }
 

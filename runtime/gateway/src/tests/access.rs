@@ -54,7 +54,7 @@ pub(super) async fn send(
         request = request.header(header::AUTHORIZATION, format!("Bearer {token}"));
     }
     let request = request.body(Body::from(body.to_string())).unwrap();
-    let response = crate::http::router(Arc::clone(shared))
+    let response = crate::http::router(Arc::clone(shared), None)
         .oneshot(request)
         .await
         .unwrap();

@@ -410,7 +410,7 @@ proptest! {
             .body(Body::from(payload))
             .unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let response = runtime.block_on(crate::http::router(shared).oneshot(request)).unwrap();
+        let response = runtime.block_on(crate::http::router(shared, None).oneshot(request)).unwrap();
         prop_assert_eq!(response.status().is_success(), !port.asked().is_empty());
         for request in port.asked() {
             prop_assert_eq!(named(&request), (Some("handler".to_owned()), false));

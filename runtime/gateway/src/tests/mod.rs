@@ -8,6 +8,7 @@ mod gateway;
 mod judge;
 mod mqtt;
 mod mqtt_refusals;
+mod mtconnect;
 mod places;
 mod programs;
 mod rest;

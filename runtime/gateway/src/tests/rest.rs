@@ -31,7 +31,7 @@ pub(super) async fn call(
     for (name, value) in headers {
         request = request.header(*name, *value);
     }
-    let app = router(shared(Arc::clone(port)));
+    let app = router(shared(Arc::clone(port)), None);
     app.oneshot(request.body(body.into()).unwrap()).await.unwrap()
 }
 
@@ -144,7 +144,7 @@ async fn a_command_is_accepted_with_its_id_and_where_to_ask() {
 #[tokio::test]
 async fn every_verb_has_its_route_and_each_command_an_id_of_its_own() {
     let port = StubPort::new();
-    let app = router(shared(Arc::clone(&port)));
+    let app = router(shared(Arc::clone(&port)), None);
     let commands = [
         Command::Start,
         Command::Hold,
@@ -420,7 +420,7 @@ async fn an_alarm_is_acknowledged_at_the_coordinate_system_that_it_stopped() {
 
 #[tokio::test]
 async fn metrics_count_responses_by_class() {
-    let app = router(shared(StubPort::new()));
+    let app = router(shared(StubPort::new()), None);
     for path in ["/api/v1/health", "/api/v1/nothing", "/api/v1/metrics"] {
         let request = HttpRequest::get(path).header("host", "localhost:8080");
         let response = app

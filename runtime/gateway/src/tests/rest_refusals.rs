@@ -202,7 +202,7 @@ async fn programs_that_wait_for_others_are_told_that_there_is_no_place() {
         .header("host", "127.0.0.1:8080")
         .body(Body::from("M30"))
         .unwrap();
-    let router = crate::http::router(Arc::clone(&shared));
+    let router = crate::http::router(Arc::clone(&shared), None);
     let response = tower::ServiceExt::oneshot(router, request).await.unwrap();
     assert_eq!(problem(response).await, (503, "unavailable".into()));
 }

@@ -1,0 +1,49 @@
+//! MTConnect below `/mtconnect`, for users who may read, and its adapter.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::middleware;
+use plc_api::port::Port;
+use tandem_mtconnect::Agent;
+use tokio_util::sync::CancellationToken;
+
+use crate::access::guard::guard_reading;
+use crate::error::GatewayError;
+use crate::settings::{GatewaySettings, SHDR_LISTEN, bind};
+use crate::shared::Shared;
+
+/// Where the agent answers.
+pub(crate) const ROOT: &str = "/mtconnect";
+
+/// Starts the agent of the settings, with its adapter; `None`: they have none.
+///
+/// # Errors
+/// The adapter cannot listen.
+pub(crate) async fn start(
+    settings: &GatewaySettings,
+    port: Arc<dyn Port>,
+    stop: &CancellationToken,
+) -> Result<Option<Agent>, GatewayError> {
+    let Some(mtconnect) = &settings.mtconnect else {
+        return Ok(None);
+    };
+    let adapter = settings
+        .shdr_address()?
+        .map(|address| bind(SHDR_LISTEN, address))
+        .transpose()?;
+    let agent = Agent::start(port, mtconnect.version, stop.clone()).await;
+    if let Some(listener) = adapter {
+        agent.serve_shdr(listener);
+    }
+    Ok(Some(agent))
+}
+
+/// Its routes.
+pub(crate) fn routes(agent: Option<&Agent>, shared: &Arc<Shared>) -> Router<Arc<Shared>> {
+    let Some(agent) = agent else { return Router::new() };
+    let guarded = agent
+        .router()
+        .layer(middleware::from_fn_with_state(Arc::clone(shared), guard_reading));
+    Router::new().nest_service(ROOT, guarded)
+}

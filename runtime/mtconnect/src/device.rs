@@ -1,0 +1,263 @@
+//! The device model: components and data items of a machine, as a probe tells them.
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::machine::Birth;
+
+/// What kind of value a data item has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Category {
+    /// A number that changes steadily.
+    Sample,
+    /// Something that happens, or a state.
+    Event,
+    /// Alarms.
+    Condition,
+}
+
+impl Category {
+    /// As documents write it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Category::Sample => "SAMPLE",
+            Category::Event => "EVENT",
+            Category::Condition => "CONDITION",
+        }
+    }
+}
+
+/// A part of the machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Component {
+    /// Name of its element: `Device`, `Axes`, `Linear`, `Rotary`, `Controller` or `Path`.
+    pub element: &'static str,
+    /// Unique in the device.
+    pub id: String,
+    /// As people call it.
+    pub name: String,
+    /// Index of the component that it is part of; none for the device.
+    pub parent: Option<usize>,
+}
+
+/// Something that is observed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DataItem {
+    /// Unique in the device.
+    pub id: String,
+    /// What kind of value.
+    pub category: Category,
+    /// Its type, such as `PATH_FEEDRATE`.
+    pub kind: &'static str,
+    /// Its subtype.
+    pub sub_type: Option<&'static str>,
+    /// Its unit.
+    pub units: Option<&'static str>,
+    /// `MACHINE` or `WORK`, of positions.
+    pub coordinates: Option<&'static str>,
+    /// Index of the component that it is of.
+    pub component: usize,
+}
+
+impl DataItem {
+    /// Name of the element that an observation has: of `PATH_FEEDRATE` it is `PathFeedrate`.
+    pub fn element(&self) -> String {
+        let words = self.kind.split('_');
+        words
+            .map(|word| {
+                let (first, rest) = word.split_at(1);
+                format!("{first}{}", rest.to_ascii_lowercase())
+            })
+            .collect()
+    }
+}
+
+/// A machine as MTConnect sees it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Device {
+    /// Its name.
+    pub name: String,
+    /// Names it among all machines.
+    pub uuid: String,
+    /// Its parts; each comes after the one that it is part of, the device first.
+    pub components: Vec<Component>,
+    /// What is observed.
+    pub items: Vec<DataItem>,
+}
+
+/// Letters of axes that go straight.
+const LINEAR: [&str; 6] = ["X", "Y", "Z", "U", "V", "W"];
+
+impl Device {
+    /// The device of a machine: a path for each coordinate system, and an axis for each motor that one has.
+    pub fn of(birth: &Birth) -> Self {
+        let mut device = Self {
+            name: birth.machine.clone(),
+            uuid: format!("tandem-{}", birth.machine),
+            components: Vec::new(),
+            items: Vec::new(),
+        };
+        let root = device.part("Device", "dev", &birth.machine, None);
+        for kind in ["AVAILABILITY", "ASSET_CHANGED", "ASSET_REMOVED"] {
+            device.event(root, kind, None);
+        }
+        let axes = device.part("Axes", "axes", "axes", Some(root));
+        for system in &birth.coordinate_systems {
+            // the first has plain names
+            let named = |letter: &str| match system.number {
+                1 => letter.to_owned(),
+                number => format!("{letter}{number}"),
+            };
+            for (letter, motor) in &system.axes {
+                let is_rotary = birth
+                    .motors
+                    .iter()
+                    .find(|info| info.number == *motor)
+                    .map_or(!LINEAR.contains(&letter.as_str()), |info| info.kind == "rotary");
+                device.axis(axes, &axis_id(system.number, letter), &named(letter), is_rotary);
+            }
+            if system.spindle.is_some() {
+                device.spindle(axes, &axis_id(system.number, "S"), &named("S"));
+            }
+        }
+        let controller = device.part("Controller", "ctl", "controller", Some(root));
+        device.event(controller, "EMERGENCY_STOP", None);
+        device.condition(controller, "SYSTEM");
+        for system in &birth.coordinate_systems {
+            device.path(controller, system.number);
+        }
+        device
+    }
+
+    fn part(&mut self, element: &'static str, id: &str, name: &str, parent: Option<usize>) -> usize {
+        self.components.push(Component {
+            element,
+            id: id.to_owned(),
+            name: name.to_owned(),
+            parent,
+        });
+        self.components.len() - 1
+    }
+
+    fn add(
+        &mut self,
+        component: usize,
+        category: Category,
+        kind: &'static str,
+        sub_type: Option<&'static str>,
+        units: Option<&'static str>,
+    ) -> usize {
+        let id = item_id(&self.components[component].id, kind, sub_type);
+        self.items.push(DataItem {
+            id,
+            category,
+            kind,
+            sub_type,
+            units,
+            coordinates: None,
+            component,
+        });
+        self.items.len() - 1
+    }
+
+    fn event(&mut self, component: usize, kind: &'static str, sub_type: Option<&'static str>) {
+        self.add(component, Category::Event, kind, sub_type, None);
+    }
+
+    fn percent(&mut self, component: usize, kind: &'static str, sub_type: Option<&'static str>) {
+        self.add(component, Category::Event, kind, sub_type, Some("PERCENT"));
+    }
+
+    fn sample(
+        &mut self,
+        component: usize,
+        kind: &'static str,
+        sub_type: &'static str,
+        units: &'static str,
+    ) -> usize {
+        self.add(component, Category::Sample, kind, Some(sub_type), Some(units))
+    }
+
+    fn condition(&mut self, component: usize, kind: &'static str) {
+        self.add(component, Category::Condition, kind, None, None);
+    }
+
+    fn axis(&mut self, axes: usize, id: &str, name: &str, is_rotary: bool) {
+        let (element, kind, units) = if is_rotary {
+            ("Rotary", "ANGLE", "DEGREE")
+        } else {
+            ("Linear", "POSITION", "MILLIMETER")
+        };
+        let axis = self.part(element, id, name, Some(axes));
+        for sub_type in ["ACTUAL", "COMMANDED"] {
+            let item = self.sample(axis, kind, sub_type, units);
+            self.items[item].coordinates = Some("MACHINE");
+        }
+        if is_rotary {
+            self.event(axis, "ROTARY_MODE", None);
+        }
+    }
+
+    fn spindle(&mut self, axes: usize, id: &str, name: &str) {
+        let spindle = self.part("Rotary", id, name, Some(axes));
+        for sub_type in ["ACTUAL", "COMMANDED"] {
+            self.sample(spindle, "ROTARY_VELOCITY", sub_type, "REVOLUTION/MINUTE");
+        }
+        self.percent(spindle, "ROTARY_VELOCITY_OVERRIDE", None);
+        self.event(spindle, "ROTARY_MODE", None);
+    }
+
+    fn path(&mut self, controller: usize, number: CoordinateSystemNumber) {
+        let path = self.part("Path", &path_id(number), &format!("cs{number}"), Some(controller));
+        for kind in [
+            "EXECUTION",
+            "CONTROLLER_MODE",
+            "WAIT_STATE",
+            "BLOCK",
+            "PROGRAM_NEST_LEVEL",
+            "TOOL_NUMBER",
+            "TOOL_ASSET_ID",
+            "WORK_OFFSET",
+            "PART_COUNT",
+            "MESSAGE",
+        ] {
+            self.event(path, kind, None);
+        }
+        for (kind, sub_type) in [
+            ("PROGRAM", "MAIN"),
+            ("PROGRAM", "ACTIVE"),
+            ("LINE_NUMBER", "ABSOLUTE"),
+            ("CONTROLLER_MODE_OVERRIDE", "DRY_RUN"),
+            ("CONTROLLER_MODE_OVERRIDE", "SINGLE_BLOCK"),
+            ("CONTROLLER_MODE_OVERRIDE", "OPTIONAL_STOP"),
+        ] {
+            self.event(path, kind, Some(sub_type));
+        }
+        self.percent(path, "PATH_FEEDRATE_OVERRIDE", Some("PROGRAMMED"));
+        self.percent(path, "PATH_FEEDRATE_OVERRIDE", Some("RAPID"));
+        self.sample(path, "PATH_FEEDRATE", "ACTUAL", "MILLIMETER/SECOND");
+        let position = self.sample(path, "PATH_POSITION", "ACTUAL", "MILLIMETER_3D");
+        self.items[position].coordinates = Some("MACHINE");
+        for kind in ["LOGIC_PROGRAM", "MOTION_PROGRAM", "SYSTEM"] {
+            self.condition(path, kind);
+        }
+    }
+}
+
+/// Id of the component of an axis; `S` is the spindle.
+pub fn axis_id(cs: CoordinateSystemNumber, letter: &str) -> String {
+    format!("ax{cs}{letter}")
+}
+
+/// Id of the component of a coordinate system.
+pub fn path_id(cs: CoordinateSystemNumber) -> String {
+    format!("path{cs}")
+}
+
+/// Id of a data item.
+pub fn item_id(component: &str, kind: &str, sub_type: Option<&str>) -> String {
+    let mut id = format!("{component}_{}", kind.to_ascii_lowercase());
+    if let Some(sub_type) = sub_type {
+        id.push('_');
+        id.push_str(&sub_type.to_ascii_lowercase());
+    }
+    id
+}

@@ -1,0 +1,333 @@
+//! What the machine says, as observations.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
+use std::sync::Arc;
+
+use plc_api::Execution;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::state::{Position, ProgramPlace, RunKind, State};
+use plc_api::types::topic::Topic;
+
+use crate::Version;
+use crate::buffer::{ActiveAlarm, BUFFER_SIZE, Buffer, Value};
+use crate::device::{Category, Device, axis_id, item_id, path_id};
+
+/// A device with its observations.
+#[derive(Debug)]
+pub struct Feed {
+    pub device: Device,
+    pub buffer: Buffer,
+    version: Version,
+    /// Index of a data item by its id.
+    items: BTreeMap<String, usize>,
+    /// Execution and completed programs of each coordinate system.
+    parts: BTreeMap<CoordinateSystemNumber, (Option<Execution>, u64)>,
+    /// Alarms that are active, by condition.
+    alarms: BTreeMap<usize, BTreeSet<u16>>,
+}
+
+impl Feed {
+    /// Nothing is known yet but what never changes.
+    pub fn new(device: Device, version: Version, timestamp: &Arc<str>) -> Self {
+        let buffer = Buffer::new(device.items.len(), BUFFER_SIZE, timestamp);
+        let items = device.items.iter().enumerate();
+        let items: BTreeMap<String, usize> = items.map(|(index, item)| (item.id.clone(), index)).collect();
+        let mut feed = Self {
+            buffer,
+            version,
+            items,
+            parts: BTreeMap::new(),
+            alarms: BTreeMap::new(),
+            device,
+        };
+        feed.tell("dev", "AVAILABILITY", None, "AVAILABLE", timestamp);
+        for index in 0..feed.device.items.len() {
+            let item = &feed.device.items[index];
+            let component = &feed.device.components[item.component];
+            let is_spindle = component.name.starts_with('S');
+            match (item.category, item.kind) {
+                (Category::Condition, _) => feed.observe(index, Value::Normal(None), timestamp),
+                (_, "ROTARY_MODE") => {
+                    let mode = if is_spindle { "SPINDLE" } else { "INDEX" };
+                    feed.observe(index, Value::Text(mode.into()), timestamp);
+                }
+                _ => {}
+            }
+        }
+        feed
+    }
+
+    /// Takes in what was said. True when there are new observations.
+    pub fn take(&mut self, message: &Message) -> bool {
+        let before = self.buffer.next();
+        let at: Arc<str> = message.ts.0.as_str().into();
+        match (&message.topic, &message.payload) {
+            (_, Payload::AlarmActive(active)) => self.alarms(&active.alarms, &at),
+            (Topic::CoordinateSystem(cs, _), payload) => self.of_system(*cs, payload, &at),
+            _ => {}
+        }
+        self.buffer.next() != before
+    }
+
+    fn of_system(&mut self, cs: CoordinateSystemNumber, payload: &Payload, at: &Arc<str>) {
+        let path = path_id(cs);
+        match payload {
+            Payload::State(state) => self.state(cs, state, at),
+            Payload::Program(place) => self.place(&path, place, at),
+            Payload::Position(position) => self.position(cs, position, at),
+            Payload::Override(overrides) => {
+                let kind = "PATH_FEEDRATE_OVERRIDE";
+                self.tell(&path, kind, Some("PROGRAMMED"), overrides.feed, at);
+                self.tell(&path, kind, Some("RAPID"), overrides.rapid, at);
+                let spindle = axis_id(cs, "S");
+                self.tell(&spindle, "ROTARY_VELOCITY_OVERRIDE", None, overrides.spindle, at);
+            }
+            Payload::Tool(tool) => {
+                self.tell(&path, "TOOL_NUMBER", None, tool.id, at);
+                self.tell(&path, "TOOL_ASSET_ID", None, format!("T{}", tool.id), at);
+            }
+            Payload::Modal(modal) => {
+                // G54 is the first
+                let offset = modal
+                    .work_offset
+                    .as_deref()
+                    .and_then(|code| code.strip_prefix('G')?.parse::<u32>().ok());
+                match offset.and_then(|code| code.checked_sub(53)) {
+                    Some(number) => self.tell(&path, "WORK_OFFSET", None, number, at),
+                    None => self.unavailable(&path, "WORK_OFFSET", at),
+                }
+            }
+            Payload::Spindle(spindle) => {
+                let axis = axis_id(cs, "S");
+                self.tell(
+                    &axis,
+                    "ROTARY_VELOCITY",
+                    Some("COMMANDED"),
+                    rounded(spindle.rpm),
+                    at,
+                );
+            }
+            _ => {}
+        }
+    }
+
+    fn state(&mut self, cs: CoordinateSystemNumber, state: &State, at: &Arc<str>) {
+        let path = path_id(cs);
+        self.tell(&path, "EXECUTION", None, self.execution(state.execution), at);
+        let mode = match state.run_kind {
+            Some(RunKind::Mdi) => "MANUAL_DATA_INPUT",
+            Some(RunKind::Jog | RunKind::Home) => "MANUAL",
+            Some(RunKind::Program) | None => "AUTOMATIC",
+        };
+        self.tell(&path, "CONTROLLER_MODE", None, mode, at);
+        match &state.waiting_on {
+            Some(_) => self.tell(
+                &path,
+                "WAIT_STATE",
+                None,
+                wait_state(state.wait_state.as_deref()),
+                at,
+            ),
+            None => self.unavailable(&path, "WAIT_STATE", at),
+        }
+        for (sub_type, is_on) in [
+            ("DRY_RUN", state.dry_run),
+            ("SINGLE_BLOCK", state.single_block),
+            ("OPTIONAL_STOP", state.optional_stop),
+        ] {
+            let word = if is_on { "ON" } else { "OFF" };
+            self.tell(&path, "CONTROLLER_MODE_OVERRIDE", Some(sub_type), word, at);
+        }
+        match state.program {
+            Some(number) => self.tell(&path, "PROGRAM", Some("MAIN"), number, at),
+            None => self.unavailable_of(&path, "PROGRAM", Some("MAIN"), at),
+        }
+        let said = state.waiting_on.as_ref().and_then(|waiting| {
+            let question = waiting.question.as_ref().map(|question| question.text.clone());
+            question.or_else(|| Some(waiting.progress.as_ref()?.text.clone()))
+        });
+        match said.filter(|text| !text.is_empty()) {
+            Some(text) => self.tell(&path, "MESSAGE", None, text, at),
+            None => self.unavailable(&path, "MESSAGE", at),
+        }
+        let (before, count) = self.parts.entry(cs).or_default();
+        let is_completed = state.execution == Execution::ProgramCompleted;
+        if is_completed && before.is_some_and(|before| before != Execution::ProgramCompleted) {
+            *count += 1;
+        }
+        *before = Some(state.execution);
+        let count = *count;
+        self.tell(&path, "PART_COUNT", None, count, at);
+    }
+
+    fn execution(&self, execution: Execution) -> &'static str {
+        match execution {
+            Execution::Ready => "READY",
+            Execution::Active => "ACTIVE",
+            // a word that older readers do not know
+            Execution::Wait if self.version < Version::V2_7 => "ACTIVE",
+            Execution::Wait => "WAIT",
+            Execution::FeedHold => "FEED_HOLD",
+            Execution::Interrupted => "INTERRUPTED",
+            Execution::ProgramStopped => "PROGRAM_STOPPED",
+            Execution::OptionalStop => "OPTIONAL_STOP",
+            Execution::ProgramCompleted => "PROGRAM_COMPLETED",
+            Execution::Stopped => "STOPPED",
+        }
+    }
+
+    fn place(&mut self, path: &str, place: &ProgramPlace, at: &Arc<str>) {
+        let Some(number) = place.number else {
+            for (kind, sub_type) in [
+                ("PROGRAM", Some("ACTIVE")),
+                ("LINE_NUMBER", Some("ABSOLUTE")),
+                ("BLOCK", None),
+            ] {
+                self.unavailable_of(path, kind, sub_type, at);
+            }
+            return;
+        };
+        self.tell(path, "PROGRAM", Some("ACTIVE"), number, at);
+        self.tell(path, "LINE_NUMBER", Some("ABSOLUTE"), place.line, at);
+        self.tell(path, "BLOCK", None, &place.block, at);
+        self.tell(path, "PROGRAM_NEST_LEVEL", None, place.nest_level, at);
+    }
+
+    fn position(&mut self, cs: CoordinateSystemNumber, position: &Position, at: &Arc<str>) {
+        for (sub_type, by_letter) in [("ACTUAL", &position.actual), ("COMMANDED", &position.machine)] {
+            for (letter, value) in by_letter {
+                let axis = axis_id(cs, letter);
+                self.tell(&axis, "POSITION", Some(sub_type), rounded(*value), at);
+                self.tell(&axis, "ANGLE", Some(sub_type), rounded(*value), at);
+            }
+        }
+        let path = path_id(cs);
+        let value = |letter: &str| position.actual.get(letter).copied().unwrap_or_default();
+        let at_point = ["X", "Y", "Z"]
+            .map(|letter| rounded(value(letter)).to_string())
+            .join(" ");
+        self.tell(&path, "PATH_POSITION", Some("ACTUAL"), at_point, at);
+        self.tell(
+            &path,
+            "PATH_FEEDRATE",
+            Some("ACTUAL"),
+            rounded(position.feedrate / 60.0),
+            at,
+        );
+        let spindle = axis_id(cs, "S");
+        self.tell(
+            &spindle,
+            "ROTARY_VELOCITY",
+            Some("ACTUAL"),
+            rounded(position.spindle_rpm),
+            at,
+        );
+    }
+
+    /// All alarms that are active now.
+    fn alarms(&mut self, active: &[AlarmRecord], at: &Arc<str>) {
+        let mut now: BTreeMap<usize, BTreeMap<u16, &AlarmRecord>> = BTreeMap::new();
+        for alarm in active {
+            if let Some(condition) = self.condition_of(alarm) {
+                now.entry(condition).or_default().insert(alarm.number, alarm);
+            }
+        }
+        let gone = std::mem::take(&mut self.alarms);
+        for (condition, codes) in &gone {
+            let left = now.get(condition);
+            for code in codes
+                .iter()
+                .filter(|code| left.is_none_or(|left| !left.contains_key(code)))
+            {
+                let code = left.map(|_| *code);
+                self.buffer.observe(*condition, Value::Normal(code), at);
+            }
+        }
+        for (condition, alarms) in &now {
+            let known = gone.get(condition);
+            for (code, alarm) in alarms
+                .iter()
+                .filter(|(code, _)| known.is_none_or(|known| !known.contains(code)))
+            {
+                let active = ActiveAlarm {
+                    is_fault: alarm.severity == AlarmSeverity::Alarm,
+                    native_code: *code,
+                    text: alarm.text.clone(),
+                };
+                self.buffer
+                    .observe(*condition, Value::Active(Arc::new(active)), at);
+            }
+            self.alarms.insert(*condition, alarms.keys().copied().collect());
+        }
+    }
+
+    /// The condition that an alarm belongs to, by its number.
+    fn condition_of(&self, alarm: &AlarmRecord) -> Option<usize> {
+        let component = alarm.cs.map_or_else(|| "ctl".to_owned(), path_id);
+        let kind = match alarm.number {
+            _ if alarm.cs.is_none() => "SYSTEM",
+            1..100 | 300..400 => "LOGIC_PROGRAM",
+            100..300 => "MOTION_PROGRAM",
+            10_000.. => "LOGIC_PROGRAM",
+            _ => "SYSTEM",
+        };
+        self.items.get(&item_id(&component, kind, None)).copied()
+    }
+
+    fn tell(
+        &mut self,
+        component: &str,
+        kind: &str,
+        sub_type: Option<&str>,
+        value: impl Display,
+        at: &Arc<str>,
+    ) {
+        if let Some(item) = self.items.get(&item_id(component, kind, sub_type)).copied() {
+            self.observe(item, Value::Text(value.to_string().into()), at);
+        }
+    }
+
+    fn unavailable(&mut self, component: &str, kind: &str, at: &Arc<str>) {
+        self.unavailable_of(component, kind, None, at);
+    }
+
+    fn unavailable_of(&mut self, component: &str, kind: &str, sub_type: Option<&str>, at: &Arc<str>) {
+        if let Some(item) = self.items.get(&item_id(component, kind, sub_type)).copied() {
+            self.observe(item, Value::Unavailable, at);
+        }
+    }
+
+    /// An observation of what is known already is none.
+    fn observe(&mut self, item: usize, value: Value, at: &Arc<str>) {
+        if self
+            .buffer
+            .latest(item)
+            .last()
+            .is_none_or(|latest| latest.value != value)
+        {
+            self.buffer.observe(item, value, at);
+        }
+    }
+}
+
+/// To a millionth: what is left of the servo's arithmetic is no change.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6 + 0.0
+}
+
+/// The standard's words for what a machine waits for; a word of the builder's own that is none of them is another process.
+fn wait_state(word: Option<&str>) -> &str {
+    const WORDS: [&str; 6] = [
+        "PART_LOAD",
+        "PART_UNLOAD",
+        "TOOL_LOAD",
+        "TOOL_UNLOAD",
+        "MATERIAL_LOAD",
+        "MATERIAL_UNLOAD",
+    ];
+    word.filter(|word| WORDS.contains(word))
+        .unwrap_or("SECONDARY_PROCESS")
+}

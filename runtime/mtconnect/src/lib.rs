@@ -1,0 +1,207 @@
+//! MTConnect of a machine, for reading only: an agent with the requests `probe`, `current`, `sample` and `assets` (MTConnect part 1,
+//! 1.7 to 2.7), and an adapter that speaks SHDR to an agent of another make.
+//!
+//! It depends on `plc_api` only, and sees of a machine what every client sees: [`Agent::start`] reads its birth, follows what
+//! it says, and keeps the last [`BUFFER_SIZE`] observations. [`Agent::router`] answers over HTTP.
+
+mod buffer;
+mod device;
+mod documents;
+mod feed;
+mod filter;
+mod http;
+mod shdr;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use axum::Router;
+use parking_lot::Mutex;
+use plc_api::hub::Filter;
+use plc_api::port::Port;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::machine::Birth;
+use plc_api::types::message::Payload;
+use plc_api::types::topic::{CsTopic, Topic};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use tokio::net::TcpListener;
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+pub use buffer::BUFFER_SIZE;
+use device::Device;
+use documents::Head;
+use feed::Feed;
+
+/// Version of the standard that documents follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Deserialize, JsonSchema)]
+pub enum Version {
+    /// 1.7.
+    #[serde(rename = "1.7")]
+    V1_7,
+    /// 2.0.
+    #[serde(rename = "2.0")]
+    V2_0,
+    /// 2.3.
+    #[default]
+    #[serde(rename = "2.3")]
+    V2_3,
+    /// 2.7.
+    #[serde(rename = "2.7")]
+    V2_7,
+}
+
+impl Version {
+    /// As namespaces write it.
+    pub fn text(self) -> &'static str {
+        match self {
+            Version::V1_7 => "1.7",
+            Version::V2_0 => "2.0",
+            Version::V2_3 => "2.3",
+            Version::V2_7 => "2.7",
+        }
+    }
+
+    /// As the head of a document writes it.
+    fn header(self) -> &'static str {
+        match self {
+            Version::V1_7 => "1.7.0.0",
+            Version::V2_0 => "2.0.0.0",
+            Version::V2_3 => "2.3.0.0",
+            Version::V2_7 => "2.7.0.0",
+        }
+    }
+}
+
+/// The agent of one machine. Clones are handles to the same one.
+#[derive(Debug, Clone)]
+pub struct Agent {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    port: Arc<dyn Port>,
+    version: Version,
+    instance_id: u64,
+    /// When it was started, as RFC 3339.
+    began: Arc<str>,
+    feed: Mutex<Feed>,
+    /// Sequence number of the next observation.
+    news: watch::Sender<u64>,
+    stop: CancellationToken,
+}
+
+impl std::fmt::Debug for Inner {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Inner")
+            .field("version", &self.version)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Agent {
+    /// Begins to observe a machine, until `stop`. The instance id is the millisecond of the start: another one at each boot.
+    pub async fn start(port: Arc<dyn Port>, version: Version, stop: CancellationToken) -> Self {
+        // subscribed first: nothing that is said meanwhile is missed
+        let mut said = port.subscribe(Filter::All);
+        let birth = match port
+            .read(&Topic::Birth)
+            .await
+            .map(|message| message.payload.clone())
+        {
+            Some(Payload::Birth(birth)) => birth,
+            _ => Birth::default(),
+        };
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let timestamp: Arc<str> = now().into();
+        let agent = Self {
+            inner: Arc::new(Inner {
+                feed: Mutex::new(Feed::new(Device::of(&birth), version, &timestamp)),
+                began: timestamp,
+                version,
+                instance_id: u64::try_from(since.as_millis()).unwrap_or_default(),
+                news: watch::Sender::new(0),
+                stop,
+                port,
+            }),
+        };
+        let numbers = birth.coordinate_systems.iter().map(|system| system.number);
+        for topic in topics(numbers) {
+            if let Some(message) = agent.inner.port.read(&topic).await {
+                agent.inner.feed.lock().take(&message);
+            }
+        }
+        let following = agent.clone();
+        tokio::spawn(async move {
+            loop {
+                let message = tokio::select! {
+                    biased;
+                    () = following.inner.stop.cancelled() => return,
+                    message = said.next() => message,
+                };
+                let Some(message) = message else { return };
+                let mut feed = following.inner.feed.lock();
+                if feed.take(&message) {
+                    following.inner.news.send_replace(feed.buffer.next());
+                }
+            }
+        });
+        agent
+    }
+
+    /// Its requests.
+    pub fn router(&self) -> Router {
+        http::router(self.clone())
+    }
+
+    /// Serves readers of SHDR in a task of its own, until the agent ends.
+    pub fn serve_shdr(&self, listener: TcpListener) {
+        tokio::spawn(shdr::serve(listener, self.clone()));
+    }
+
+    fn head(&self) -> Head {
+        Head {
+            version: self.inner.version,
+            model_change_time: self.inner.began.to_string(),
+            sender: "tandem".to_owned(),
+            instance_id: self.inner.instance_id,
+            creation_time: now(),
+        }
+    }
+
+    fn is_device(&self, name: &str) -> bool {
+        let feed = self.inner.feed.lock();
+        name == feed.device.name || name == feed.device.uuid
+    }
+
+    /// False when the agent ends.
+    async fn sleep(&self, duration: Duration) -> bool {
+        tokio::select! {
+            () = self.inner.stop.cancelled() => false,
+            () = tokio::time::sleep(duration) => true,
+        }
+    }
+}
+
+/// What is read at the begin.
+fn topics(numbers: impl Iterator<Item = CoordinateSystemNumber>) -> Vec<Topic> {
+    const OF_SYSTEM: [CsTopic; 7] = [
+        CsTopic::State,
+        CsTopic::Program,
+        CsTopic::Position,
+        CsTopic::Modal,
+        CsTopic::Override,
+        CsTopic::Tool,
+        CsTopic::Spindle,
+    ];
+    let of_systems = numbers.flat_map(|cs| OF_SYSTEM.map(|topic| Topic::cs(cs, topic)));
+    of_systems.chain([Topic::AlarmActive]).collect()
+}
+
+/// The time of day as RFC 3339.
+fn now() -> String {
+    humantime::format_rfc3339_millis(SystemTime::now()).to_string()
+}
