@@ -60,13 +60,18 @@ pub struct DataItem {
 impl DataItem {
     /// Name of the element that an observation has: of `PATH_FEEDRATE` it is `PathFeedrate`.
     pub fn element(&self) -> String {
-        let words = self.kind.split('_');
-        words
-            .map(|word| {
-                let (first, rest) = word.split_at(1);
-                format!("{first}{}", rest.to_ascii_lowercase())
+        let mut begins = true;
+        let letters = self.kind.chars().filter_map(|letter| {
+            let is_first = std::mem::replace(&mut begins, letter == '_');
+            (letter != '_').then(|| {
+                if is_first {
+                    letter
+                } else {
+                    letter.to_ascii_lowercase()
+                }
             })
-            .collect()
+        });
+        letters.collect()
     }
 }
 

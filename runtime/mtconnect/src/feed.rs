@@ -269,9 +269,8 @@ impl Feed {
         let component = alarm.cs.map_or_else(|| "ctl".to_owned(), path_id);
         let kind = match alarm.number {
             _ if alarm.cs.is_none() => "SYSTEM",
-            1..100 | 300..400 => "LOGIC_PROGRAM",
+            1..100 | 300..400 | 10_000.. => "LOGIC_PROGRAM",
             100..300 => "MOTION_PROGRAM",
-            10_000.. => "LOGIC_PROGRAM",
             _ => "SYSTEM",
         };
         self.items.get(&item_id(&component, kind, None)).copied()

@@ -1,4 +1,4 @@
-//! The `path` of a request: which data items are wanted, by a part of XPath.
+//! The `path` of a request: which data items are wanted, by a part of `XPath`.
 
 use crate::device::{Category, Device};
 

@@ -10,7 +10,7 @@ use axum::http::request::Parts;
 use axum::http::{StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use futures_util::stream;
+use futures_util::{StreamExt, stream};
 use plc_api::types::data::ToolTable;
 use plc_api::types::request::typed;
 use serde::Deserialize;
@@ -121,23 +121,26 @@ async fn probe(asker: Asker) -> Response {
 }
 
 async fn named_probe(asker: Asker, Path(device): Path<String>) -> Response {
-    match asker.agent.is_device(&device) {
-        true => probe(asker).await,
-        false => no_device(&asker, &device),
+    if asker.agent.is_device(&device) {
+        probe(asker).await
+    } else {
+        no_device(&asker, &device)
     }
 }
 
 async fn named_current(asker: Asker, Path(device): Path<String>, query: Asked<CurrentQuery>) -> Response {
-    match asker.agent.is_device(&device) {
-        true => current(asker, query).await,
-        false => no_device(&asker, &device),
+    if asker.agent.is_device(&device) {
+        current(asker, query).await
+    } else {
+        no_device(&asker, &device)
     }
 }
 
 async fn named_sample(asker: Asker, Path(device): Path<String>, query: Asked<SampleQuery>) -> Response {
-    match asker.agent.is_device(&device) {
-        true => sample(asker, query).await,
-        false => no_device(&asker, &device),
+    if asker.agent.is_device(&device) {
+        sample(asker, query).await
+    } else {
+        no_device(&asker, &device)
     }
 }
 
@@ -257,7 +260,7 @@ struct Following {
 
 impl Following {
     /// The next part: when there is something new, at most each interval; without anything new each heartbeat.
-    async fn part(mut self) -> Option<(Result<Bytes, Infallible>, Self)> {
+    async fn part(mut self) -> Option<(Bytes, Self)> {
         if let Some(document) = self.document.take() {
             return Some((part(&document), self));
         }
@@ -375,17 +378,19 @@ fn xml(status: StatusCode, document: String) -> Response {
     (status, [(header::CONTENT_TYPE, "application/xml")], document).into_response()
 }
 
-fn part(document: &str) -> Result<Bytes, Infallible> {
+fn part(document: &str) -> Bytes {
     let length = document.len();
     let text = format!(
         "--{BOUNDARY}\r\nContent-type: application/xml\r\nContent-length: {length}\r\n\r\n{document}\r\n"
     );
-    Ok(text.into())
+    text.into()
 }
 
-fn multipart(
-    parts: impl futures_util::Stream<Item = Result<Bytes, Infallible>> + Send + 'static,
-) -> Response {
+fn multipart(parts: impl futures_util::Stream<Item = Bytes> + Send + 'static) -> Response {
     let kind = format!("multipart/x-mixed-replace;boundary={BOUNDARY}");
-    ([(header::CONTENT_TYPE, kind)], Body::from_stream(parts)).into_response()
+    (
+        [(header::CONTENT_TYPE, kind)],
+        Body::from_stream(parts.map(Ok::<_, Infallible>)),
+    )
+        .into_response()
 }

@@ -173,9 +173,9 @@ fn value(feed: &Feed, id: &str) -> Option<String> {
 fn what_the_machine_says_is_told_in_the_words_and_units_of_the_standard() {
     let mut feed = feed(Version::V2_7);
     assert_eq!(path_value(&feed, "EXECUTION", None), None, "nothing was said yet");
-    everything()
-        .iter()
-        .for_each(|message| assert!(feed.take(message), "{:?}", message.topic));
+    for message in &everything() {
+        assert!(feed.take(message), "{:?}", message.topic);
+    }
     for (kind, sub_type, wanted) in [
         ("EXECUTION", None, "WAIT"),
         ("CONTROLLER_MODE", None, "AUTOMATIC"),
@@ -303,7 +303,9 @@ fn documents() -> Vec<(Version, &'static str, String)> {
     for version in [Version::V1_7, Version::V2_0, Version::V2_3, Version::V2_7] {
         let mut feed = feed(version);
         let unknown = feed.buffer.current();
-        everything().iter().for_each(|message| _ = feed.take(message));
+        for message in &everything() {
+            feed.take(message);
+        }
         let head = Head {
             version,
             model_change_time: "2026-01-01T00:00:00.000Z".into(),

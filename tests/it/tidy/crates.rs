@@ -89,7 +89,12 @@ fn the_gateway_imports_plc_api_and_mtconnect_which_imports_that_alone_and_plc_ap
         found.retain(|name| name.starts_with("tandem") || name == "plc-api");
         found
     };
-    let of = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
+    let of = |names: &[&str]| {
+        names
+            .iter()
+            .map(|name| (*name).to_owned())
+            .collect::<BTreeSet<_>>()
+    };
     assert_eq!(ours("runtime/gateway"), of(&["plc-api", "tandem-mtconnect"]));
     assert_eq!(ours("runtime/mtconnect"), of(&["plc-api"]));
     assert_eq!(ours("plc-api"), BTreeSet::new());
