@@ -15,7 +15,7 @@ use crate::shared::Shared;
 use crate::{access, hmi, mtconnect, origin, rest, server, websocket};
 
 /// Everything that is served over HTTP.
-pub(crate) fn router(shared: Arc<Shared>, agent: Option<&Agent>) -> Router {
+pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
     let api = rest::routes()
         .merge(websocket::routes())
         .fallback(nothing_there)
@@ -26,7 +26,7 @@ pub(crate) fn router(shared: Arc<Shared>, agent: Option<&Agent>) -> Router {
         .layer(middleware::map_response(no_store));
     Router::new()
         .nest(API, api)
-        .merge(mtconnect::routes(agent, &shared))
+        .merge(mtconnect::routes(mtconnect, &shared))
         .merge(hmi::routes())
         .method_not_allowed_fallback(wrong_method)
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), origin::guard))

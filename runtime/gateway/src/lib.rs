@@ -118,7 +118,7 @@ impl Gateway {
         };
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
-        let agent = mtconnect::start(&settings, port, &stop).await?;
+        let mtconnect = mtconnect::start(&settings, port, &stop).await?;
         // an external broker has users of its own
         let broker_users = tokens.filter(|_| broker.is_some());
         let shared = Arc::new(Shared::new(
@@ -144,7 +144,7 @@ impl Gateway {
         });
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),
-            http::router(Arc::clone(&shared), agent.as_ref()),
+            http::router(Arc::clone(&shared), mtconnect.as_ref()),
             tls,
             stop,
             server::HEADER_MAX,

@@ -164,7 +164,7 @@ impl GatewaySettings {
             Some(address) => Err(GatewayError::Setting {
                 setting: SHDR_LISTEN,
                 value: address.to_string(),
-                text: "SHDR knows no users; write 127.0.0.1 or [::1] with a port, and let its agent run on this computer".to_owned(),
+                text: "SHDR knows no users; write 127.0.0.1 or [::1] with a port, and let what reads it run on this computer".to_owned(),
             }),
         }
     }

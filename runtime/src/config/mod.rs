@@ -438,7 +438,7 @@ pub struct ProgramsConfig {
 pub struct MtconnectConfig {
     /// Version of the standard that its documents follow.
     pub version: MtconnectVersion,
-    /// Address of an adapter for an agent of another make, which speaks SHDR; it knows no users, and is on the loopback only.
+    /// Address of an adapter for an MTConnect agent of another make, which speaks SHDR; it knows no users, and is on the loopback only.
     pub shdr_listen: Option<String>,
 }
 
