@@ -90,9 +90,7 @@ impl Gateway {
         port: Arc<dyn ServedPort>,
         settings: GatewaySettings,
     ) -> Result<Gateway, GatewayError> {
-        if let Some(problem) = settings.problems().into_iter().next() {
-            return Err(problem);
-        }
+        settings.problems().into_iter().next().map_or(Ok(()), Err)?;
         let machine = Machine::new(Arc::<dyn ServedPort>::clone(&port));
         let address = settings.http_address()?;
         let listener = bind(HTTP_LISTEN, address)?;
