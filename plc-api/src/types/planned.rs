@@ -70,7 +70,7 @@ pub struct Rehearsal {
     pub axes: BTreeMap<String, RehearsedAxis>,
     /// When blocks begin, ascending; of many blocks some, evenly spread. The path tells the time of every line.
     pub lines: Vec<RehearsedLine>,
-    /// The run of this program that is under way; null: there is none.
+    /// The run of this program that is under way; null: there is none, or it has begun at a line.
     pub run: Option<RehearsedRun>,
 }
 

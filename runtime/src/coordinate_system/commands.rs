@@ -362,7 +362,11 @@ impl CoordinateSystem {
         self.past.count += 1;
         self.past.last_id = Some(run.id.clone());
         let manual = (number == 0).then(|| Arc::clone(&run.main));
-        self.context.view.update(|place| place.manual = manual);
+        let began_at_line = run.arrival.is_some();
+        self.context.view.update(|place| {
+            place.manual = manual;
+            place.began_at_line = began_at_line;
+        });
         let event = Event::Start {
             program: number,
             run_id: run.id.clone(),

@@ -34,6 +34,8 @@ pub(super) struct Place {
     pub segment: u64,
     /// When the block that is executed began, seconds since the start.
     pub since_s: f64,
+    /// The run has begun at a line: its segments are not those of the whole program.
+    pub began_at_line: bool,
     pub interpreted_line: u32,
     /// What runs or ran last without a number: manual data input.
     pub manual: Option<Arc<StoredProgram>>,
@@ -84,6 +86,11 @@ impl View {
     pub fn segment(&self) -> (u64, Origin, f64) {
         let place = self.place.lock();
         (place.segment, place.executing, place.since_s)
+    }
+
+    /// Whether the run began at a line, so that its segments are not those of the whole program.
+    pub fn began_at_line(&self) -> bool {
+        self.place.lock().began_at_line
     }
 
     /// Place of the block that is executed.

@@ -158,6 +158,7 @@ impl Previews {
         if runs
             && content.is_complete()
             && let Some((_, view)) = inner.system(cs)
+            && !view.began_at_line()
         {
             let (segment, executing, since_s) = view.segment();
             let at = view.commanded().0;

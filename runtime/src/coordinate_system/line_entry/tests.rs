@@ -6,6 +6,7 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 use plc_api::types::line_start::{Approach, LineStart, LineState};
 use plc_api::types::refusal::RefusalCode;
+use plc_api::types::request::typed::Rehearsal;
 use plc_api::types::state::Execution;
 use plc_api::{Alarm, AuxOutput, Error, Plc, SequenceProgram};
 
@@ -366,4 +367,22 @@ fn the_journal_names_the_line_that_a_run_began_at() {
         _ => None,
     });
     assert_eq!(began, Some(Some(2)));
+}
+
+#[test]
+fn how_far_a_run_is_is_told_of_one_from_the_head_only() {
+    let told = |from: Option<LineStart>| {
+        with_program("G01 X100 F600\nX200\nM30", async move |scene, _| {
+            let cs = scene.cs(1);
+            match from {
+                Some(from) => cs.start_from(from).await.unwrap(),
+                None => cs.start().await.unwrap(),
+            }
+            cs.hold().await.unwrap();
+            let rehearsal = scene.plc().port().ask(Rehearsal(1, Some(1))).await.unwrap();
+            rehearsal.run.is_some()
+        })
+    };
+    assert!(told(None));
+    assert!(!told(Some(LineStart::line(2))));
 }
