@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::error::known;
 use super::{
     Config, CoordinateSystemConfig, HttpConfig, LockConfig, LockSourceConfig, MCodeConfig, MachineConfig,
-    MotorConfig, MqttConfig, ProgramsConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
+    MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -95,6 +95,7 @@ impl Config {
             ("mqtt", order_of::<MqttConfig>()),
             ("http", order_of::<HttpConfig>()),
             ("tls", order_of::<TlsConfig>()),
+            ("mtconnect", order_of::<MtconnectConfig>()),
             ("programs", order_of::<ProgramsConfig>()),
         ];
         let mut keys = Vec::new();
