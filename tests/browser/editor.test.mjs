@@ -227,9 +227,9 @@ test("a text too long to be edited is shown, read-only, and stored as it is", as
 
 test("pictures of the editor", async () => {
   await store(54, `// Flange\nN10 G17 G64 G90 G54\n/1 M100 VA1    // end mill\nN90 G01 X1 X2 F900\nL0 = 0\nwhile (L0 > -6) {\n    L0 = L0 - 2\n    N220 G03 I-7 Z[L0] F1800\n}\n${"G01 X1 Y2\n".repeat(60)}M30\n`);
-  const said = await takePictures(browser, runtime.url, "editor", async (one) => {
+  const said = await takePictures(browser, runtime.url, { editor: async (one) => {
     await one.getByRole("button", { name: "Edit O0054" }).click();
     await one.locator(".cm-lint-marker").first().waitFor();
-  });
+  } });
   assert.deepEqual(said, []);
 });

@@ -93,13 +93,13 @@ test("a line of a loop asks which time the program comes there", async () => {
 });
 
 test("pictures of a start from a line", async () => {
-  const said = await takePictures(browser, runtime.url, "line-start", async (shown) => {
+  const said = await takePictures(browser, runtime.url, { "line-start": async (shown) => {
     const tab = shown.getByRole("tab", { name: "Program" });
     if (await tab.count()) await tab.click();
     const five = shown.locator(".line").filter({ has: shown.locator(".line-number", { hasText: /^6$/ }) });
     await five.locator(".line-number").click();
     await shown.getByRole("button", { name: "Start at line 6…" }).click();
     await shown.getByText("M03 (line 2)").waitFor();
-  });
+  } });
   assert.deepEqual(said, []);
 });

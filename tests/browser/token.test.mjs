@@ -62,7 +62,7 @@ test("the page of the interface shows routes and topics, and loads nothing from 
   await page.goto(`${runtime.url}/api`);
   const start = page.locator("details", { hasText: "/api/v1/cs/{cs}/start" });
   await start.locator("summary").click();
-  await start.getByText("Starts the loaded program from its head.").waitFor();
+  await start.getByText("Starts the loaded program, from its head or from a line.").waitFor();
   await page.getByText("tandem/v1/{machine}/cs/{cs}/state", { exact: true }).waitFor();
   await close();
   assert.deepEqual([...hosts], [runtime.url]);
