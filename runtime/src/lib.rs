@@ -42,5 +42,5 @@ pub mod hardware {
         SpindleDirection, SpindleState, ThreadStep,
     };
 }
-pub use sequence::demo::demo_sequence_program;
+pub use sequence::demo::{demo_sequence_program, open_demo};
 pub use servo_thread::{JITTER_BUCKETS, Measured, ServoStatistics};

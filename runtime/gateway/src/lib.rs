@@ -43,7 +43,7 @@ use broker::{Broker, BrokerAccess};
 use broker_address::BrokerAddress;
 use machine::Machine;
 use server::LimitedListener;
-use settings::{HTTP_LISTEN, bind};
+use settings::bind;
 use shared::{MqttServer, Shared};
 
 pub use access::{
@@ -51,7 +51,7 @@ pub use access::{
 };
 pub use error::GatewayError;
 pub use mqtt::{Connect, Event, Lost, MqttEnd, Named, Version, Wire};
-pub use settings::{GatewaySettings, MqttSettings, MtconnectSettings};
+pub use settings::{GatewaySettings, HTTP_LISTEN, MQTT_LISTEN, MqttSettings, MtconnectSettings};
 pub use tandem_mtconnect::Version as MtconnectVersion;
 pub use tls::ServerTls;
 

@@ -108,9 +108,11 @@ impl std::fmt::Debug for MqttSettings {
     }
 }
 
-/// Names of the settings, for messages.
-pub(crate) const HTTP_LISTEN: &str = "[http] listen";
-pub(crate) const MQTT_LISTEN: &str = "[mqtt] listen";
+/// Name of the setting of the address of HTTP, for messages.
+pub const HTTP_LISTEN: &str = "[http] listen";
+/// Name of the setting of the address of the embedded broker, for messages.
+pub const MQTT_LISTEN: &str = "[mqtt] listen";
+/// Name of the setting of the address of the SHDR adapter, for messages.
 pub(crate) const SHDR_LISTEN: &str = "[mtconnect] shdr_listen";
 
 impl GatewaySettings {

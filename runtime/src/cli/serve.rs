@@ -1,11 +1,14 @@
 //! `tandem serve`: the machine with all its server ends.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 use plc_api::Plc;
-use tandem_gateway::{Gateway, GatewaySettings};
-use tandem_runtime::{Config, ExternalBroker, Runtime, demo_sequence_program};
+use plc_api::server::ServedPort;
+use tandem_gateway::{Gateway, GatewayError, GatewaySettings, HTTP_LISTEN};
+use tandem_runtime::{Config, ExternalBroker, Runtime, demo_sequence_program, open_demo};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::server_ends::Servable;
@@ -16,10 +19,10 @@ pub struct Arguments {
     /// Configuration file; without one the built-in demo machine runs
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Where the HMI and REST listen, in place of listen in the table http
+    /// Where the HMI and REST listen, in place of listen in the table http; the demo takes a free port where 8080 is taken
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<String>,
-    /// Where the embedded broker listens, in place of listen in the table mqtt
+    /// Where the embedded broker listens, in place of listen in the table mqtt; the demo takes a free port where 1883 is taken
     #[arg(long, value_name = "ADDRESS")]
     mqtt_listen: Option<String>,
     /// Folder of what is kept, in place of that of the configuration
@@ -46,6 +49,41 @@ impl Arguments {
         config.is_demo |= self.demo;
         Ok(())
     }
+
+    /// Opens the server ends. A port of the built-in demo that nobody has chosen gives way to a free one where it is taken; these
+    /// addresses come with it.
+    async fn open(
+        &self,
+        port: Arc<dyn ServedPort>,
+        mut settings: GatewaySettings,
+    ) -> Result<(Gateway, Vec<SocketAddr>), GatewayError> {
+        let mut taken = Vec::new();
+        loop {
+            let (setting, address) = match Gateway::start(Arc::clone(&port), settings.clone()).await {
+                Err(GatewayError::PortTaken { setting, address }) if self.leaves_open(setting) => {
+                    (setting, address)
+                }
+                opened => return opened.map(|gateway| (gateway, taken)),
+            };
+            let free = SocketAddr::new(address.ip(), 0).to_string();
+            if setting == HTTP_LISTEN {
+                settings.http_listen = free;
+            } else {
+                settings.mqtt.embedded_listen = Some(free);
+            }
+            taken.push(address);
+        }
+    }
+
+    /// True for a listener of the built-in demo that nobody has named an address for.
+    fn leaves_open(&self, setting: &str) -> bool {
+        let named = if setting == HTTP_LISTEN {
+            &self.listen
+        } else {
+            &self.mqtt_listen
+        };
+        self.config.is_none() && named.is_none()
+    }
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
@@ -55,33 +93,32 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         .enable_all()
         .build()
         .map_err(anyhow::Error::from)
-        .and_then(|executor| executor.block_on(serve(servable)))
+        .and_then(|executor| executor.block_on(serve(servable, arguments)))
         .map_err(|error| anyhow::anyhow!("tandem does not start: {error}"))?;
     Ok(EXIT_OK)
 }
 
-async fn serve(servable: Servable) -> anyhow::Result<()> {
+async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
     let Servable { config, settings, .. } = servable;
     let is_demo = config.is_demo;
     let runtime = Runtime::start(config).await?;
-    let gateway = match Gateway::start(runtime.served_port(), settings.clone()).await {
-        Ok(gateway) => gateway,
+    let (gateway, taken) = match arguments.open(runtime.served_port(), settings.clone()).await {
+        Ok(open) => open,
         Err(error) => {
             runtime.shutdown().await;
             return Err(error.into());
         }
     };
-    let sequence = is_demo.then(|| {
-        let plc = Plc::in_process(runtime.port());
-        tokio::spawn(async move {
-            if let Err(error) = demo_sequence_program().run(&plc).await {
-                tracing::error!("the demo sequence program ended: {error}");
-            }
-        })
-    });
+    let plc = Plc::in_process(runtime.port());
+    let sequence = is_demo.then(|| tokio::spawn(run_demo(plc, arguments.config.is_none())));
     let _memory = super::memory::give_back();
     announce(&settings, &gateway, is_demo);
+    for address in taken {
+        say(format!(
+            "{address} is taken by another program, so that the demo has a free port instead."
+        ));
+    }
     while let Received::HangUp = signals.received().await {
         tracing::warn!("SIGHUP: the token file is read again; SIGTERM stops the machine");
         gateway.read_tokens_again();
@@ -93,6 +130,19 @@ async fn serve(servable: Servable) -> anyhow::Result<()> {
     }
     gateway.shutdown().await;
     Ok(())
+}
+
+/// The demo's handlers; the built-in machine opens with a program.
+async fn run_demo(plc: Plc, is_built_in: bool) {
+    let opening = async {
+        if is_built_in && let Err(error) = open_demo(&plc).await {
+            tracing::warn!("the demo opens without a program: {error}");
+        }
+    };
+    let (ran, ()) = tokio::join!(demo_sequence_program().run(&plc), opening);
+    if let Err(error) = ran {
+        tracing::error!("the demo sequence program ended: {error}");
+    }
 }
 
 fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
@@ -127,7 +177,7 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     if is_demo {
         let system = format!("{http}/api/v1/cs/1");
         say(format!(
-            "\nTry it: open the HMI, load program 1 and press Start. Or:\n  curl -X POST {system}/load -H 'Content-Type: application/json' -d '{{\"program\": 1}}'\n  curl -X POST {system}/start\n  curl {system}/state\nFor the part transfer load 3 in coordinate system 1 and 20 in 2, and start both."
+            "\nTry it: open the HMI and press Start. Or:\n  curl -X POST {system}/load -H 'Content-Type: application/json' -d '{{\"program\": 1}}'\n  curl -X POST {system}/start\n  curl {system}/state\nFor the part transfer load 3 in coordinate system 1 and 20 in 2, and start both."
         ));
     }
     say("Ctrl-C stops it.");

@@ -5,6 +5,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::Mutex;
+use plc_api::hub::Filter;
+use plc_api::types::message::Payload;
+use plc_api::types::state::{Execution, Reason};
+use plc_api::types::topic::Topic;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 use tokio::sync::oneshot;
 
@@ -17,12 +21,43 @@ const POCKET_TIME: Duration = Duration::from_millis(250);
 /// Highest clamping pressure, bar.
 const CLAMP_PRESSURE_MAX_BAR: f64 = 80.0;
 
+/// Id of its handlers.
+const HANDLER_ID: &str = "demo";
+
+/// What the mill shows first: the flange.
+const FIRST_PROGRAM: u16 = 4;
+
+/// Loads a program that is worth looking at into the mill, once the demo's handlers are there to check it. A run that was cut
+/// short stays what the screen shows.
+///
+/// # Errors
+/// The program is not there, or has errors.
+pub async fn open_demo(plc: &Plc) -> plc_api::Result<()> {
+    let presence = Topic::HandlerPresence(HANDLER_ID.to_owned());
+    let mut told = plc.port().subscribe(Filter::Topics(vec![presence]));
+    loop {
+        match told.next().await.as_deref().map(|message| &message.payload) {
+            Some(Payload::HandlerPresence(presence)) if presence.online => break,
+            Some(_) => {}
+            None => return Ok(()),
+        }
+    }
+    let mill = plc.coordinate_system(1);
+    let state = mill.state().await?;
+    let is_new = matches!(state.reason, Some(Reason::NoProgram | Reason::Restarted));
+    let is_cut_short = mill.last_run().await?.is_some_and(|run| run.is_under_way());
+    if state.execution == Execution::Stopped && is_new && !is_cut_short {
+        mill.load(FIRST_PROGRAM).await?;
+    }
+    Ok(())
+}
+
 /// The handlers of the demo machine: M08 M09 M10 M11 M70 M80 M100.
 pub fn demo_sequence_program() -> SequenceProgram {
     let meeting = Arc::new(Meeting::default());
     let meet = move |output: AuxOutput| meet(output, Arc::clone(&meeting));
     SequenceProgram::new()
-        .handler_id("demo")
+        .handler_id(HANDLER_ID)
         .on(8..=9, coolant)
         .on(10, clamp)
         .on(11, release)

@@ -4,12 +4,13 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::time::Duration;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{M_CODES, machine, served};
 use crate::support::binary::tandem;
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::served::{FREE_PORTS, Process, Served};
+use crate::support::wait::until;
 
 /// Starts with a configuration that must be refused; gives what was printed.
 fn refused(config: &str) -> String {
@@ -99,6 +100,66 @@ fn the_command_line_chooses_addresses_folder_and_the_demos_handlers_in_place_of_
         process.output
     );
     assert!(machine.path("kept/here").is_dir());
+}
+
+/// The demo in a folder of its own, while 8080 and 1883 are taken.
+fn demo(folder: &Path) -> Served {
+    Served::of(Process::start(tandem(), folder, &[]))
+}
+
+#[tokio::test]
+async fn the_demo_takes_free_ports_where_its_own_are_taken_and_opens_with_a_program() {
+    // whoever else has them, they are taken
+    let taken =
+        ["127.0.0.1:8080", "127.0.0.1:1883"].map(|address| (address, TcpListener::bind(address).ok()));
+    let folder = tempfile::tempdir().unwrap();
+    let mut served = demo(folder.path());
+    for (address, _) in &taken {
+        assert!(
+            ![&served.http, &served.broker].contains(&&(*address).to_owned()),
+            "{address}"
+        );
+        served.process.line("which port is taken", |line| {
+            line.contains(address) && line.contains("free port")
+        });
+    }
+    let opened = served
+        .state_where(1, "a program", |state| state["program"] == 4)
+        .await;
+    assert_eq!(opened["execution"], "READY");
+    served.process.signal("TERM");
+    assert_eq!(served.process.exit_code_within(Duration::from_secs(20)), Some(0));
+
+    let served = demo(folder.path());
+    served
+        .state_where(1, "the program again", |state| state["program"] == 4)
+        .await;
+    served.post("/cs/1/start", &Value::Null).await.expect(202);
+    served.execution(1, "WAIT").await;
+    served.process.killed();
+    let served = demo(folder.path());
+    until("the demo's handlers", async || {
+        let handlers = served.get("/handlers").await.expect(200).body;
+        handlers.contains("\"demo\"").then_some(())
+    })
+    .await;
+    let restarted = served.state(1).await;
+    assert_eq!(restarted["reason"], "RESTARTED");
+    assert_eq!(
+        restarted["program"],
+        Value::Null,
+        "a run that was cut short stays what is shown"
+    );
+}
+
+#[test]
+fn a_port_of_the_demo_that_somebody_has_chosen_must_be_free() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let folder = tempfile::tempdir().unwrap();
+    let mut process = Process::start(tandem(), folder.path(), &["--listen", &address]);
+    assert_eq!(process.exit_code_within(Duration::from_secs(20)), Some(2));
+    assert!(process.output.contains("the port is taken"), "{}", process.output);
 }
 
 #[tokio::test]
