@@ -1,10 +1,12 @@
-// REST: commands, inputs, programs. Refused requests throw a Refusal with the machine's text.
+// What the HMI asks of its machine: commands, inputs, programs. Refused requests throw a Refusal with the machine's text.
 
 import { forgetFence, keepFence, ownFence, underLease } from "./fences.js";
-import { authorization } from "./token.js";
+import { machine } from "./machine.js";
+import { Refusal, TIMEOUT_MS } from "./tandem.js";
+import { randomName } from "./tandem/requests.js";
 
-/** Time limit of a request: a slow machine may take seconds to stop on its path. */
-const TIMEOUT_MS = 15000;
+export { Refusal };
+
 /** A long program takes longer to be sent and checked, at least this many characters a millisecond. */
 const STORED_CHARS_PER_MS = 100;
 /** Time limit of a refresh of a jog: the machine has stopped long before. */
@@ -12,18 +14,6 @@ const JOG_TIMEOUT_MS = 1000;
 
 /** Name of this holder of a control lease, shown at other screens. */
 const HOLDER = `HMI ${randomName().slice(0, 4)}`;
-
-export class Refusal extends Error {
-  /**
-   * @param {string} text
-   * @param {Partial<import("./types.d.ts").Problem>} problem
-   */
-  constructor(text, problem = {}) {
-    super(text);
-    this.name = "Refusal";
-    this.problem = problem;
-  }
-}
 
 /**
  * The diagnostics of a program that the machine refused; any other error is thrown again.
@@ -36,39 +26,11 @@ export function diagnosticsOf(error) {
 }
 
 /**
- * @param {string} method
- * @param {string} path below `/api/v1`
- * @param {object | string} [body] text as it is, anything else as JSON
- * @param {Record<string, string>} [headers]
- * @param {number} [timeoutMs]
- * @param {RequestInit} [options]
- * @returns {Promise<Response>}
+ * @param {string} method @param {string} path below `/api/v1` @param {object | string} [body]
+ * @param {Record<string, string>} [headers] @param {number} [timeoutMs] @param {boolean} [keepalive]
  */
-async function request(method, path, body, headers = {}, timeoutMs = TIMEOUT_MS, options = {}) {
-  const all = { ...authorization(), ...headers };
-  /** @type {Response} */
-  let response;
-  try {
-    response = await fetch(`/api/v1${path}`, {
-      ...options,
-      method,
-      cache: "no-store",
-      headers: body === undefined ? all : { "Content-Type": typeof body === "string" ? "text/plain" : "application/json", ...all },
-      body: body === undefined || typeof body === "string" ? body : JSON.stringify(body),
-      signal: AbortSignal.timeout(timeoutMs),
-    });
-  } catch {
-    throw new Refusal("The machine did not answer. Nothing is known about what it did with the request.");
-  }
-  if (response.ok) return response;
-  /** @type {import("./types.d.ts").Problem} */
-  const problem = await response.json().catch(() => ({}));
-  throw new Refusal(asSentence(problem.detail || problem.title || `refused with status ${response.status}`), problem);
-}
-
-/** With a capital letter and a full stop. @param {string} text */
-function asSentence(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1).replace(/[^.!?]$/, "$&.");
+function request(method, path, body, headers, timeoutMs, keepalive) {
+  return machine.request(method, path, { body, headers, timeoutMs, keepalive });
 }
 
 /** @param {number} cs @param {"p" | "q"} kind */
@@ -77,42 +39,17 @@ function variablesOf(cs, kind) {
 }
 
 /**
- * What the operator has seen: if it is no longer so, the machine refuses.
- * @typedef {{boot_id?: string | null, state_rev?: number | undefined}} Expected
- */
-
-/**
  * A line that a run begins at.
  * @typedef {{from_line: number, program?: number, occurrence?: number, approach?: "plane_first" | "infeed_first" | "direct"}} LineStart
  */
 
-/** @param {Expected} expect @returns {Record<string, string>} */
-function expected({ boot_id, state_rev }) {
-  const tags = [state_rev === undefined ? "" : `"${state_rev}"`, boot_id ? `"boot:${boot_id}"` : ""].filter((tag) => tag !== "");
-  return tags.length > 0 ? { "If-Match": tags.join(", ") } : {};
-}
-
-/** 24 random characters. */
-function randomName() {
-  const bytes = crypto.getRandomValues(new Uint8Array(12));
-  return [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
-}
-
 export const api = {
   /**
-   * Commands a coordinate system, and waits until it is done. Its random id prevents that it is carried out twice.
-   * @param {number} cs
-   * @param {import("./types.d.ts").Verb} verb
-   * @param {object} [args]
-   * @param {Expected} [expect]
-   * @returns {Promise<Partial<import("./types.d.ts").CommandReply>>}
+   * Commands a coordinate system under the screen's own control lease, and waits until it is done.
+   * @param {number} cs @param {import("./types.d.ts").Verb} verb @param {object} [args] @param {import("./tandem.js").Expected} [expect]
    */
-  async command(cs, verb, args = {}, expect = {}) {
-    const headers = { "Idempotency-Key": `hmi-${randomName()}`, ...underLease(cs), ...expected(expect) };
-    const response = await request("POST", `/cs/${cs}/${verb}?wait=1`, args, headers);
-    const reply = await response.json().catch(() => ({}));
-    if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(asSentence(reply.text || `${verb} failed`), reply);
-    return reply;
+  command(cs, verb, args = {}, expect = {}) {
+    return machine.command(cs, verb, args, { expect, fence: ownFence(cs) });
   },
 
   /** What is in force at a line, and what a start from there does. @param {number} cs @param {LineStart} from @returns {Promise<import("./types.d.ts").LineState>} */
@@ -130,8 +67,7 @@ export const api = {
    * @param {number} cs @param {string} axis @param {string} refresh_id
    */
   async endJog(cs, axis, refresh_id) {
-    const options = { keepalive: true };
-    await request("POST", `/cs/${cs}/jog`, { axis, refresh_id, end: true }, underLease(cs), JOG_TIMEOUT_MS, options).catch(() => {});
+    await request("POST", `/cs/${cs}/jog`, { axis, refresh_id, end: true }, underLease(cs), JOG_TIMEOUT_MS, true).catch(() => {});
   },
 
   /** Takes the control lease, or renews the own one. @param {number} cs */
@@ -246,6 +182,11 @@ export const api = {
   /** @param {number} number @param {string} hash of the program that is meant */
   async removeProgram(number, hash) {
     await request("DELETE", `/programs/${number}`, undefined, { "If-Match": `"${hash}"` });
+  },
+
+  /** What the machine builder has added to this screen. @returns {Promise<import("./types.d.ts").Hmi>} */
+  async hmi() {
+    return (await request("GET", "/hmi")).json();
   },
 
   /** What a name means. @param {string} what @returns {Promise<import("./types.d.ts").Explanation>} */

@@ -3,11 +3,11 @@
 import { Alerts } from "./alerts.js";
 import { api, Refusal } from "./api.js";
 import { confirm } from "./confirm.js";
-import { Connection } from "./connection.js";
 import { fill, h, setAttr, setText } from "./dom.js";
 import { startWorker } from "./install.js";
 import { Jogger } from "./jog.js";
-import { Model } from "./model.js";
+import { machine } from "./machine.js";
+import { MACHINE_TOPICS, Model } from "./model.js";
 import { Panels } from "./panels.js";
 import { listenToKeys } from "./shortcuts.js";
 import { startTheme } from "./theme.js";
@@ -42,7 +42,7 @@ import { tellWhyNot } from "./why_not.js";
  * @typedef {object} View
  * @property {"header" | "banner" | "now" | "left" | "middle" | "right" | "footer" | "far"} place
  * @property {{name: string, title: string}} [panel] of a view at the right
- * @property {(app: App) => {element: HTMLElement, render: () => void}} create
+ * @property {(app: App) => {element: HTMLElement, render: () => void, isThere?: () => boolean}} create without `isThere` its panel always is
  */
 
 /** Interval at which running times are shown, ms. */
@@ -107,7 +107,7 @@ const app = {
     });
     invalidate();
   },
-  retry: () => connection.retryNow(),
+  retry: () => machine.retryNow(),
   invalidate,
   // these need the rest
   jogger: /** @type {any} */ (null),
@@ -116,26 +116,38 @@ const app = {
 app.jogger = new Jogger(app);
 app.alerts = new Alerts(app);
 
-const connection = new Connection({
-  message(topic, message) {
-    if (model.take(topic, message)) {
-      toasts.show("The runtime was started again. Everything on the screen has been read anew.");
-    }
-    if (topic === "birth") {
-      connection.subscribe(model.topics());
-      void app.readPrograms();
-      void readUser();
-      for (const system of model.systems.values()) void readLastRun(system);
-    }
-    invalidate();
-  },
-  refused: (text) => toasts.show(text, "error"),
-  phase(online, retryAt) {
-    if (!online) model.disconnected();
-    model.online = online;
-    model.retryAt = retryAt;
-    invalidate();
-  },
+/** Topics that are subscribed. @type {Set<string>} */
+const watched = new Set();
+
+/** @param {string[]} topics */
+function watch(topics) {
+  for (const topic of topics) {
+    if (watched.has(topic)) continue;
+    watched.add(topic);
+    machine.on(topic, take);
+  }
+}
+
+/** @param {any} message @param {string} topic */
+function take(message, topic) {
+  if (model.take(topic, message)) {
+    toasts.show("The runtime was started again. Everything on the screen has been read anew.");
+  }
+  if (topic === "birth") {
+    watch(model.topics());
+    void app.readPrograms();
+    void readUser();
+    for (const system of model.systems.values()) void readLastRun(system);
+  }
+  invalidate();
+}
+
+machine.onRefused((text) => toasts.show(text, "error"));
+machine.onLink(({ online, retryAt }) => {
+  if (!online) model.disconnected();
+  model.online = online;
+  model.retryAt = retryAt;
+  invalidate();
 });
 
 /** @param {import("./model.js").CoordinateSystem} system */
@@ -169,7 +181,7 @@ function build() {
   places.right?.append(panels.element);
   const shown = views.map((view) => {
     const made = view.create(app);
-    if (view.panel) panels.add(view.panel, made.element);
+    if (view.panel) panels.add(view.panel, made);
     else places[view.place]?.append(made.element);
     return made;
   });
@@ -231,4 +243,5 @@ listenToKeys(app);
 tellWhyNot((text) => toasts.show(text));
 setInterval(invalidate, TICK_MS);
 await signedIn();
-connection.open();
+watch(MACHINE_TOPICS);
+machine.connect();

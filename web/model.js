@@ -3,6 +3,9 @@
 import { Recorder } from "./history/recorder.js";
 import { Trail } from "./trail.js";
 
+/** Topics of the machine as a whole. */
+export const MACHINE_TOPICS = ["presence", "birth", "alarm/active"];
+
 /** Topics of a coordinate system that the screen shows, with the field that keeps them. */
 const CS_TOPICS = /** @type {const} */ ({
   state: "state",

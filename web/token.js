@@ -2,28 +2,12 @@
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
-
-const KEY = "tandem-token";
-
-function token() {
-  return sessionStorage.getItem(KEY);
-}
-
-/** The headers of a request. @returns {Record<string, string>} */
-export function authorization() {
-  const known = token();
-  return known === null ? {} : { Authorization: `Bearer ${known}` };
-}
-
-/** The sub-protocols of a WebSocket, which cannot have that header. @returns {string[]} */
-export function protocols() {
-  const known = token();
-  return known === null ? [] : ["tandem.v1", `bearer.${known}`];
-}
+import { machine } from "./machine.js";
+import { Refusal, storedToken, storeToken } from "./tandem.js";
 
 /** The next request is one of nobody. */
 export function forgetToken() {
-  sessionStorage.removeItem(KEY);
+  storeToken(null);
 }
 
 /** Asks for a token until the machine accepts it or needs none. */
@@ -33,10 +17,10 @@ export async function signedIn() {
 
 async function isRefused() {
   try {
-    const response = await fetch("/api/v1/machine", { cache: "no-store", headers: authorization() });
-    return response.status === 401;
-  } catch {
+    await machine.get("/machine");
     return false;
+  } catch (error) {
+    return error instanceof Refusal && error.problem.code === "unauthorized";
   }
 }
 
@@ -46,7 +30,7 @@ function ask() {
     const user = field("User", "text", "username");
     const pin = field("PIN", "password", "current-password");
     const shown = field("Token", "password", "off");
-    const problem = h("p", { role: "alert" }, token() === null ? "" : "The machine does not know this token.");
+    const problem = h("p", { role: "alert" }, storedToken() === null ? "" : "The machine does not know this token.");
     const form = h(
       "form",
       { method: "dialog" },
@@ -72,7 +56,7 @@ function field(label, type, autocomplete) {
 
 /** @param {string} given */
 function keep(given) {
-  sessionStorage.setItem(KEY, given);
+  storeToken(given);
   return null;
 }
 
@@ -82,14 +66,9 @@ function keep(given) {
  */
 async function logIn(user, pin) {
   try {
-    const response = await fetch("/api/v1/login", {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify({ user, pin }),
-    });
-    const answer = await response.json();
-    return response.ok ? keep(answer.token) : answer.detail;
-  } catch {
-    return "The machine does not answer; try again.";
+    const response = await machine.request("POST", "/login", { body: { user, pin } });
+    return keep((await response.json()).token);
+  } catch (error) {
+    return error instanceof Refusal ? error.message : String(error);
   }
 }

@@ -162,6 +162,23 @@ export interface HeartbeatMessage {
   boot_id: BootId; cycle: number; rev?: number; ts: string; v: 1;
 }
 
+/** What a machine builder has added to the HMI. */
+export interface Hmi {
+  buttons: HmiButton[]; cards: HmiCard[];
+}
+
+/** A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input. */
+export interface HmiButton {
+  confirm?: string; cs?: number; icon?: string; input?: string; m_code?: number; mdi?: string; states?: Execution[];
+  text: string; value?: number; variable?: string;
+}
+
+/** A card of the panel Machine: it shows an M code while it is open, a variable, an input, or what a module of the folder `dir` draws. */
+export interface HmiCard {
+  cs?: number; icon?: string; input?: string; m_code?: number; module?: string; text: string; unit?: string;
+  variable?: string;
+}
+
 export interface Inputs {
   dry_run?: SwitchMessage; interlock?: LockMessage; optional_skip?: OptionalSkipMessage; optional_stop?: SwitchMessage;
   single_block?: SwitchMessage; start_lock?: LockMessage;
@@ -495,3 +512,34 @@ export interface WebSocketMessage {
 export interface WorkOffsetTable {
   work_offsets: Record<string, Record<string, number>>;
 }
+
+/** The message of a topic, such as `cs/1/state`; where it is not known before, any. */
+export type MessageOf<Topic extends string> =
+  Topic extends `presence` ? PresenceMessage :
+  Topic extends `birth` ? BirthMessage :
+  Topic extends `heartbeat` ? HeartbeatMessage :
+  Topic extends `alarm/event` ? AlarmRecordMessage :
+  Topic extends `alarm/active` ? ActiveAlarmsMessage :
+  Topic extends `reply/${string}` ? CommandReplyMessage :
+  Topic extends `handler/${string}/result` ? HandlerResultMessage :
+  Topic extends `cs/${number}/state` ? StateMessage :
+  Topic extends `cs/${number}/program` ? ProgramPlaceMessage :
+  Topic extends `cs/${number}/position` ? PositionMessage :
+  Topic extends `cs/${number}/modal` ? ModalMessage :
+  Topic extends `cs/${number}/m_code/pending` ? PendingMessage :
+  Topic extends `cs/${number}/captured` ? CapturedMessage :
+  Topic extends `cs/${number}/input/optional_skip/state` ? OptionalSkipMessage :
+  Topic extends `cs/${number}/input/optional_stop/state` ? SwitchMessage :
+  Topic extends `cs/${number}/input/single_block/state` ? SwitchMessage :
+  Topic extends `cs/${number}/input/dry_run/state` ? SwitchMessage :
+  Topic extends `cs/${number}/input/interlock/state` ? LockMessage :
+  Topic extends `cs/${number}/input/start_lock/state` ? LockMessage :
+  Topic extends `cs/${number}/spindle/state` ? SpindleMessage :
+  Topic extends `cs/${number}/tool/state` ? ToolMessage :
+  Topic extends `cs/${number}/override/state` ? OverridesMessage :
+  Topic extends `cs/${number}/lease/state` ? LeaseStateMessage :
+  Topic extends `cs/${number}/m_code/${number}/output` ? OutputNoticeMessage :
+  Topic extends `cs/${number}/m_code/${number}/result` ? HandshakeResultMessage :
+  Topic extends `cs/${number}/m_code/${number}/cancel` ? CancelMessage :
+  Topic extends `cs/${number}/m_code/${number}/validate` ? ValidateMessage :
+  WebSocketMessage;

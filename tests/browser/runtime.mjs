@@ -2,7 +2,7 @@
 
 import { execFile, spawn } from "node:child_process";
 import { once } from "node:events";
-import { appendFile, mkdtemp, rm, writeFile } from "node:fs/promises";
+import { appendFile, mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -145,6 +145,13 @@ export class Runtime {
     const { stdout } = await promisify(execFile)(BINARY, arguments_);
     await appendFile(join(this.folder, "tandem.toml"), 'token_file = "tokens.toml"\n');
     return stdout.match(/^token: (\w+)$/m)[1];
+  }
+
+  /** From the next start on its configuration has these lines, too: those of a table that it has, or tables. */
+  async add(lines, table = null) {
+    const file = join(this.folder, "tandem.toml");
+    const text = await readFile(file, "utf8");
+    await writeFile(file, table ? text.replace(`\n[${table}]\n`, (head) => `${head}${lines}\n`) : `${text}${lines}`);
   }
 
   /** From the next start on this person may log in. */

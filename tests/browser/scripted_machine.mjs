@@ -153,6 +153,7 @@ export class ScriptedMachine {
     const handshake = /^\/cs\/\d+\/m_codes\/(\d+)\/(reset|answer)$/.exec(path);
     if (handshake) return { json: { seq: Number(handshake[1]), handler_id: body.handler_id ?? "hmi", status: "accepted" } };
     if (path.endsWith("/redeliver")) return { status: 204 };
+    if (path === "/hmi") return { json: { buttons: [], cards: [] } };
     if (path === "/health") return { json: { status: "ok" } };
     if (path === "/machine") return { json: { v: 1, boot_id: this.bootId, ts: now(), ...BIRTH } };
     if (path === "/journal") return { json: { lines: [] } };

@@ -1,6 +1,5 @@
 // Reads the planned path of a program: the coarsest level first, the finer ones of the chunks that are looked at when they are.
 
-import { authorization } from "../token.js";
 import { readPath } from "./bytes.js";
 
 /** Chunks asked for at once: less than a megabyte. */
@@ -33,9 +32,11 @@ export class PathLoader {
   #asked = new Set();
   /** @type {() => void} */
   #changed;
+  #tandem;
 
-  /** @param {() => void} changed */
-  constructor(changed) {
+  /** @param {import("../tandem.js").Tandem} tandem @param {() => void} changed */
+  constructor(tandem, changed) {
+    this.#tandem = tandem;
     this.#changed = changed;
   }
 
@@ -134,14 +135,9 @@ export class PathLoader {
 
   /** Null: it is as the tag says. @param {string} query @param {string} tag @returns {Promise<{bytes: ArrayBuffer, tag: string} | null>} */
   async #fetch(query, tag) {
-    /** @type {Record<string, string>} */
-    const headers = { ...authorization(), ...(tag && { "If-None-Match": tag }) };
-    const response = await fetch(`/api/v1/programs/${this.#program}/path?cs=${this.#cs}&${query}`, { headers, cache: "no-store" });
+    const headers = tag === "" ? undefined : { "If-None-Match": tag };
+    const response = await this.#tandem.request("GET", `/programs/${this.#program}/path?cs=${this.#cs}&${query}`, { headers });
     if (response.status === 304) return null;
-    if (!response.ok) {
-      const problem = await response.json().catch(() => ({}));
-      throw new Error(problem.detail ?? `refused with status ${response.status}`);
-    }
     return { bytes: await response.arrayBuffer(), tag: response.headers.get("ETag") ?? "" };
   }
 }

@@ -4,7 +4,7 @@
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { openDialog } from "../dialog.js";
 import { duration, plain, position, programName } from "../format.js";
-import { authorization } from "../token.js";
+import { machine } from "../machine.js";
 import { lastRuns } from "./runs.js";
 
 /** How often the time left is asked for while a program runs, and the rehearsal while it is planned, ms. */
@@ -120,11 +120,9 @@ export class Rehearse {
     this.#askedAt = Date.now();
     const key = this.#key;
     try {
-      const response = await fetch(`/api/v1/programs/${program}/rehearsal?cs=${cs}`, { headers: authorization(), cache: "no-store" });
-      const answer = response.ok ? await response.json() : null;
+      // the connection says where the machine is not there
+      const answer = await machine.get(`/programs/${program}/rehearsal?cs=${cs}`).catch(() => null);
       if (key === this.#key) this.#rehearsal = answer;
-    } catch {
-      // the connection says that the machine is not there
     } finally {
       this.#isAsking = false;
       this.#app.invalidate();

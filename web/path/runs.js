@@ -2,7 +2,7 @@
 
 import { h } from "../dom.js";
 import { duration, timeOfDay } from "../format.js";
-import { authorization } from "../token.js";
+import { machine } from "../machine.js";
 
 /** Lines of the journal that are looked through. */
 const LINES = 1000;
@@ -75,6 +75,6 @@ function took(s) {
 
 /** Without a journal there is nothing to show. @param {number} cs @returns {Promise<Line[]>} */
 async function read(cs) {
-  const response = await fetch(`/api/v1/journal?cs=${cs}&count=${LINES}`, { headers: authorization(), cache: "no-store" }).catch(() => null);
-  return response?.ok ? (await response.json()).lines : [];
+  const journal = await machine.get(`/journal?cs=${cs}&count=${LINES}`).catch(() => null);
+  return journal?.lines ?? [];
 }

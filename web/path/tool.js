@@ -1,6 +1,6 @@
 // The radius of the tool in the spindle, read from the tool table when another tool is there.
 
-import { authorization } from "../token.js";
+import { machine } from "../machine.js";
 
 let known = { key: "", radius: 0 };
 
@@ -22,8 +22,7 @@ export function toolRadius({ model, invalidate }, { info, modal, state }) {
 /** @param {number} id */
 async function readRadius(id) {
   if (!id) return 0;
-  const response = await fetch("/api/v1/tools", { headers: authorization(), cache: "no-store" }).catch(() => null);
-  /** @type {import("../types.d.ts").ToolTable} */
-  const table = response?.ok ? await response.json() : { tools: [] };
-  return table.tools.find((tool) => tool.id === id)?.radius ?? 0;
+  /** @type {import("../types.d.ts").ToolTable | null} */
+  const table = await machine.get("/tools").catch(() => null);
+  return table?.tools.find((tool) => tool.id === id)?.radius ?? 0;
 }

@@ -1,5 +1,6 @@
 // The views, in the order of their places and of the Tab key.
 
+import { added } from "./added.js";
 import { alarms } from "./alarms.js";
 import { byHand } from "./by_hand.js";
 import { commands } from "./commands.js";
@@ -30,6 +31,7 @@ export const views = [
   programs,
   byHand,
   setUp,
+  added,
   far,
   commands,
   switches,

@@ -4,6 +4,7 @@
 import { button, card, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
 import { icon } from "../icons.js";
+import { machine } from "../machine.js";
 import { placeOf } from "../path/bytes.js";
 import { VIEW_NAMES } from "../path/camera.js";
 import { atTime } from "../path/find.js";
@@ -31,7 +32,7 @@ class PathView {
   #note = h("p", { class: "path-note", hidden: true });
   #box = h("div", { class: "canvas-box" }, this.#back, this.#canvas, this.#note);
   #picture = new Picture(this.#canvas, this.#back, this.#box);
-  #loader = new PathLoader(() => this.#changed());
+  #loader = new PathLoader(machine, () => this.#changed());
   #live = new Live();
   #rehearse;
   #views;

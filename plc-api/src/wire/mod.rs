@@ -6,6 +6,7 @@
 //! [`ClientFrame::requests`](websocket::ClientFrame::requests). Pure: no sockets, no async.
 
 pub mod answer;
+pub mod hmi;
 mod json;
 pub mod login;
 pub mod mqtt;

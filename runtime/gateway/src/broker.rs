@@ -8,6 +8,7 @@ mod door;
 mod line;
 mod retained;
 mod sessions;
+mod socket;
 
 use std::future::{Future, ready};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -40,19 +41,20 @@ use crate::broker_address::{BrokerAddress, Refused};
 use crate::contract::topics::is_inbound;
 use crate::error::GatewayError;
 use crate::machine::Machine;
-use crate::places::{Place, host_of};
-use crate::settings::{MQTT_LISTEN, bind};
+use crate::places::{Place, Places, host_of};
+use crate::settings::{MQTT_LISTEN, MqttSettings, bind};
 use crate::tls::{Fingerprint, LiveTls};
-use door::{Hall, PLACES, RESERVED};
+use door::{Counts, Hall, PLACES, RESERVED};
 use line::OnTheWay;
 use retained::{Kind, Retained};
 pub(crate) use sessions::Sessions;
 use sessions::{REMEMBERED_MAX, Session};
+pub(crate) use socket::SocketBytes;
 
 /// Clients that may be connected; more are refused.
 const CLIENTS_MAX: usize = PLACES.known;
 /// Bytes of one packet. Reason: the largest message, `birth`, stays far below.
-const PACKET_MAX: usize = 1024 * 1024;
+pub(crate) const PACKET_MAX: usize = 1024 * 1024;
 /// Subscriptions of one client.
 const SUBSCRIPTIONS_MAX: usize = 1024;
 /// Bytes of one retained message.
@@ -106,7 +108,26 @@ pub(crate) struct Broker {
     clients: TaskTracker,
     sessions: Arc<Sessions>,
     secret: String,
+    entrance: Entrance,
     _hall: AbortOnDropHandle<()>,
+}
+
+/// Where clients over WebSocket come in.
+#[derive(Clone)]
+pub(crate) struct Entrance(Arc<Hall>);
+
+impl Entrance {
+    /// Serves a client until it has gone.
+    pub(crate) async fn serve(
+        &self,
+        bytes: SocketBytes,
+        address: SocketAddr,
+        certificate: Option<Fingerprint>,
+    ) {
+        Arc::clone(&self.0)
+            .serve_socket(bytes, address, certificate)
+            .await;
+    }
 }
 
 impl Broker {
@@ -151,6 +172,8 @@ impl Broker {
             tls,
             stop: stop.clone(),
             clients: clients.clone(),
+            places: Places::new(PLACES),
+            counts: Counts::new(),
         });
         Ok(Broker {
             addr,
@@ -158,8 +181,14 @@ impl Broker {
             clients,
             sessions,
             secret,
+            entrance: Entrance(Arc::clone(&hall)),
             _hall: AbortOnDropHandle::new(tokio::spawn(hall.run(listener))),
         })
+    }
+
+    /// Where clients over WebSocket come in, if the settings let them.
+    pub(crate) fn entrance(&self, settings: &MqttSettings) -> Option<Entrance> {
+        settings.websocket.then(|| self.entrance.clone())
     }
 
     /// Its clients.

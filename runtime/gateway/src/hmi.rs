@@ -68,12 +68,17 @@ async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {
     }
 }
 
+/// Whether the client has what this tag names.
+pub(crate) fn is_known(request: &HeaderMap, tag: &str) -> bool {
+    let tags = request
+        .get(header::IF_NONE_MATCH)
+        .and_then(|tags| tags.to_str().ok());
+    tags.is_some_and(|tags| tags.split(',').any(|one| one.trim() == tag))
+}
+
 fn file_response(file: EmbeddedFile, request: &HeaderMap) -> Response {
     let tag = format!("W/\"{}\"", hex::encode(&file.metadata.sha256_hash()[..16]));
-    let known = request
-        .get(header::IF_NONE_MATCH)
-        .and_then(|tags| tags.to_str().ok())
-        .is_some_and(|tags| tags.split(',').any(|one| one.trim() == tag));
+    let known = is_known(request, &tag);
     let kind = match file.metadata.mimetype() {
         kind if kind.starts_with("text/") => format!("{kind}; charset=utf-8"),
         kind => kind.to_owned(),

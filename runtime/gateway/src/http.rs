@@ -12,7 +12,7 @@ use tandem_mtconnect::Agent;
 use crate::contract::routes::API;
 use crate::problem::Problem;
 use crate::shared::Shared;
-use crate::{access, hmi, mtconnect, origin, rest, server, websocket};
+use crate::{access, hmi, hmi_dir, mqtt_socket, mtconnect, origin, rest, server, websocket};
 
 /// Everything that is served over HTTP.
 pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
@@ -24,12 +24,18 @@ pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
             access::guard::guard,
         ))
         .layer(middleware::map_response(no_store));
-    Router::new()
+    let mut all = Router::new()
         .nest(API, api)
         .merge(mtconnect::routes(mtconnect, &shared))
+        .merge(mqtt_socket::routes(shared.entrance.as_ref()))
+        .merge(hmi_dir::routes(shared.hmi.dir.as_deref()))
         .merge(hmi::routes())
-        .method_not_allowed_fallback(wrong_method)
-        .layer(middleware::from_fn_with_state(Arc::clone(&shared), origin::guard))
+        .method_not_allowed_fallback(wrong_method);
+    let others = shared.access.origins();
+    if !others.is_empty() {
+        all = all.layer(origin::shared_with(others));
+    }
+    all.layer(middleware::from_fn_with_state(Arc::clone(&shared), origin::guard))
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), count))
         .layer(middleware::from_fn_with_state(
             Arc::clone(&shared),

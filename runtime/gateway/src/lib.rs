@@ -9,11 +9,14 @@ mod broker_address;
 mod contract;
 mod error;
 mod hmi;
+mod hmi_dir;
 mod http;
 mod machine;
 mod metrics;
 mod mqtt;
+mod mqtt_socket;
 mod mtconnect;
+mod opened;
 mod origin;
 mod places;
 mod position;
@@ -51,7 +54,7 @@ pub use access::{
 };
 pub use error::GatewayError;
 pub use mqtt::{Connect, Event, Lost, MqttEnd, Named, Version, Wire};
-pub use settings::{GatewaySettings, HTTP_LISTEN, MQTT_LISTEN, MqttSettings, MtconnectSettings};
+pub use settings::{GatewaySettings, HTTP_LISTEN, HmiSettings, MQTT_LISTEN, MqttSettings, MtconnectSettings};
 pub use tandem_mtconnect::Version as MtconnectVersion;
 pub use tls::ServerTls;
 
@@ -114,23 +117,24 @@ impl Gateway {
             }
             None => (None, BrokerAddress::of_settings(&settings.mqtt)?),
         };
-        let position_interval = Duration::from_millis(settings.position_interval_ms);
+        let position_interval = settings.position_interval();
         let stop = CancellationToken::new();
         let mtconnect = mtconnect::start(&settings, port, &stop).await?;
-        // an external broker has users of its own
-        let broker_users = tokens.filter(|_| broker.is_some());
-        let shared = Arc::new(Shared::new(
+        let shared = Shared::new(
             machine.clone(),
             http_addr,
             if tls.is_some() { "https" } else { "http" },
             MqttServer::new(broker.as_ref().map(Broker::addr), &settings.mqtt, tls.is_some()),
-            Access::new(users),
+            Access::new(users).open_to(&settings.allow_origins),
             position_interval,
             stop.clone(),
-        ));
+        )
+        .with_hmi(settings.hmi)
+        .with_entrance(broker.as_ref().and_then(|broker| broker.entrance(&settings.mqtt)));
         let mqtt = MqttEnd::start(mqtt::Parts {
             machine,
-            tokens: broker_users,
+            // an external broker has users of its own
+            tokens: tokens.filter(|_| broker.is_some()),
             clients: broker.as_ref().map(Broker::sessions),
             settings: settings.mqtt,
             machine_name: settings.machine,

@@ -1,30 +1,68 @@
 //! Only our own web pages may use the server. A page of another site in the same browser must not be able to start a
 //! machine, neither by its own request (CSRF) nor by a name that it resolves to the loopback (DNS rebinding). So on the
 //! loopback the Host must be a name of the loopback with our port, and so must the Origin, if there is one. On the network
-//! each request needs a token, which no other page has: there the Host may be any name, and an Origin must match it.
+//! each request needs a token, which no other page has: there the Host may be any name, and an Origin must match it. Pages of the
+//! origins in `[http] allow_origins` may use it as well; they need a token, which they must have from their user.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, StatusCode, Uri, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tower_http::cors::{AllowOrigin, CorsLayer};
 
 use crate::problem::Problem;
 use crate::shared::Shared;
 
+/// How long a browser remembers what pages of another origin may send.
+const PREFLIGHT_AGE: Duration = Duration::from_mins(10);
+
+/// Tells browsers that pages of these origins may read answers. They send their token in a header: nothing goes with a request by
+/// itself, such as a cookie.
+pub(crate) fn shared_with(origins: &[HeaderValue]) -> CorsLayer {
+    CorsLayer::new()
+        .allow_origin(AllowOrigin::list(origins.iter().cloned()))
+        .allow_methods([Method::GET, Method::POST, Method::PUT, Method::DELETE])
+        .allow_headers([
+            header::AUTHORIZATION,
+            header::CONTENT_TYPE,
+            header::IF_MATCH,
+            header::IF_NONE_MATCH,
+            HeaderName::from_static("idempotency-key"),
+            HeaderName::from_static("lease-fence"),
+            HeaderName::from_static("program-signature"),
+        ])
+        .expose_headers([header::ETAG, header::LOCATION, header::RETRY_AFTER])
+        .max_age(PREFLIGHT_AGE)
+}
+
 /// Admits requests with our Host, and our Origin or none.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
-    match check(request.uri(), request.headers(), shared.http_addr, shared.scheme) {
+    let allowed = shared.access.origins();
+    match check(
+        request.uri(),
+        request.headers(),
+        shared.http_addr,
+        shared.scheme,
+        allowed,
+    ) {
         Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
     }
 }
 
 /// A request may name its host twice: in its target (`GET http://host/path`) and in the Host header. Both must be the same.
-fn check(target: &Uri, headers: &HeaderMap, own: SocketAddr, scheme: &str) -> Result<(), Problem> {
+fn check(
+    target: &Uri,
+    headers: &HeaderMap,
+    own: SocketAddr,
+    scheme: &str,
+    allowed: &[HeaderValue],
+) -> Result<(), Problem> {
     let mut hosts = headers.get_all(header::HOST).iter();
     let host = hosts.next().and_then(|host| host.to_str().ok());
     let in_target = target.authority().map(Authority::as_str);
@@ -40,6 +78,9 @@ fn check(target: &Uri, headers: &HeaderMap, own: SocketAddr, scheme: &str) -> Re
         ));
     };
     for origin in headers.get_all(header::ORIGIN) {
+        if allowed.contains(origin) {
+            continue;
+        }
         let origin = origin.to_str().unwrap_or_default();
         let (of, page) = origin.split_once("://").unwrap_or_default();
         let is_ours = if own.ip().is_loopback() {
@@ -49,7 +90,8 @@ fn check(target: &Uri, headers: &HeaderMap, own: SocketAddr, scheme: &str) -> Re
             [scheme, "https"].contains(&of) && page == host
         };
         if !is_ours {
-            let text = "a web page of another origin may not use this machine";
+            let text =
+                "a web page of another origin may not use this machine; [http] allow_origins says which may";
             return Err(Problem::new(StatusCode::FORBIDDEN, "foreign_origin", text));
         }
     }
@@ -79,7 +121,7 @@ mod tests {
     use super::*;
 
     fn check(headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
-        super::check(&Uri::from_static("/"), headers, own, "http")
+        super::check(&Uri::from_static("/"), headers, own, "http", &[])
     }
 
     fn headers(pairs: &[(header::HeaderName, &str)]) -> HeaderMap {
@@ -119,7 +161,7 @@ mod tests {
         let own = "127.0.0.1:8080".parse().unwrap();
         for (origin, allowed) in [("https://localhost:8080", true), ("http://localhost:8080", false)] {
             let headers = headers(&[(header::HOST, "localhost:8080"), (header::ORIGIN, origin)]);
-            let checked = super::check(&Uri::from_static("/"), &headers, own, "https");
+            let checked = super::check(&Uri::from_static("/"), &headers, own, "https", &[]);
             assert_eq!(checked.is_ok(), allowed, "{origin}");
         }
     }
@@ -137,7 +179,7 @@ mod tests {
                 ("http://user@localhost:8080/api/v1/cs/1/stop", false),
                 ("http://127.0.0.1:8080/api/v1/cs/1/stop", false),
             ] {
-                let checked = super::check(&target.parse().unwrap(), &host, own, "http");
+                let checked = super::check(&target.parse().unwrap(), &host, own, "http", &[]);
                 assert_eq!(checked.is_ok(), allowed, "{target} at {own}");
             }
         }

@@ -1,20 +1,24 @@
 //! Settings of the server ends, which the runtime reads from its configuration file.
 
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use plc_api::TlsFiles;
 use plc_api::transport::mqtt::mqtt_over;
+use plc_api::wire::hmi::Hmi;
 use rumqttc::Transport;
 use tandem_mtconnect::Version as MtconnectVersion;
 use tokio::net::{TcpListener, TcpSocket};
 
 use crate::access::{LiveTokens, Tokens};
 use crate::error::GatewayError;
+use crate::opened::{folder_problem, is_origin};
 use crate::tls::{LiveTls, ServerTls};
 
 /// Settings of all server ends of one machine.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct GatewaySettings {
     /// Machine name: the level of MQTT topics below `{prefix}/tandem/v1/`. 1 to 32 of `a`-`z`, `0`-`9`, `-`.
     pub machine: String,
@@ -29,6 +33,11 @@ pub struct GatewaySettings {
     pub tokens: Option<Arc<Tokens>>,
     /// `[mtconnect]`; `None`: without it.
     pub mtconnect: Option<MtconnectSettings>,
+    /// `[http] allow_origins`: origins whose pages may use HTTP and WebSocket, besides its own; they need tokens. At most
+    /// [`ORIGINS_MAX`].
+    pub allow_origins: Vec<String>,
+    /// `[hmi]`: what a machine builder has added to the HMI.
+    pub hmi: HmiSettings,
     /// Shortest time between two positions of one coordinate system on MQTT and on a WebSocket, ms. 20 to 10 000.
     pub position_interval_ms: u64,
 }
@@ -42,12 +51,25 @@ pub struct MtconnectSettings {
     pub shdr_listen: Option<String>,
 }
 
+/// What a machine builder has added to the HMI.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct HmiSettings {
+    /// `[hmi] dir`: folder that is served below `/hmi/`; `None`: none.
+    pub dir: Option<PathBuf>,
+    /// Files and folders that must not lie in `dir`, nor around it.
+    pub secrets: Vec<PathBuf>,
+    /// `[[hmi.button]]` and `[[hmi.card]]`.
+    pub added: Hmi,
+}
+
 /// Settings of the MQTT end.
 #[derive(Clone, PartialEq, Eq)]
 pub struct MqttSettings {
     /// `[mqtt] listen`: address and port of the embedded broker. Port 0 takes any free port. `None`: an external
     /// broker.
     pub embedded_listen: Option<String>,
+    /// `[mqtt] websocket`: the embedded broker answers at `/mqtt` of HTTP, too, over WebSocket; it needs tokens.
+    pub websocket: bool,
     /// Host name or address, and port of each external broker, or of each node of one: the first that answers is used, until it
     /// is lost.
     pub brokers: Vec<(String, u16)>,
@@ -74,6 +96,8 @@ impl Default for GatewaySettings {
             mqtt: MqttSettings::default(),
             tokens: None,
             mtconnect: None,
+            allow_origins: Vec::new(),
+            hmi: HmiSettings::default(),
             position_interval_ms: 100,
         }
     }
@@ -84,6 +108,7 @@ impl Default for MqttSettings {
     fn default() -> Self {
         Self {
             embedded_listen: Some("127.0.0.1:1883".to_owned()),
+            websocket: false,
             brokers: vec![("127.0.0.1".to_owned(), 1883)],
             tls: None,
             username: None,
@@ -98,6 +123,7 @@ impl std::fmt::Debug for MqttSettings {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("MqttSettings")
             .field("embedded_listen", &self.embedded_listen)
+            .field("websocket", &self.websocket)
             .field("brokers", &self.brokers)
             .field("tls", &self.tls)
             .field("username", &self.username)
@@ -114,6 +140,13 @@ pub const HTTP_LISTEN: &str = "[http] listen";
 pub const MQTT_LISTEN: &str = "[mqtt] listen";
 /// Name of the setting of the address of the SHDR adapter, for messages.
 pub(crate) const SHDR_LISTEN: &str = "[mtconnect] shdr_listen";
+
+/// Origins of others that may be allowed. Reason: each request is compared with them.
+pub const ORIGINS_MAX: usize = 16;
+
+/// Why a setting is refused that opens the server to others.
+const NEEDS_USERS: &str =
+    "this needs users; make tokens with tandem token and name their file in [http] token_file";
 
 impl GatewaySettings {
     /// Everything that prevents these settings from being served, as far as it can be known without opening a port: values,
@@ -134,9 +167,66 @@ impl GatewaySettings {
         problems.extend(mqtt.err());
         problems.extend(self.mqtt.transport().err());
         problems.extend(self.shdr_address().err());
+        problems.extend(self.origin_problem());
+        problems.extend(self.websocket_problem());
+        let wrong_dir = self.hmi.dir.as_ref().and_then(|dir| {
+            let text = folder_problem(dir, &self.hmi.secrets)?;
+            let value = dir.display().to_string();
+            Some(GatewayError::Setting {
+                setting: "[hmi] dir",
+                value,
+                text,
+            })
+        });
+        problems.extend(wrong_dir);
         let tls = self.tls.as_ref().map(ServerTls::check);
         problems.extend(tls.and_then(Result::err).map(GatewayError::ServerTls));
         problems
+    }
+
+    /// What is wrong with MQTT over WebSocket.
+    fn websocket_problem(&self) -> Option<GatewayError> {
+        let text = match (self.mqtt.websocket, &self.mqtt.embedded_listen, &self.tokens) {
+            (true, None, _) => "this is for broker = \"embedded\"; an external one has its own".to_owned(),
+            (true, Some(_), None) => {
+                format!("{NEEDS_USERS}: a page in a browser could do everything without")
+            }
+            _ => return None,
+        };
+        Some(GatewayError::Setting {
+            setting: "[mqtt] websocket",
+            value: "true".to_owned(),
+            text,
+        })
+    }
+
+    /// What is wrong with the origins of others.
+    fn origin_problem(&self) -> Option<GatewayError> {
+        let wrong = |value: &str, text: String| {
+            Some(GatewayError::Setting {
+                setting: "[http] allow_origins",
+                value: value.to_owned(),
+                text,
+            })
+        };
+        let first = self.allow_origins.first()?;
+        if self.tokens.is_none() {
+            return wrong(
+                first,
+                format!("{NEEDS_USERS}: pages of others could do everything without"),
+            );
+        }
+        if self.allow_origins.len() > ORIGINS_MAX {
+            return wrong(first, format!("at most {ORIGINS_MAX} origins are allowed"));
+        }
+        let other = self.allow_origins.iter().find(|origin| !is_origin(origin))?;
+        let text = "write an origin as browsers do, such as https://hmi.example.com or http://localhost:5173; none stands for several";
+        wrong(other, text.to_owned())
+    }
+
+    /// Shortest time between two positions.
+    pub(crate) fn position_interval(&self) -> Duration {
+        Duration::from_millis(self.position_interval_ms)
     }
 
     /// The address of HTTP.
@@ -298,6 +388,13 @@ pub(crate) fn bind(setting: &'static str, address: SocketAddr) -> Result<TcpList
 mod tests {
     use super::*;
 
+    fn tokens() -> Arc<Tokens> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let new = crate::new_token("screen", crate::Role::Operate, None).unwrap();
+        std::fs::write(file.path(), new.entry).unwrap();
+        Arc::new(Tokens::read(file.path()).unwrap())
+    }
+
     #[test]
     fn without_tokens_only_the_loopback_may_be_listened_on_and_the_refusal_names_the_setting() {
         for address in ["127.0.0.1:8080", "[::1]:8080", "localhost:0"] {
@@ -312,6 +409,50 @@ mod tests {
         }
         let text = listen_address(MQTT_LISTEN, "here", true).unwrap_err().to_string();
         assert!(text.contains("[mqtt] listen") && text.contains("here"), "{text}");
+    }
+
+    #[test]
+    fn origins_of_others_need_users_and_are_origins() {
+        let told = |origins: &[&str], has_tokens: bool| {
+            let settings = GatewaySettings {
+                allow_origins: origins.iter().map(|origin| (*origin).to_owned()).collect(),
+                tokens: has_tokens.then(tokens),
+                ..GatewaySettings::default()
+            };
+            settings
+                .problems()
+                .iter()
+                .map(ToString::to_string)
+                .collect::<String>()
+        };
+        let origin = "https://hmi.example.com";
+        assert_eq!(told(&[origin], true), "");
+        let refused = told(&[origin], false);
+        assert!(
+            refused.contains("[http] allow_origins") && refused.contains("token_file"),
+            "{refused}"
+        );
+        for wrong in ["*", "null", "hmi.example.com", "https://hmi.example.com/"] {
+            let refused = told(&[origin, wrong], true);
+            assert!(refused.contains(&format!("\"{wrong}\"")), "{refused}");
+        }
+        assert_eq!(told(&[origin; ORIGINS_MAX], true), "");
+        assert!(told(&[origin; ORIGINS_MAX + 1], true).contains("at most 16"));
+    }
+
+    #[test]
+    fn mqtt_over_websocket_needs_users_and_the_embedded_broker() {
+        let mut settings = GatewaySettings::default();
+        settings.mqtt.websocket = true;
+        let refused = settings.problems()[0].to_string();
+        assert!(
+            refused.contains("[mqtt] websocket") && refused.contains("token_file"),
+            "{refused}"
+        );
+        settings.tokens = Some(tokens());
+        assert!(settings.problems().is_empty());
+        settings.mqtt.embedded_listen = None;
+        assert!(settings.problems()[0].to_string().contains("embedded"));
     }
 
     #[test]

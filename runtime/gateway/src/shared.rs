@@ -15,10 +15,11 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::access::http::Access;
+use crate::broker::Entrance;
 use crate::machine::{Authorized, Machine};
 use crate::metrics::Metrics;
 use crate::problem::Problem;
-use crate::settings::MqttSettings;
+use crate::settings::{HmiSettings, MqttSettings};
 
 /// Concurrent requests that carry a whole program; more wait. Reason: each may hold 64 MiB.
 pub(crate) const LARGE_REQUESTS_MAX: usize = 4;
@@ -80,6 +81,9 @@ pub(crate) struct Shared {
     pub(crate) urgent_commands: Arc<Semaphore>,
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
+    pub(crate) hmi: HmiSettings,
+    /// The embedded broker, for clients over WebSocket.
+    pub(crate) entrance: Option<Entrance>,
     commands: AtomicU64,
     connections: AtomicU64,
 }
@@ -108,9 +112,21 @@ impl Shared {
             urgent_commands: Arc::new(Semaphore::new(URGENT_COMMANDS_MAX)),
             tasks: TaskTracker::new(),
             stop,
+            hmi: HmiSettings::default(),
+            entrance: None,
             commands: AtomicU64::new(1),
             connections: AtomicU64::new(1),
         }
+    }
+
+    /// The same with what a machine builder has added to the HMI.
+    pub(crate) fn with_hmi(self, hmi: HmiSettings) -> Self {
+        Self { hmi, ..self }
+    }
+
+    /// The same, to be shared, with a broker that clients reach over WebSocket.
+    pub(crate) fn with_entrance(self, entrance: Option<Entrance>) -> Arc<Self> {
+        Arc::new(Self { entrance, ..self })
     }
 
     /// A name of a `WebSocket` that is new in this boot.

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use plc_api::TlsFiles;
-use tandem_gateway::{GatewayError, GatewaySettings, MqttSettings, MtconnectSettings, ServerTls, Tokens};
+use plc_api::wire::hmi::Hmi;
+use tandem_gateway::{
+    GatewayError, GatewaySettings, HmiSettings, MqttSettings, MtconnectSettings, ServerTls, Tokens,
+};
 use tandem_runtime::{Broker, Config, Machine};
 
 use super::read_config;
@@ -82,6 +85,8 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
             version: mtconnect.version,
             shdr_listen: mtconnect.shdr_listen.clone(),
         }),
+        allow_origins: config.http.allow_origins.clone(),
+        hmi: hmi_settings(config),
         ..GatewaySettings::default()
     };
     let found = settings.problems();
@@ -91,6 +96,26 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
         .filter(|problem| !(tokens_missing && matches!(problem, GatewayError::NotLoopback { .. })));
     problems.extend(found.map(ToString::to_string));
     (settings, problems)
+}
+
+/// What is added to the HMI, with what must not be seen there.
+fn hmi_settings(config: &Config) -> HmiSettings {
+    let in_folder = |path: &PathBuf| config.base_dir.join(path);
+    let secrets = [
+        Some(&config.machine.data_dir),
+        config.http.token_file.as_ref(),
+        config.mqtt.password_file.as_ref(),
+        config.mqtt.client_key_file.as_ref(),
+        config.tls.as_ref().map(|tls| &tls.key_file),
+    ];
+    HmiSettings {
+        dir: config.hmi.dir.as_ref().map(in_folder),
+        secrets: secrets.into_iter().flatten().map(in_folder).collect(),
+        added: Hmi {
+            buttons: config.hmi.button.clone(),
+            cards: config.hmi.card.clone(),
+        },
+    }
 }
 
 fn mqtt_settings(config: &Config, problems: &mut Vec<String>) -> MqttSettings {
@@ -106,6 +131,7 @@ fn mqtt_settings(config: &Config, problems: &mut Vec<String>) -> MqttSettings {
         username: mqtt.username.clone(),
         password,
         prefix: mqtt.prefix.clone(),
+        websocket: mqtt.websocket,
         ..MqttSettings::default()
     };
     match &mqtt.broker {

@@ -7,6 +7,7 @@ mod broker;
 mod demo;
 mod dgshape;
 mod error;
+mod hmi;
 mod input;
 mod machine;
 mod reference;
@@ -27,6 +28,7 @@ use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, U
 pub use broker::{Broker, ExternalBroker};
 pub use dgshape::DgshapeConfig;
 pub use error::ConfigError;
+pub use hmi::HmiConfig;
 pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 pub use reference::{ConfigKey, ConfigWord};
@@ -76,6 +78,9 @@ pub struct Config {
     /// `[http]`
     #[serde(default)]
     pub http: HttpConfig,
+    /// `[hmi]`
+    #[serde(default)]
+    pub hmi: HmiConfig,
     /// `[tls]`
     pub tls: Option<TlsConfig>,
     /// `[mtconnect]`
@@ -395,6 +400,8 @@ pub struct MqttConfig {
     pub broker: Broker,
     /// Address of the embedded broker; default `127.0.0.1:1883`.
     pub listen: Option<String>,
+    /// The embedded broker answers over WebSocket as well, at `/mqtt` of the HTTP address; needs `token_file`.
+    pub websocket: bool,
     /// User at an external broker.
     pub username: Option<String>,
     /// File with the password at an external broker.
@@ -450,6 +457,9 @@ pub struct HttpConfig {
     pub listen: String,
     /// File with the users' tokens; needed to listen anywhere but on the loopback.
     pub token_file: Option<PathBuf>,
+    /// Origins of pages of others that may use REST and WebSocket with a token, such as `https://hmi.example.com`; needs
+    /// `token_file`.
+    pub allow_origins: Vec<String>,
 }
 
 impl Default for HttpConfig {
@@ -457,6 +467,7 @@ impl Default for HttpConfig {
         Self {
             listen: "127.0.0.1:8080".into(),
             token_file: None,
+            allow_origins: Vec::new(),
         }
     }
 }

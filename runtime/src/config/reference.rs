@@ -1,13 +1,15 @@
 //! The reference of the configuration: each key as its type declares it.
 
+use plc_api::wire::hmi::{HmiButton, HmiCard};
 use schemars::generate::SchemaSettings;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::error::known;
 use super::{
-    Config, CoordinateSystemConfig, HttpConfig, LockConfig, LockSourceConfig, MCodeConfig, MachineConfig,
-    MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
+    Config, CoordinateSystemConfig, HmiConfig, HttpConfig, LockConfig, LockSourceConfig, MCodeConfig,
+    MachineConfig, MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig, SimulatedSkipConfig, TlsConfig,
+    ToolConfig,
 };
 
 /// A key of the configuration.
@@ -63,11 +65,12 @@ impl ConfigKey {
         };
         let mut words = Vec::new();
         collect_words(schema, &mut words);
+        collect_words(&schema["items"], &mut words);
         Self {
             table: table.trim_matches('`').to_owned(),
             path: format!("{name}.{key}"),
             text: text(schema).replace('\n', " "),
-            kind: kind(schema, !words.is_empty()),
+            kind: kind(schema),
             unit: schema["x-unit"].as_str().unwrap_or_default().to_owned(),
             range: range(schema),
             words,
@@ -94,6 +97,9 @@ impl Config {
             ("simulated_skip", order_of::<SimulatedSkipConfig>()),
             ("mqtt", order_of::<MqttConfig>()),
             ("http", order_of::<HttpConfig>()),
+            ("hmi", order_of::<HmiConfig>()),
+            ("hmi.button", order_of::<HmiButton>()),
+            ("hmi.card", order_of::<HmiCard>()),
             ("tls", order_of::<TlsConfig>()),
             ("mtconnect", order_of::<MtconnectConfig>()),
             ("programs", order_of::<ProgramsConfig>()),
@@ -154,23 +160,22 @@ fn collect_words(schema: &Value, words: &mut Vec<ConfigWord>) {
     }
 }
 
-fn kind(schema: &Value, is_word: bool) -> String {
+fn kind(schema: &Value) -> String {
+    let mut words = Vec::new();
+    collect_words(schema, &mut words);
     let word = match schema["type"].as_str().or(schema["type"][0].as_str()) {
-        _ if is_word => "word",
+        _ if !words.is_empty() => "word",
         Some("integer") => "whole number",
         Some("string") => "text",
         Some("object") => "table",
         Some("array") => match &schema["minItems"] {
-            Value::Null => return format!("list of {}s", kind(&schema["items"], false)),
+            Value::Null => return format!("list of {}s", kind(&schema["items"])),
             count => return format!("{count} numbers"),
         },
         Some(other) => other,
         None => {
             let forms = schema["anyOf"].as_array().into_iter().flatten();
-            return forms
-                .map(|form| kind(form, false))
-                .collect::<Vec<_>>()
-                .join(" or ");
+            return forms.map(kind).collect::<Vec<_>>().join(" or ");
         }
     };
     word.to_owned()
@@ -184,7 +189,8 @@ mod tests {
 
     const SMALL: &str = "[machine]\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                          [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n[[tool]]\nid = 1\n[m_code.5]\n\
-                         [[simulated_skip]]\nmotor = 1\nbelow = 0\n";
+                         [[simulated_skip]]\nmotor = 1\nbelow = 0\n[[hmi.button]]\ntext = \"a\"\nm_code = 1\n\
+                         [[hmi.card]]\ntext = \"a\"\nm_code = 1\n";
 
     /// What a configuration is refused for whose key has this value.
     #[allow(
@@ -193,12 +199,17 @@ mod tests {
     )]
     fn refusal(key: &ConfigKey, value: f64) -> String {
         let mut config: Table = SMALL.parse().unwrap();
-        let (table, name) = key.path.split_once('.').unwrap();
-        let table = match &mut config[table] {
-            Value::Array(tables) => tables[0].as_table_mut().unwrap(),
-            Value::Table(table) if table.contains_key("5") => table["5"].as_table_mut().unwrap(),
-            one => one.as_table_mut().unwrap(),
-        };
+        let (path, name) = key.path.rsplit_once('.').unwrap();
+        let mut table = &mut config;
+        for step in path.split('.') {
+            table = match &mut table[step] {
+                Value::Array(tables) => tables[0].as_table_mut().unwrap(),
+                one => one.as_table_mut().unwrap(),
+            };
+            if table.contains_key("5") {
+                table = table["5"].as_table_mut().unwrap();
+            }
+        }
         let value = match key.kind.as_str() {
             "whole number" => Value::Integer(value as i64),
             "number" => Value::Float(value),

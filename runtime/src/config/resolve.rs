@@ -1,6 +1,7 @@
 //! From the values of the configuration to the settings that the stages take; all faults are reported together.
 
 mod coordinate_system;
+mod hmi;
 mod input;
 mod motor;
 mod mqtt;
@@ -108,6 +109,7 @@ impl Config {
         let motors = self.motors(problems);
         let m_codes = self.m_codes(problems);
         let coordinate_systems = self.coordinate_systems(&motors, &m_codes, problems);
+        self.check_hmi(&coordinate_systems, problems);
         Machine {
             name: self.machine.name.clone(),
             servo_period_us: self.machine.servo_period_us,

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 
 use super::{Rate, Rates, Shown, User, Users};
 use crate::problem::Problem;
@@ -36,6 +36,8 @@ pub(crate) struct Access {
     // the same for hold, stop and abort, beside all others
     urgent: Rates<String>,
     wrong: Rate,
+    // pages of these origins may use the server, besides its own
+    origins: Vec<HeaderValue>,
 }
 
 impl Access {
@@ -46,7 +48,19 @@ impl Access {
             urgent: Rates::new(URGENT_BURST, URGENT_PER_SECOND),
             users,
             wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
+            origins: Vec::new(),
         }
+    }
+
+    /// The same, open to pages of these origins.
+    pub(crate) fn open_to(self, origins: &[String]) -> Self {
+        let origins = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
+        Self { origins, ..self }
+    }
+
+    /// Origins whose pages may use the server, besides its own.
+    pub(crate) fn origins(&self) -> &[HeaderValue] {
+        &self.origins
     }
 
     /// Whether a request comes from a user.

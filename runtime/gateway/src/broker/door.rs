@@ -32,6 +32,7 @@ use tokio_util::task::TaskTracker;
 use tracing::warn;
 
 use super::line::Line;
+use super::socket::SocketBytes;
 use super::{Answer, Guard, Judged, RUNTIME_USER, clearing};
 use crate::access::{Ended, Shown};
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
@@ -65,22 +66,40 @@ pub(super) struct Hall {
     pub(super) tls: Option<LiveTls>,
     pub(super) stop: broadcast::Sender<()>,
     pub(super) clients: TaskTracker,
+    pub(super) places: Arc<Places>,
+    pub(super) counts: Counts,
+}
+
+/// A connection of a client: over TCP with TLS or without, or over a WebSocket.
+pub(super) type Way = Either<ClientStream, Box<SocketBytes>>;
+
+/// A client that has reached the door.
+struct Visitor {
+    way: Way,
+    address: SocketAddr,
+    certificate: Option<Fingerprint>,
+    /// False for one without TLS where there is a certificate: it must be the runtime itself.
+    is_open: bool,
 }
 
 /// Counters and limits that the library requires. They limit nothing here; the guard does.
-struct Counts {
+pub(super) struct Counts {
     stats: Arc<BrokerStats>,
     monitor: Arc<ResourceMonitor>,
+}
+
+impl Counts {
+    pub(super) fn new() -> Self {
+        Self {
+            stats: Arc::new(BrokerStats::new()),
+            monitor: Arc::new(ResourceMonitor::new(no_limits())),
+        }
+    }
 }
 
 impl Hall {
     /// Lets clients in until it is stopped.
     pub(super) async fn run(self: Arc<Self>, listener: TcpListener) {
-        let places = Places::new(PLACES);
-        let counts = Arc::new(Counts {
-            stats: Arc::new(BrokerStats::new()),
-            monitor: Arc::new(ResourceMonitor::new(no_limits())),
-        });
         let mut stopped = self.stop.subscribe();
         let mut clean = tokio::time::interval(CLEAN_INTERVAL);
         loop {
@@ -100,13 +119,13 @@ impl Hall {
                     continue;
                 }
             };
-            let Some(place) = places.take(address.ip()) else {
+            let Some(place) = self.places.take(address.ip()) else {
                 continue;
             };
             // without it answers are only slower
             let _ = stream.set_nodelay(true);
             let leave = place.leave();
-            let serving = Arc::clone(&self).serve(stream, address, place, Arc::clone(&counts));
+            let serving = Arc::clone(&self).let_in(stream, address, place);
             self.clients.spawn(async move {
                 tokio::select! {
                     () = serving => {}
@@ -116,14 +135,36 @@ impl Hall {
         }
     }
 
-    /// Serves one client until it has gone.
-    async fn serve(
+    /// Serves a client over a WebSocket until it has gone; nothing where there is no place for it.
+    pub(super) async fn serve_socket(
         self: Arc<Self>,
-        stream: TcpStream,
+        bytes: SocketBytes,
         address: SocketAddr,
-        place: Place,
-        counts: Arc<Counts>,
+        certificate: Option<Fingerprint>,
     ) {
+        let Some(place) = self.places.take(address.ip()) else {
+            return;
+        };
+        let leave = place.leave();
+        let clients = self.clients.clone();
+        let visitor = Visitor {
+            way: Either::Right(Box::new(bytes)),
+            address,
+            certificate,
+            // HTTP has TLS where the broker has it
+            is_open: true,
+        };
+        let serving = async {
+            tokio::select! {
+                () = self.serve(visitor, place) => {}
+                () = leave.cancelled() => {}
+            }
+        };
+        clients.track_future(serving).await;
+    }
+
+    /// Serves a client over TCP until it has gone.
+    async fn let_in(self: Arc<Self>, stream: TcpStream, address: SocketAddr, place: Place) {
         let accepted = match &self.tls {
             None => Ok(Accepted::plain(stream)),
             Some(tls) => tls.accept(stream).await,
@@ -131,12 +172,24 @@ impl Hall {
         let Ok(accepted) = accepted else {
             return;
         };
+        let visitor = Visitor {
+            is_open: self.tls.is_none() || accepted.is_private(),
+            certificate: accepted.certificate,
+            way: Either::Left(accepted.stream),
+            address,
+        };
+        self.serve(visitor, place).await;
+    }
+
+    /// Serves one client until it has gone.
+    async fn serve(self: Arc<Self>, visitor: Visitor, place: Place) {
+        let address = visitor.address;
         let (let_in, connected) = oneshot::channel();
         let line = Arc::new(Line::new());
         self.guard.on_the_way.add(&line);
         let door = Arc::new(Door {
-            is_open: self.tls.is_none() || accepted.is_private(),
-            certificate: accepted.certificate,
+            is_open: visitor.is_open,
+            certificate: visitor.certificate,
             guard: Arc::clone(&self.guard),
             place,
             refused: Arc::default(),
@@ -149,7 +202,7 @@ impl Hall {
             event_handler: Some(Arc::<Door>::clone(&door)),
             ..self.config.clone()
         };
-        let stream = Stream::new(accepted.stream, address, &door);
+        let stream = Stream::new(visitor.way, address, &door);
         let client = ClientHandler::new(
             BrokerTransport::WebSocket(Box::new(stream)),
             address,
@@ -157,8 +210,8 @@ impl Hall {
             Arc::clone(&self.router),
             door,
             Some(Arc::clone(&self.storage)),
-            Arc::clone(&counts.stats),
-            Arc::clone(&counts.monitor),
+            Arc::clone(&self.counts.stats),
+            Arc::clone(&self.counts.monitor),
             self.stop.subscribe(),
         );
         let mut serving = pin!(client.run());
@@ -334,7 +387,7 @@ impl AuthProvider for Door {
 /// The bytes of a connection. The library acknowledges a message that the guard has handled as a success, and asks for no
 /// reason: the acknowledgement of one that is refused is replaced here by one with its reason.
 struct Stream {
-    inner: BufReader<ClientStream>,
+    inner: BufReader<Way>,
     peer: SocketAddr,
     /// Packet id of the message whose acknowledgement comes next, and is a refusal.
     refused: Arc<Mutex<Option<u16>>>,
@@ -348,7 +401,7 @@ struct Stream {
 }
 
 impl Stream {
-    fn new(stream: ClientStream, peer: SocketAddr, door: &Door) -> Self {
+    fn new(stream: Way, peer: SocketAddr, door: &Door) -> Self {
         Self {
             inner: BufReader::with_capacity(READ_MAX, stream),
             peer,
@@ -381,12 +434,14 @@ impl WebSocketTransport for Stream {
 
 /// Has what was read acknowledged now, not after 40 ms: a client that keeps small packets together (Nagle's algorithm, without
 /// `TCP_NODELAY`) sends nothing more until then. The setting does not last.
-fn acknowledge_at_once(stream: &ClientStream) {
+fn acknowledge_at_once(stream: &Way) {
     #[cfg(target_os = "linux")]
     {
         let tcp = match stream {
-            Either::Left(tcp) => tcp,
-            Either::Right(tls) => tls.get_ref().0,
+            Either::Left(Either::Left(tcp)) => tcp,
+            Either::Left(Either::Right(tls)) => tls.get_ref().0,
+            // that is the business of HTTP
+            Either::Right(_) => return,
         };
         // without it a client is only slower
         let _ = tcp.set_quickack(true);

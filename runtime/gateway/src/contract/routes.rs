@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use axum::http::Method;
 use plc_api::types::form::Form;
 use plc_api::wire::ROWS;
+use plc_api::wire::hmi::Hmi;
 use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
 use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Route};
@@ -36,7 +37,7 @@ impl Serves {
 }
 
 /// What the server says itself, and the right that it needs.
-static OWN: [(Option<Right>, Route); 10] = [
+static OWN: [(Option<Right>, Route); 11] = [
     (
         Some(Right::Read),
         Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
@@ -44,6 +45,14 @@ static OWN: [(Option<Right>, Route); 10] = [
     (
         Some(Right::Read),
         Route::get("/cs/{cs}/inputs", "All inputs.").gives::<Inputs>(),
+    ),
+    (
+        Some(Right::Read),
+        Route::get(
+            "/hmi",
+            "Buttons and cards that the machine builder has added to the HMI.",
+        )
+        .gives::<Hmi>(),
     ),
     (
         None,

@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
+use super::outbound::{CS, M, outbound};
 use super::schemas::Schemas;
 
 /// Characters of a line.
@@ -28,7 +29,28 @@ pub(super) fn declarations(schemas: &Schemas) -> String {
             writeln!(text, "export type {name} = {};", type_of(schema)).unwrap();
         }
     }
+    push_messages(&mut text);
     text
+}
+
+/// Which message a topic has.
+fn push_messages(text: &mut String) {
+    text.push_str(
+        "\n/** The message of a topic, such as `cs/1/state`; where it is not known before, any. */\n\
+         export type MessageOf<Topic extends string> =\n",
+    );
+    for topic in outbound() {
+        let names = [CS.to_string(), M.to_string()];
+        let path = names
+            .iter()
+            .fold(topic.path(), |path, name| path.replace(name, "${number}"));
+        let path = path
+            .replace("{client_id}", "${string}")
+            .replace("{id}", "${string}");
+        let message = (topic.form().name)();
+        writeln!(text, "  Topic extends `{path}` ? {message} :").unwrap();
+    }
+    text.push_str("  WebSocketMessage;\n");
 }
 
 /// Fields one behind another, in lines of at most [`WIDTH`].

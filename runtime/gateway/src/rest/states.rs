@@ -26,6 +26,7 @@ pub(super) fn own_routes() -> Router<Arc<Shared>> {
     Router::new()
         .route("/cs", get(coordinate_systems))
         .route("/cs/{cs}/inputs", get(inputs))
+        .route("/hmi", get(hmi))
         .route("/health", get(health))
         .route("/metrics", get(metrics))
         .route("/login", get(who).post(log_in).delete(log_out))
@@ -50,6 +51,10 @@ pub(super) async fn one(
 ) -> Result<Response, Problem> {
     let message = shared.read(&row.topic(cs_of(&params, &uri)?)).await?;
     Ok(message_response(&message))
+}
+
+async fn hmi(State(shared): State<Arc<Shared>>) -> Response {
+    json_response(StatusCode::OK, json!(shared.hmi.added).to_string())
 }
 
 async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {

@@ -8,7 +8,9 @@ mod gateway;
 mod judge;
 mod mqtt;
 mod mqtt_refusals;
+mod mqtt_socket;
 mod mtconnect;
+mod others;
 mod places;
 mod programs;
 mod rest;
@@ -338,17 +340,10 @@ pub(super) fn packet(kind: u8, body: &[&[u8]]) -> Vec<u8> {
     packet
 }
 
-/// An MQTT connection of a user over this version, with a client id of its own, and the kind and code of the answer to its
-/// CONNECT packet.
-pub(super) async fn mqtt_as(
-    gateway: &Gateway,
-    version: u8,
-    user: &str,
-    password: &str,
-) -> (TcpStream, [u8; 2]) {
+/// The CONNECT packet of a user over this version of MQTT, with a client id of its own.
+pub(super) fn connect_packet(version: u8, user: &str, password: &str) -> Vec<u8> {
     static CLIENTS: AtomicU32 = AtomicU32::new(0);
     let id = format!("raw-{}", CLIENTS.fetch_add(1, Ordering::Relaxed));
-    let mut stream = TcpStream::connect(gateway.mqtt_addr().unwrap()).await.unwrap();
     let text = |text: &str| [&u16::try_from(text.len()).unwrap().to_be_bytes(), text.as_bytes()].concat();
     let properties: &[u8] = if version == 5 { &[0] } else { &[] };
     let body = [
@@ -359,10 +354,20 @@ pub(super) async fn mqtt_as(
         text(&id),
         text(user),
         text(password),
-    ]
-    .concat();
-    let head = [0x10, u8::try_from(body.len()).unwrap()];
-    stream.write_all(&[&head[..], &body].concat()).await.unwrap();
+    ];
+    packet(0x10, &[&body.concat()])
+}
+
+/// An MQTT connection of a user over this version, and the kind and code of the answer to its CONNECT packet.
+pub(super) async fn mqtt_as(
+    gateway: &Gateway,
+    version: u8,
+    user: &str,
+    password: &str,
+) -> (TcpStream, [u8; 2]) {
+    let mut stream = TcpStream::connect(gateway.mqtt_addr().unwrap()).await.unwrap();
+    let connect = connect_packet(version, user, password);
+    stream.write_all(&connect).await.unwrap();
     let mut head = [0; 2];
     within(stream.read_exact(&mut head)).await.unwrap();
     let mut body = vec![0; head[1].into()];

@@ -1,0 +1,87 @@
+//! What a machine builder adds to the HMI, as the configuration has it and as it is served.
+
+use serde::{Deserialize, Serialize};
+
+use crate::types::CoordinateSystemNumber;
+use crate::types::execution::Execution;
+
+/// What a machine builder has added to the HMI.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Hmi {
+    /// In the order in which they are shown.
+    pub buttons: Vec<HmiButton>,
+    /// In the order in which they are shown.
+    pub cards: Vec<HmiCard>,
+}
+
+/// A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct HmiButton {
+    /// What stands on it, 1 to 40 characters.
+    pub text: String,
+    /// A picture before the text: a file of the folder `dir`, such as `lamp.svg`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub icon: Option<String>,
+    /// The coordinate system that it is for; without it, the one on the screen.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cs: Option<CoordinateSystemNumber>,
+    /// M code that it runs at once, as a line of MDI.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 191)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub m_code: Option<u16>,
+    /// Line of NC text that it runs at once, such as `M60 VA2` or `G28 Z0`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mdi: Option<String>,
+    /// Variable that it sets to `value`, such as `P100` or `Q5`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variable: Option<String>,
+    /// Value of the variable.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub value: Option<f64>,
+    /// Input that it switches on and off: `optional_stop`, `single_block`, `dry_run`, or `optional_skip/1` to `optional_skip/31`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub input: Option<String>,
+    /// Question before it does it, 1 to 200 characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confirm: Option<String>,
+    /// States in which it can be pressed; empty: all in which the machine takes it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub states: Vec<Execution>,
+}
+
+/// A card of the panel Machine: it shows an M code while it is open, a variable, an input, or what a module of the folder `dir` draws.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct HmiCard {
+    /// Its title, 1 to 40 characters.
+    pub text: String,
+    /// A picture before the title: a file of the folder `dir`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub icon: Option<String>,
+    /// The coordinate system that it is of; without it, the one on the screen.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cs: Option<CoordinateSystemNumber>,
+    /// M code that it shows: whether it is open, and what its handler says.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 191)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub m_code: Option<u16>,
+    /// Variable that it shows, such as `P100` or `Q5`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variable: Option<String>,
+    /// Unit behind the variable, at most 12 characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Input that it shows: `optional_stop`, `single_block`, `dry_run`, `interlock`, `start_lock`, or `optional_skip/1` to
+    /// `optional_skip/31`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub input: Option<String>,
+    /// ES module of the folder `dir`, such as `oil.js`, whose default export draws the card.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub module: Option<String>,
+}

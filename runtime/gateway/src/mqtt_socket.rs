@@ -1,0 +1,74 @@
+//! MQTT over WebSocket, `/mqtt`: the embedded broker for pages in a browser. Its bytes are those of a connection over TCP, in
+//! binary frames; a packet may be in several, and a frame may have several. Who may connect is the broker's own business.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Extension, Router};
+use tokio::sync::Semaphore;
+
+use crate::broker::{Entrance, PACKET_MAX, SocketBytes};
+use crate::problem::Problem;
+use crate::server::Peer;
+use crate::shared::Shared;
+
+/// Where the broker answers.
+const PATH: &str = "/mqtt";
+
+/// Sub-protocols of MQTT (MQTT 5, 6.0-3).
+const PROTOCOLS: [&str; 2] = ["mqtt", "mqttv3.1"];
+
+/// Connections over WebSocket; more get 503. Reason: each takes a place of HTTP before it says who it is.
+pub(crate) const SOCKETS_MAX: usize = 64;
+
+/// Its route; none without an entrance to the broker.
+pub(crate) fn routes(entrance: Option<&Entrance>) -> Router<Arc<Shared>> {
+    let Some(entrance) = entrance else {
+        return Router::new();
+    };
+    let (entrance, sockets) = (entrance.clone(), Arc::new(Semaphore::new(SOCKETS_MAX)));
+    let upgrade = move |peer: Option<Extension<Peer>>,
+                        upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>| async move {
+        upgrade_to(entrance, sockets, peer.map(|Extension(peer)| peer), upgrade)
+    };
+    Router::new().route(PATH, get(upgrade))
+}
+
+fn upgrade_to(
+    entrance: Entrance,
+    sockets: Arc<Semaphore>,
+    peer: Option<Peer>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Response {
+    let upgrade = match upgrade {
+        Ok(upgrade) => upgrade,
+        Err(refusal) => {
+            return Problem::new(refusal.status(), "no_websocket", refusal.body_text()).into_response();
+        }
+    };
+    let Ok(permit) = sockets.try_acquire_owned() else {
+        let text = format!("{SOCKETS_MAX} MQTT clients are connected over WebSocket, which is the limit");
+        return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text).into_response();
+    };
+    // a request that came over no connection is one of a test of the router
+    let (address, certificate) = match peer {
+        Some(peer) => (peer.address, peer.certificate),
+        None => (IpAddr::V4(Ipv4Addr::LOCALHOST), None),
+    };
+    upgrade
+        .protocols(PROTOCOLS)
+        .max_message_size(PACKET_MAX)
+        .max_frame_size(PACKET_MAX)
+        .on_upgrade(move |socket| async move {
+            let bytes = SocketBytes::new(socket);
+            entrance
+                .serve(bytes, SocketAddr::new(address, 0), certificate)
+                .await;
+            drop(permit);
+        })
+}

@@ -1,0 +1,49 @@
+// The package for pages of one's own: it holds all that it imports, and its declarations tell what topics say.
+
+import assert from "node:assert/strict";
+import { execFile } from "node:child_process";
+import { mkdtemp, readdir, readFile, rm, writeFile } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { dirname, join } from "node:path";
+import { after, before, test } from "node:test";
+import { pathToFileURL } from "node:url";
+import { promisify } from "node:util";
+import ts from "typescript";
+
+const PACKAGE = new URL("../../clients/js/", import.meta.url).pathname;
+const run = promisify(execFile);
+
+let folder;
+before(async () => {
+  folder = await mkdtemp(join(tmpdir(), "tandem-package-"));
+  await run("npm", ["pack", "--silent", "--pack-destination", folder], { cwd: PACKAGE });
+  const [name] = await readdir(folder);
+  await run("tar", ["-xzf", join(folder, name), "-C", folder]);
+});
+after(() => rm(folder, { recursive: true, force: true }));
+
+test("every module of the package imports what is in it", async () => {
+  const files = (await readdir(join(folder, "package/dist"), { recursive: true })).filter((name) => name.endsWith(".js"));
+  assert.ok(files.includes("tandem.js") && files.includes(join("tandem", "elements.js")), files.join());
+  const there = new Set(files);
+  for (const file of files) {
+    const text = await readFile(join(folder, "package/dist", file), "utf8");
+    for (const [, from] of text.matchAll(/from "(\.[^"]*)"/g)) assert.ok(there.has(join(dirname(file), from)), `${file} imports ${from}`);
+  }
+  const { Tandem, Refusal } = await import(pathToFileURL(join(folder, "package/dist/tandem.js")));
+  const nobody = new Tandem({ url: "http://127.0.0.1:9" });
+  await assert.rejects(nobody.get("/health"), (error) => error instanceof Refusal && /did not answer/.test(error.message));
+});
+
+test("its declarations know the messages of topics, and verbs", async () => {
+  const page = join(folder, "page.ts");
+  const options = { strict: true, noEmit: true, types: [], moduleResolution: ts.ModuleResolutionKind.Bundler, module: ts.ModuleKind.ES2022, target: ts.ScriptTarget.ES2022 };
+  const says = async (body) => {
+    await writeFile(page, `import { Tandem } from "./package/dist/tandem.js";\nconst machine = new Tandem();\n${body}\n`);
+    const found = ts.getPreEmitDiagnostics(ts.createProgram([page], options));
+    return found.map(({ messageText }) => ts.flattenDiagnosticMessageText(messageText, " "));
+  };
+  assert.deepEqual(await says('machine.on("cs/1/state", (state) => state.execution === "READY");\nvoid machine.command(1, "start");'), []);
+  assert.match((await says('machine.on("cs/1/state", (state) => state.nothing);')).join(), /nothing/);
+  assert.match((await says('void machine.command(1, "begin");')).join(), /begin/);
+});

@@ -1,0 +1,57 @@
+// A button of the machine builder: runs a line of NC text, sets a variable, or switches an input.
+
+import { button, h, setAttr } from "../dom.js";
+import { disableFor, whyNot, whyNotNow } from "../why_not.js";
+import { inputOf, picture, seenFrom, variableOf } from "./values.js";
+
+/** @typedef {import("../types.d.ts").HmiButton} HmiButton */
+
+/** @param {import("../main.js").App} app @param {HmiButton} wanted */
+export function addedButton(app, wanted) {
+  const element = button({ class: "button added-button", onclick: () => void press(app, wanted) }, picture(wanted.icon), h("span", {}, wanted.text));
+  const does = doing(wanted);
+  const render = () => {
+    const seen = seenFrom(app.model, wanted.cs);
+    disableFor(element, whyNotPressed(seen, wanted), does);
+    if (wanted.input !== undefined) setAttr(element, "aria-pressed", String(inputOf(seen.current, wanted.input) ?? false));
+  };
+  return { element, render };
+}
+
+/** The line of NC text that it runs. @param {HmiButton} wanted */
+function lineOf({ m_code, mdi }) {
+  return mdi ?? (m_code === undefined ? null : `M${String(m_code).padStart(2, "0")}`);
+}
+
+/** What it does, in words. @param {HmiButton} wanted */
+function doing(wanted) {
+  const line = lineOf(wanted);
+  if (line !== null) return `Runs ${line} at once`;
+  return wanted.variable !== undefined ? `Sets ${wanted.variable} to ${wanted.value}` : `Switches ${wanted.input}`;
+}
+
+/** Why it cannot be pressed; null: it can. @param {ReturnType<typeof seenFrom>} seen @param {HmiButton} wanted */
+function whyNotPressed(seen, wanted) {
+  const now = lineOf(wanted) === null ? whyNotNow(/** @type {any} */ (seen), "set") : whyNot(/** @type {any} */ (seen), "mdi");
+  if (now !== null) return now;
+  const execution = seen.current?.state?.execution;
+  if (!execution) return "The state of the machine is not known yet.";
+  const { states = [] } = wanted;
+  if (states.length === 0 || states.includes(execution)) return null;
+  return `This can be pressed in ${states.map((state) => state.replaceAll("_", " ")).join(", ")} only.`;
+}
+
+/** @param {import("../main.js").App} app @param {HmiButton} wanted */
+async function press(app, wanted) {
+  const { text, confirm } = wanted;
+  if (confirm !== undefined && !(await app.confirm({ title: text, text: confirm, yes: text, no: "Cancel" }))) return;
+  const { selected: cs, current } = seenFrom(app.model, wanted.cs);
+  const line = lineOf(wanted);
+  await app.attempt(async () => {
+    if (line !== null) await app.api.command(cs, "mdi", { text: line });
+    else if (wanted.variable !== undefined) {
+      const { kind, number } = variableOf(wanted.variable);
+      await app.api.setVariables(cs, kind, number, [wanted.value ?? 0]);
+    } else if (wanted.input !== undefined) await app.api.setInput(cs, wanted.input, !inputOf(current, wanted.input));
+  });
+}

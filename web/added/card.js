@@ -1,0 +1,74 @@
+// A card of the machine builder: an open M code, a variable, an input, or what a module of its folder draws.
+
+import { h, setText } from "../dom.js";
+import { duration, plain } from "../format.js";
+import { machine } from "../machine.js";
+import { addressOf, inputOf, picture, seenFrom, variableOf } from "./values.js";
+
+/** How often a variable is read while it is looked at, ms. */
+const AGAIN_MS = 1000;
+
+/** @typedef {import("../types.d.ts").HmiCard} HmiCard */
+
+/** @param {import("../main.js").App} app @param {HmiCard} wanted */
+export function addedCard(app, wanted) {
+  const value = h("div", { class: "added-value" });
+  const element = h("section", { class: "added-card", "aria-label": wanted.text }, h("h3", {}, picture(wanted.icon), wanted.text), value);
+  const seen = () => seenFrom(app.model, wanted.cs);
+  const render =
+    wanted.m_code !== undefined ? () => setText(value, openCode(app.model, seen(), wanted.m_code ?? 0))
+    : wanted.input !== undefined ? () => setText(value, inputText(seen(), wanted.input ?? ""))
+    : wanted.variable !== undefined ? variable(wanted, seen, value)
+    : drawn(wanted, seen, value);
+  return { element, render };
+}
+
+/** @param {import("../model.js").Model} model @param {ReturnType<typeof seenFrom>} seen @param {number} m */
+function openCode(model, { current }, m) {
+  const open = current?.pending?.outputs.find((output) => output.m === m);
+  if (!open) return `M${m} is not open`;
+  return `${open.progress?.text ?? `M${m} is open`}, ${duration(model.ageMs(open.since))}`;
+}
+
+/** @param {ReturnType<typeof seenFrom>} seen @param {string} name */
+function inputText({ current }, name) {
+  const isOn = inputOf(current, name);
+  const lock = name === "interlock" ? current?.interlock : name === "start_lock" ? current?.startLock : null;
+  if (isOn === null) return "–";
+  return isOn ? ["on", lock?.text].filter(Boolean).join(": ") : "off";
+}
+
+/** Reads the variable again and again while it is looked at. @param {HmiCard} wanted @param {() => ReturnType<typeof seenFrom>} seen @param {HTMLElement} value */
+function variable({ variable: name = "", unit = "" }, seen, value) {
+  const { kind, number } = variableOf(name);
+  let askedAt = 0;
+  const read = async () => {
+    const path = kind === "p" ? "/variables/p" : `/cs/${seen().selected}/variables/q`;
+    const answer = await machine.get(`${path}?from=${number}&count=1`).catch(() => null);
+    const [now] = answer?.values ?? [];
+    setText(value, now === undefined ? "–" : `${typeof now === "number" ? plain(now) : now} ${unit}`.trim());
+  };
+  return () => {
+    if (!seen().online || Date.now() - askedAt < AGAIN_MS) return;
+    askedAt = Date.now();
+    void read();
+  };
+}
+
+/** Lets a module draw once. @param {HmiCard} wanted @param {() => ReturnType<typeof seenFrom>} seen @param {HTMLElement} value */
+function drawn({ module = "" }, seen, value) {
+  let isAsked = false;
+  const draw = async () => {
+    try {
+      const { default: show } = await import(addressOf(module));
+      await show(value, { tandem: machine, cs: () => seen().selected });
+    } catch (error) {
+      setText(value, `${module} cannot be shown: ${error instanceof Error ? error.message : error}`);
+    }
+  };
+  return () => {
+    if (isAsked) return;
+    isAsked = true;
+    void draw();
+  };
+}

@@ -1,0 +1,40 @@
+// What buttons and cards of the machine builder name: coordinate systems, inputs, variables, pictures.
+
+import { h } from "../dom.js";
+
+/** @typedef {import("../model.js").Model} Model */
+
+/**
+ * What is known as if this coordinate system were on the screen; without a number, the one that is.
+ * @param {Model} model @param {number | undefined} cs
+ * @returns {Pick<Model, "online" | "user" | "viewing" | "selected" | "current">}
+ */
+export function seenFrom(model, cs) {
+  if (cs === undefined) return model;
+  const { online, user, viewing } = model;
+  return { online, user, viewing, selected: cs, current: model.systems.get(cs) ?? null };
+}
+
+/** Whether an input is on; null: not known yet. @param {import("../model.js").CoordinateSystem | null} system @param {string} name */
+export function inputOf(system, name) {
+  const skip = /^optional_skip\/(\d+)$/.exec(name);
+  if (skip) return system?.optionalSkip?.requested.includes(Number(skip[1])) ?? null;
+  if (name === "dry_run") return system?.state?.dry_run ?? null;
+  const fields = { optional_stop: system?.optionalStop, single_block: system?.singleBlock, interlock: system?.interlock, start_lock: system?.startLock };
+  return fields[/** @type {keyof typeof fields} */ (name)]?.value ?? null;
+}
+
+/** Kind and number of a variable, such as `P100`. @param {string} name */
+export function variableOf(name) {
+  return { kind: /** @type {"p" | "q"} */ (name.charAt(0).toLowerCase()), number: Number(name.slice(1)) };
+}
+
+/** A picture of the folder of the machine builder. @param {string | undefined} file */
+export function picture(file) {
+  return file !== undefined && h("img", { class: "added-icon", src: addressOf(file), alt: "" });
+}
+
+/** Where a file of the folder is. @param {string} file */
+export function addressOf(file) {
+  return `/hmi/${file.split("/").map(encodeURIComponent).join("/")}`;
+}

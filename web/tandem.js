@@ -1,0 +1,191 @@
+// A machine, for pages of one's own and for the HMI itself: states as they change, commands with their answers. The page "Use the
+// HMI, or write one" of the book describes it. No other module is needed; `tandem/elements.js` has elements that show a machine.
+
+import { Link } from "./tandem/link.js";
+import { asSentence, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
+
+export { Refusal, TIMEOUT_MS };
+
+/** Where the HMI keeps the token of its user, until the window is closed. */
+const TOKEN_KEY = "tandem-token";
+
+/**
+ * What the operator has seen: if it is no longer so, the machine refuses.
+ * @typedef {{boot_id?: string | null, state_rev?: number | undefined}} Expected
+ */
+
+/**
+ * @typedef {object} Options
+ * @property {string} [url] of the machine, such as `http://mill-1:8080`; without it, the server of this page
+ * @property {() => string | null} [token] the user's token; without it, that of the HMI in this window
+ * @property {string} [name] what ids of commands begin with
+ */
+
+/**
+ * @typedef {object} CommandOptions
+ * @property {Expected} [expect] what must be so still
+ * @property {number} [fence] number of the control lease under which it is sent
+ * @property {string} [id] of the command: one that the machine has seen is answered as then; without it, a new one
+ */
+
+/**
+ * @template {string} Topic
+ * @typedef {(message: import("./types.d.ts").MessageOf<Topic>, topic: string) => void} Listener
+ */
+
+export class Tandem {
+  /** True while the machine is connected. */
+  online = false;
+  /** When the next try to connect is, ms of the local clock; null: there is none. @type {number | null} */
+  retryAt = null;
+  #url;
+  #token;
+  #name;
+  #link;
+  /** @type {Map<string, Set<Listener<any>>>} */
+  #listeners = new Map();
+  /** @type {Set<(tandem: Tandem) => void>} */
+  #onLink = new Set();
+  /** @type {Set<(text: string) => void>} */
+  #onRefused = new Set();
+
+  /** @param {Options} [options] */
+  constructor({ url = globalThis.location?.origin ?? "", token = storedToken, name = "page" } = {}) {
+    this.#url = url.replace(/\/+$/, "");
+    this.#token = token;
+    this.#name = name;
+    this.#link = new Link({
+      address: () => ({ url: `${this.#url.replace(/^http/, "ws")}/api/v1/ws`, protocols: protocols(token()) }),
+      health: `${this.#url}/api/v1/health`,
+      message: (topic, message) => this.#take(topic, message),
+      refused: (text) => this.#onRefused.forEach((listener) => listener(text)),
+      phase: (online, retryAt) => this.#phase(online, retryAt),
+    });
+  }
+
+  /** Connects, and again whenever the connection is lost. */
+  connect() {
+    if (this.#url === "") throw new Error("new Tandem({ url }): write the address of the machine, such as http://mill-1:8080");
+    this.#link.open();
+    return this;
+  }
+
+  /** Ends the connection for good. */
+  close() {
+    this.#link.close();
+  }
+
+  /** Tries to connect without waiting. */
+  retryNow() {
+    this.#link.retryNow();
+  }
+
+  /**
+   * Subscribes to a topic, such as `cs/1/state` or, with wildcards, `cs/+/state`: a state comes at once and whenever it changes,
+   * again after each new connection. The answer ends it.
+   * @template {string} Topic
+   * @param {Topic} topic @param {Listener<Topic>} listener
+   * @returns {() => void}
+   */
+  on(topic, listener) {
+    const known = this.#listeners.get(topic) ?? new Set();
+    this.#listeners.set(topic, known.add(listener));
+    this.#link.subscribe(topic);
+    return () => {
+      if (!known.delete(listener) || known.size > 0) return;
+      this.#listeners.delete(topic);
+      this.#link.unsubscribe(topic);
+    };
+  }
+
+  /** Tells when `online` or `retryAt` change; the answer ends it. @param {(tandem: Tandem) => void} listener */
+  onLink(listener) {
+    this.#onLink.add(listener);
+    return () => this.#onLink.delete(listener);
+  }
+
+  /** Tells why the machine has refused a subscription; the answer ends it. @param {(text: string) => void} listener */
+  onRefused(listener) {
+    this.#onRefused.add(listener);
+    return () => this.#onRefused.delete(listener);
+  }
+
+  /**
+   * Asks the machine: the answer of success, or a `Refusal` is thrown.
+   * @param {string} method @param {string} path below `/api/v1`, such as `/tools` @param {import("./tandem/requests.js").Asked} [asked]
+   */
+  request(method, path, asked) {
+    return request(`${this.#url}/api/v1${path}`, this.#token(), method, asked);
+  }
+
+  /** What a route of JSON says. @param {string} path below `/api/v1` @returns {Promise<any>} */
+  async get(path) {
+    return (await this.request("GET", path)).json();
+  }
+
+  /** Writes a value, such as `put("/cs/1/inputs/optional_stop", { value: true })`. @param {string} path @param {object | string} body */
+  async put(path, body) {
+    await this.request("PUT", path, { body });
+  }
+
+  /**
+   * Commands a coordinate system, and waits until it is done. Its id prevents that it is carried out twice.
+   * @param {number} cs @param {import("./types.d.ts").Verb} verb @param {object} [args] @param {CommandOptions} [options]
+   * @returns {Promise<Partial<import("./types.d.ts").CommandReply>>}
+   */
+  async command(cs, verb, args = {}, { expect = {}, fence, id = `${this.#name}-${randomName()}` } = {}) {
+    /** @type {Record<string, string>} */
+    const headers = { "Idempotency-Key": id, ...expected(expect) };
+    if (fence !== undefined) headers["Lease-Fence"] = String(fence);
+    const response = await this.request("POST", `/cs/${cs}/${verb}?wait=1`, { body: args, headers });
+    const reply = await response.json().catch(() => ({}));
+    if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(asSentence(reply.text || `${verb} failed`), reply);
+    return reply;
+  }
+
+  /** @param {string} topic @param {any} message */
+  #take(topic, message) {
+    for (const [pattern, listeners] of this.#listeners) {
+      if (matches(pattern, topic)) listeners.forEach((listener) => listener(message, topic));
+    }
+  }
+
+  /** @param {boolean} online @param {number | null} retryAt */
+  #phase(online, retryAt) {
+    if (online && this.online) return;
+    this.online = online;
+    this.retryAt = retryAt;
+    this.#onLink.forEach((listener) => listener(this));
+  }
+}
+
+/** The token that the HMI has in this window. */
+export function storedToken() {
+  return globalThis.sessionStorage?.getItem(TOKEN_KEY) ?? null;
+}
+
+/** Keeps a token for the pages of this window; null: none. @param {string | null} token */
+export function storeToken(token) {
+  if (token === null) sessionStorage.removeItem(TOKEN_KEY);
+  else sessionStorage.setItem(TOKEN_KEY, token);
+}
+
+/** The sub-protocols of a WebSocket, which cannot have a header. @param {string | null} token @returns {string[]} */
+function protocols(token) {
+  return token === null ? [] : ["tandem.v1", `bearer.${token}`];
+}
+
+/** @param {Expected} expect @returns {Record<string, string>} */
+function expected({ boot_id, state_rev }) {
+  const tags = [state_rev === undefined ? "" : `"${state_rev}"`, boot_id ? `"boot:${boot_id}"` : ""].filter((tag) => tag !== "");
+  return tags.length > 0 ? { "If-Match": tags.join(", ") } : {};
+}
+
+/** Whether a pattern names a topic: `+` stands for one level, a last `#` for all below. @param {string} pattern @param {string} topic */
+function matches(pattern, topic) {
+  if (pattern === topic) return true;
+  const levels = topic.split("/");
+  const wanted = pattern.split("/");
+  if (wanted.at(-1) === "#") return wanted.slice(0, -1).every((level, i) => level === "+" || level === levels[i]);
+  return wanted.length === levels.length && wanted.every((level, i) => level === "+" || level === levels[i]);
+}

@@ -1,0 +1,135 @@
+// <tandem-path>: the planned path of the loaded program, with the tool where the machine is. `view` is XY, XZ, YZ or ISO; dragging
+// turns it, the wheel and two fingers zoom.
+
+import { h, setAttr, setText } from "../dom.js";
+import { VIEW_NAMES } from "../path/camera.js";
+import { atTime } from "../path/find.js";
+import { Live } from "../path/live.js";
+import { PathLoader } from "../path/load.js";
+import { Picture } from "../path/picture.js";
+import { follow } from "../path/pointer.js";
+import { TandemElement } from "./element.js";
+
+/** @typedef {[number, number, number]} Point */
+
+export class TandemPath extends TandemElement {
+  static observedAttributes = ["cs", "view"];
+  #back = h("canvas", { class: "back", "aria-hidden": "true" });
+  #canvas = h("canvas", { class: "lines", role: "img", tabindex: 0, "aria-label": "Path of the tool" });
+  #note = h("p", { class: "note muted", hidden: true });
+  #box = h("div", { class: "box" }, this.#back, this.#canvas, this.#note);
+  #picture = new Picture(this.#canvas, this.#back, this.#box);
+  #live = new Live();
+  /** @type {PathLoader | null} */
+  #loader = null;
+  #of = "";
+  #fitted = "";
+  #frame = 0;
+  #resized = new ResizeObserver(() => this.redraw());
+
+  constructor() {
+    super(STYLE);
+    this.root.append(this.#box);
+    const changed = () => this.redraw();
+    const fit = () => {
+      this.#fitted = "";
+      changed();
+    };
+    follow(this.#canvas, this.#picture.camera, { changed, click: () => {}, fit });
+  }
+
+  connectedCallback() {
+    super.connectedCallback();
+    this.#loader ??= new PathLoader(this.tandem, () => this.redraw());
+    this.#resized.observe(this.#box);
+  }
+
+  disconnectedCallback() {
+    super.disconnectedCallback();
+    this.#resized.disconnect();
+    this.#loader?.show(0, 0);
+    cancelAnimationFrame(this.#frame);
+    this.#frame = 0;
+  }
+
+  /** What is drawn, for tests and the console. */
+  get picture() {
+    return this.#picture;
+  }
+
+  /** @override @param {import("./element.js").CoordinateSystem} system */
+  render(system) {
+    const loader = this.#loader;
+    if (!loader) return;
+    const { state } = system;
+    loader.show(state?.program ?? 0, system.info.number);
+    const of = [state?.program, state?.hash, state?.execution === "READY"].join();
+    if (of !== this.#of) {
+      this.#of = of;
+      loader.again();
+    }
+    const runs = state?.run_kind === "program" ? (state.run_id ?? "") : null;
+    this.#live.take(loader.path, runs, system.position, point(system.position?.machine), performance.now());
+    const text = this.#picture.trouble || (state?.program ? loader.error : "No program is loaded.");
+    setText(this.#note, text);
+    setAttr(this.#note, "hidden", text === "");
+    this.#draw(system);
+  }
+
+  /** @param {import("./element.js").CoordinateSystem} system */
+  #draw(system) {
+    const loader = this.#loader;
+    if (!loader || !this.#picture.measure()) return;
+    const now = performance.now();
+    const { path } = loader;
+    const at = point(system.position?.machine);
+    const time = path ? this.#live.time(now) : null;
+    const place = path && time !== null ? atTime(path, time) : null;
+    const work = point(system.position?.work);
+    const tool = place?.at ?? at;
+    this.#fit(system, tool);
+    this.#picture.drawBackdrop();
+    this.#picture.tidy(path);
+    const zero = /** @type {Point} */ (at.map((value, i) => value - (work[i] ?? 0)));
+    const ended = state(system) === "PROGRAM_COMPLETED" ? Infinity : -1;
+    this.#picture.draw({ path, now: time ?? ended, tool, radius: 0, zero, limits: null, trail: null, selected: 0 }, (chunk) => loader.refine(chunk));
+    if (this.#live.isMoving(now)) {
+      this.#frame ||= requestAnimationFrame(() => {
+        this.#frame = 0;
+        if (this.system) this.#draw(this.system);
+      });
+    }
+  }
+
+  /** Another program, view or size shows all of it. @param {import("./element.js").CoordinateSystem} system @param {Point} tool */
+  #fit(system, tool) {
+    const { camera } = this.#picture;
+    const path = this.#loader?.path;
+    const view = VIEW_NAMES.find((name) => name === this.getAttribute("view")) ?? "ISO";
+    const key = [view, system.state?.program, path?.complete, path?.chunks.length, camera.width, camera.height].join();
+    if (key === this.#fitted) return;
+    if (!this.#fitted.startsWith(`${view},`)) camera.look(view);
+    this.#fitted = key;
+    const corners = path?.chunks.length ? path.chunks.flatMap(({ low, high }) => [low, high]) : [tool];
+    const of = (/** @type {(...values: number[]) => number} */ most) => /** @type {Point} */ ([0, 1, 2].map((i) => corners.map((corner) => corner[i] ?? 0).reduce((best, value) => most(best, value))));
+    camera.fit(of(Math.min), of(Math.max));
+  }
+}
+
+/** @param {import("./element.js").CoordinateSystem} system */
+function state(system) {
+  return system.state?.execution;
+}
+
+/** @param {Record<string, number> | null | undefined} values @returns {Point} */
+function point(values) {
+  return [values?.X ?? 0, values?.Y ?? 0, values?.Z ?? 0];
+}
+
+const STYLE = `
+.box { position: relative; width: 100%; height: 100%; min-height: 200px; background: var(--card); border: 1px solid var(--line); }
+canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; }
+.back { pointer-events: none; }
+.note { position: absolute; left: 0.6em; bottom: 0.4em; margin: 0; pointer-events: none; }
+canvas:focus-visible { outline: 3px solid var(--accent); outline-offset: -3px; }
+`;

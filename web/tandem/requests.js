@@ -1,0 +1,67 @@
+// Requests to the machine over REST. A refused one throws a Refusal with the machine's text.
+
+/** Time limit of a request: a slow machine may take seconds to stop on its path. */
+export const TIMEOUT_MS = 15000;
+
+/** The machine has refused something, or has not answered. */
+export class Refusal extends Error {
+  /**
+   * @param {string} text a sentence for people
+   * @param {Partial<import("../types.d.ts").Problem>} problem what the machine said; empty: it has not answered
+   */
+  constructor(text, problem = {}) {
+    super(text);
+    this.name = "Refusal";
+    this.problem = problem;
+  }
+}
+
+/**
+ * @typedef {object} Asked
+ * @property {object | string} [body] text as it is, anything else as JSON
+ * @property {Record<string, string>} [headers]
+ * @property {number} [timeoutMs]
+ * @property {boolean} [keepalive] also when the page closes
+ */
+
+/**
+ * Asks, and gives the answer: of success, or 304 where the request says what it knows.
+ * @param {string} url @param {string | null} token @param {string} method @param {Asked} [asked]
+ * @returns {Promise<Response>}
+ */
+export async function request(url, token, method, { body, headers = {}, timeoutMs = TIMEOUT_MS, keepalive = false } = {}) {
+  const isText = typeof body === "string";
+  /** @type {Record<string, string>} */
+  const own = {};
+  if (body !== undefined) own["Content-Type"] = isText ? "text/plain" : "application/json";
+  if (token !== null) own.Authorization = `Bearer ${token}`;
+  /** @type {Response} */
+  let response;
+  try {
+    response = await fetch(url, {
+      method,
+      keepalive,
+      cache: "no-store",
+      headers: { ...own, ...headers },
+      body: body === undefined || isText ? /** @type {string | undefined} */ (body) : JSON.stringify(body),
+      signal: AbortSignal.timeout(timeoutMs),
+    });
+  } catch {
+    throw new Refusal("The machine did not answer. Nothing is known about what it did with the request.");
+  }
+  if (response.ok || response.status === 304) return response;
+  /** @type {import("../types.d.ts").Problem} */
+  const problem = await response.json().catch(() => ({}));
+  throw new Refusal(asSentence(problem.detail || problem.title || `refused with status ${response.status}`), problem);
+}
+
+/** With a capital letter and a full stop. @param {string} text */
+export function asSentence(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1).replace(/[^.!?]$/, "$&.");
+}
+
+/** 24 random characters. */
+export function randomName() {
+  const bytes = crypto.getRandomValues(new Uint8Array(12));
+  return [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}

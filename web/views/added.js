@@ -1,0 +1,42 @@
+// The panel Machine: buttons and cards that the machine builder has added in the configuration; without any there is no panel.
+
+import { fill, h } from "../dom.js";
+import { addedButton } from "../added/button.js";
+import { addedCard } from "../added/card.js";
+
+/** How long an answer that has not come is waited for, ms. */
+const AGAIN_MS = 3000;
+
+/** @type {import("../main.js").View} */
+export const added = {
+  place: "right",
+  panel: { name: "added", title: "Machine" },
+  create(app) {
+    const cards = h("div", { class: "added-cards" });
+    const buttons = h("div", { class: "m-buttons", role: "group", "aria-label": "Machine" });
+    /** @type {{element: HTMLElement, render: () => void}[]} */
+    let shown = [];
+    /** The start of the runtime whose configuration is shown, and when it was asked for. */
+    let of = "";
+    let askedAt = 0;
+    const read = async () => {
+      const hmi = await app.api.hmi();
+      const [made, pressed] = [hmi.cards.map((card) => addedCard(app, card)), hmi.buttons.map((one) => addedButton(app, one))];
+      fill(cards, ...made.map(({ element }) => element));
+      fill(buttons, ...pressed.map(({ element }) => element));
+      shown = [...made, ...pressed];
+      app.invalidate();
+    };
+    const render = () => {
+      const { online, bootId, panel } = app.model;
+      if (online && bootId && bootId !== of && Date.now() - askedAt > AGAIN_MS) {
+        of = bootId;
+        askedAt = Date.now();
+        // it is asked for again: what is wrong with the connection is told elsewhere
+        void read().catch(() => (of = ""));
+      }
+      if (panel === "added") for (const one of shown) one.render();
+    };
+    return { element: h("div", { class: "added" }, cards, buttons), render, isThere: () => shown.length > 0 };
+  },
+};
