@@ -8,26 +8,29 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use plc_api::handlers::with;
-use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram};
+use plc_api::{Alarm, AuxOutput, MCode, Params, Plc, SequenceProgram, State};
 use tandem_runtime::test::{Bench, TestError};
 
+const CHANGE_TOOL: MCode = MCode::new(100, "change tool");
 const POCKETS: u16 = 24;
 const POCKET_TIME: Duration = Duration::from_millis(250);
 
 /// The pocket that is at the spindle, shared by all that moves the magazine.
 type Magazine = Arc<Mutex<u16>>;
 
-/// Tool VA, which is also the number of its pocket.
-fn tool(params: &Params) -> Result<u16, Alarm> {
-    let wanted = params.a().ok_or(Alarm::user(1, "M100 needs VA: the tool"))?;
-    (1..=POCKETS)
-        .find(|pocket| (f64::from(*pocket) - wanted).abs() < 1e-9)
-        .ok_or_else(|| Alarm::user(2, format!("the magazine has no tool {wanted}")))
+#[derive(Params)]
+struct Change {
+    /// It is also the number of its pocket.
+    #[va(1..=POCKETS)]
+    tool: u16,
 }
 
-async fn change_tool(output: AuxOutput, plc: Plc, magazine: Magazine) -> Result<(), Alarm> {
-    let tool = tool(output.params())?;
+async fn change_tool(
+    Change { tool }: Change,
+    State(magazine): State<Magazine>,
+    output: AuxOutput,
+    plc: Plc,
+) -> Result<(), Alarm> {
     // dropped with this future when the output is cancelled, and at its end
     println!("  magazine motor on");
     let _motor = Motor;
@@ -58,8 +61,8 @@ impl Drop for Motor {
 }
 
 fn machine() -> Bench {
-    let program = SequenceProgram::new().on(100, with(Magazine::new(Mutex::new(1)), change_tool));
-    Bench::new().serve(program.validate(100, tool))
+    let program = SequenceProgram::new().state(Magazine::new(Mutex::new(1)));
+    Bench::new().serve(program.on(CHANGE_TOOL, change_tool))
 }
 
 fn main() -> Result<(), TestError> {

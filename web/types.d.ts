@@ -27,10 +27,10 @@ export interface AlarmRecordMessage {
 /** How much an alarm weighs. */
 export type AlarmSeverity = "warning" | "alarm";
 
-/** Payload of `birth`: what does not change while the runtime runs. */
+/** Payload of `birth`: what the machine is. Only `serves` changes while the runtime runs. */
 export interface BirthMessage {
   boot_id: BootId; coordinate_systems: CoordinateSystemInfo[]; limits: Limits; m_codes: Record<string, MCodeInfo>;
-  machine: string; motors: MotorInfo[]; rev?: number; servo_period_us: number; ts: string; v: 1;
+  machine: string; motors: MotorInfo[]; rev?: number; serves: ServedMCode[]; servo_period_us: number; ts: string; v: 1;
 }
 
 /** Names one start of the runtime. Outputs, claims and resets of another boot are stale. */
@@ -116,8 +116,8 @@ export type HandlerAct = "presence";
 
 /** Payload of `handler/{id}/presence`. */
 export interface HandlerPresence {
-  handles: HandledCode[]; instance?: string; online: boolean; redelivery?: Redelivery; take_over?: boolean;
-  validates: boolean;
+  handles: HandledCode[]; instance?: string; m_codes?: MCodeDeclaration[]; online: boolean; redelivery?: Redelivery;
+  take_over?: boolean; validates: boolean;
 }
 
 /** Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was
@@ -237,8 +237,16 @@ export interface Login {
   expires_s: number; role: string; token: string; user: string;
 }
 
+/** What a handler says of an M code that it serves: its name, and what its parameters mean. */
+export interface MCodeDeclaration {
+  cs?: number; m: number; name?: string;
+  params?: { A?: ParamDeclaration; B?: ParamDeclaration; C?: ParamDeclaration; D?: ParamDeclaration; E?: ParamDeclaration; F?: ParamDeclaration; G?: ParamDeclaration; H?: ParamDeclaration };
+}
+
 /** Settings of one M code. */
 export interface MCodeInfo {
+  name?: string;
+  params?: { A?: ParamDeclaration; B?: ParamDeclaration; C?: ParamDeclaration; D?: ParamDeclaration; E?: ParamDeclaration; F?: ParamDeclaration; G?: ParamDeclaration; H?: ParamDeclaration };
   timeout_ms: number | null; timing: Timing; wait_state: string | null;
 }
 
@@ -282,6 +290,11 @@ export type OutputState = "QUEUED" | "OUTPUT" | "CLAIMED";
 /** Payload of `override/state`, percent. */
 export interface OverridesMessage {
   boot_id: BootId; feed: number; rapid: number; rev?: number; spindle: number; ts: string; v: 1;
+}
+
+/** What one parameter means, and which numbers it takes. */
+export interface ParamDeclaration {
+  max?: number; min?: number; name?: string; optional?: boolean; unit?: string; whole?: boolean;
 }
 
 /** VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21 do not
@@ -423,6 +436,12 @@ export type RunKind = "program" | "mdi" | "home" | "jog";
 /** From where on a path depends on what happens while the program runs. */
 export interface RunTimeDependence {
   at_s: number; line: number; program: number; why: string;
+}
+
+/** An M code that is served, and by whom. */
+export interface ServedMCode {
+  cs: number[]; handler_id: string | null; m: number; name?: string;
+  params?: { A?: ParamDeclaration; B?: ParamDeclaration; C?: ParamDeclaration; D?: ParamDeclaration; E?: ParamDeclaration; F?: ParamDeclaration; G?: ParamDeclaration; H?: ParamDeclaration };
 }
 
 /** What is known of the signature of a program. */

@@ -28,6 +28,9 @@ impl Alarm {
     /// Code of the alarm of a handler that panicked.
     pub const CODE_OF_PANIC: u16 = 9_998;
 
+    /// Code of the alarm of an M code whose parameters are not as its handler has declared them.
+    pub const CODE_OF_PARAMS: u16 = 9_997;
+
     /// A handler's alarm. It appears with number 10000 + `code` and this text, unchanged.
     ///
     /// `code` is 0 to 9999; a larger one becomes 9999. The text is cut after [`ALARM_TEXT_MAX`] characters.

@@ -24,7 +24,7 @@ pub const CONFIRM_MAX_S: f64 = 2.0;
 const HANDLED_CODES_MAX: usize = 8 * 192;
 
 /// What a presence has changed.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Registered {
     /// The handler is there.
     Online {
@@ -68,7 +68,7 @@ impl HandlerRegistry {
     ) -> Result<Registered, Refusal> {
         check_client_id("handler_id", id)?;
         presence.check()?;
-        if presence.handles.len() > HANDLED_CODES_MAX {
+        if presence.handles.len().max(presence.m_codes.len()) > HANDLED_CODES_MAX {
             let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }

@@ -13,7 +13,7 @@ mod tests;
 pub use output::{AuxOutput, Cancellation};
 pub use table::{Handler, with};
 
-pub use crate::m_codes::{M_CODE_MAX, MCodes, RUNTIME_M_CODES};
+pub use crate::m_codes::{ByName, ByNumber, M_CODE_MAX, MCodes, RUNTIME_M_CODES};
 
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
@@ -30,6 +30,7 @@ use crate::names::mistake_in_id;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::types::CoordinateSystemNumber;
+use crate::types::machine::{Served, ServedMCode};
 use crate::types::output::{Params, Redelivery};
 
 use followed::Followed;
@@ -106,16 +107,20 @@ impl Default for SequenceProgram {
 impl<Scope> SequenceProgram<Scope> {
     /// Adds a handler for one or several M codes. For state shared with other handlers see [`with`].
     ///
+    /// The handler of an M code with a name ([`MCode`](crate::MCode)) takes [extractors](crate::extract): what they declare of
+    /// its parameters is checked when a program is loaded, and before the handler is begun.
+    ///
     /// [`SequenceProgram::run`] refuses a second handler for a code, a code above 191, and those that the runtime
     /// handles itself: M00, M01, M02, M30, M98, M99.
     #[must_use]
-    pub fn on<A>(mut self, codes: impl MCodes, handler: impl Handler<A>) -> Self {
-        self.serve(&codes.m_codes(), handler);
+    pub fn on<A, By>(mut self, codes: impl MCodes<By>, handler: impl Handler<A, By>) -> Self {
+        let names = codes.names();
+        self.table.add(self.cs, (&codes.m_codes(), &names), handler);
         self
     }
 
     pub(crate) fn serve<A>(&mut self, codes: &[RangeInclusive<u16>], handler: impl Handler<A>) {
-        self.table.add(self.cs, codes, handler);
+        self.table.add(self.cs, (codes, &[]), handler);
     }
 
     /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with wrong
@@ -145,13 +150,25 @@ impl<Scope> SequenceProgram<Scope> {
     /// The check must not block: if the answer takes more than two seconds, the program is loaded with a warning.
     /// [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without a handler.
     #[must_use]
-    pub fn validate<T>(
+    pub fn validate<T, By>(
         mut self,
-        codes: impl MCodes,
+        codes: impl MCodes<By>,
         check: impl Fn(&Params) -> Result<T, Alarm> + Send + Sync + 'static,
     ) -> Self {
         let check: Check = Arc::new(move |params| check(params).map(|_| ()));
         self.table.add_check(self.cs, &codes.m_codes(), &check);
+        self
+    }
+
+    /// State that handlers take as [`State<T>`](crate::State): each call receives a clone, such as of an `Arc`. One of each type.
+    ///
+    /// [`SequenceProgram::run`] refuses a second one of a type, and a handler that takes one that is not there.
+    #[must_use]
+    pub fn state<T: Clone + Send + Sync + 'static>(mut self, state: T) -> Self {
+        if !self.table.states.add(state) {
+            let name = std::any::type_name::<T>();
+            self.mistake(format!("state() got two of type {name}"));
+        }
         self
     }
 
@@ -308,6 +325,34 @@ impl SequenceProgram {
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
         self
+    }
+
+    /// What it serves, as a file for `[machine] served` of a configuration: with it `tandem check`, `tandem explain` and editors know
+    /// its M codes without it.
+    ///
+    /// ```no_run
+    /// # use plc_api::SequenceProgram;
+    /// # fn program() -> SequenceProgram { SequenceProgram::new() }
+    /// std::fs::write("served.json", program().served().to_string())?;
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
+    pub fn served(&self) -> Served {
+        let codes = self.table.codes();
+        let declarations = self.table.declarations();
+        let serves = codes.into_iter().map(|(cs, m)| {
+            let mut said = declarations.iter();
+            let said = said.find(|said| (said.cs, said.m) == (cs, m));
+            ServedMCode {
+                m,
+                cs: cs.into_iter().collect(),
+                handler_id: self.handler_id.clone(),
+                name: said.and_then(|said| said.name.clone()),
+                params: said.and_then(|said| said.params.clone()),
+            }
+        });
+        let mut serves: Vec<_> = serves.collect();
+        serves.sort_by_key(|one| one.m);
+        Served { serves }
     }
 
     /// Checks what [`SequenceProgram::run`] would refuse.

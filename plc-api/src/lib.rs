@@ -38,7 +38,11 @@
 //! so does a panic. The handlers of several open outputs run concurrently.
 //!
 //! # Parameters and shared state
-//! [`Params`] holds VA to VH; a parameter that is not programmed is `None`. With
+//! A handler of an M code with a name, [`MCode`], takes its parameters as [typed arguments](extract): `Va<KiloNewton<1, 20>>`, or
+//! a struct with `#[derive(Params)]`. What they declare is checked when a program is loaded and before the handler is begun, and
+//! is told to panels.
+//!
+//! Otherwise [`Params`](struct@Params) holds VA to VH; a parameter that is not programmed is `None`. With
 //! [`validate`](SequenceProgram::validate) a program with wrong parameters is refused when it is loaded. Handlers share
 //! state by [`handlers::with`]. Axes, tools and inputs are behind [`Plc::coordinate_system`], variables behind
 //! [`Plc::variables`], alarms behind [`Plc::alarms`].
@@ -184,12 +188,16 @@
 //! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` the client of REST and WebSocket; `schema` derives
 //! JSON Schemas of the types. Without them the crate depends on tokio, serde and little more.
 
+// what the derive macro writes names the crate so
+extern crate self as plc_api;
+
 pub mod alarm;
 mod ask;
 mod claim;
 mod coordinate_system;
 mod error;
 pub mod execution;
+pub mod extract;
 pub mod fake;
 pub mod handler_registry;
 pub mod handlers;
@@ -213,6 +221,7 @@ mod tables;
 mod text;
 pub mod transport;
 pub mod types;
+pub mod units;
 mod variables;
 pub mod wire;
 
@@ -220,11 +229,14 @@ pub use alarm::Alarm;
 pub use ask::OpenQuestion;
 pub use coordinate_system::CoordinateSystem;
 pub use error::{Error, Result};
+pub use extract::{State, Va, Vb, Vc, Vd, Ve, Vf, Vg, Vh};
 pub use handlers::{AuxOutput, Cancellation, SequenceProgram};
 pub use heartbeat::Heartbeat;
 pub use lease::Lease;
+pub use m_codes::MCode;
 pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;
+pub use plc_api_derive::Params;
 #[cfg(any(feature = "mqtt", feature = "rest"))]
 pub use transport::options::MqttOptions;
 #[cfg(any(feature = "mqtt", feature = "rest"))]

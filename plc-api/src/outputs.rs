@@ -85,7 +85,7 @@ impl Outputs {
     /// Takes these M codes only, and tells the machine that they are handled. Otherwise the queue takes all that nobody
     /// owns, and the machine knows no handler for them: their `unhandled` setting must be `wait`.
     #[must_use]
-    pub fn on(mut self, codes: impl MCodes) -> Self {
+    pub fn on<By>(mut self, codes: impl MCodes<By>) -> Self {
         let within = codes.m_codes().into_iter().flatten();
         let within = within.take_while(|m| *m <= M_CODE_MAX);
         self.codes.get_or_insert_default().extend(within);
@@ -153,6 +153,7 @@ impl Outputs {
         let codes = self.codes.iter().flatten().map(|&m| (None, m)).collect();
         let said = Announced {
             codes,
+            m_codes: Vec::new(),
             validates: false,
             takes_over: self.takes_over,
             redelivery: self.on_redelivery,

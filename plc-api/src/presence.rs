@@ -17,6 +17,7 @@ use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::types::handler::{HandlerResult, HandlerStatus};
+use crate::types::m_code::MCodeDeclaration;
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
     HandledCode, HandlerPresence, HandshakeStatus, OutputState, PendingOutput, Redelivery,
@@ -35,6 +36,8 @@ pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Announced {
     pub(crate) codes: BTreeSet<ServedCode>,
+    /// What it says of them.
+    pub(crate) m_codes: Vec<MCodeDeclaration>,
     /// It checks parameters at program load.
     pub(crate) validates: bool,
     /// It takes the place of another instance.
@@ -275,6 +278,7 @@ impl Presence {
             instance: Some(self.by.instance()),
             take_over: self.said.takes_over && self.announced == Announcement::Never,
             redelivery: self.said.redelivery,
+            m_codes: self.said.m_codes.clone(),
         }
     }
 

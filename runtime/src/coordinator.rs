@@ -32,7 +32,8 @@ use crate::servo_thread::{ServoStatistics, ServoThread};
 use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
 use crate::tables::Tables;
-use birth::{birth, presence};
+pub(crate) use birth::birth;
+use birth::presence;
 pub(crate) use opening::everything;
 use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
 
@@ -357,7 +358,7 @@ impl Parts {
             tasks.spawn(async move { of_task.run().await });
             mailboxes.push(mailbox);
         }
-        shared.publish(Topic::Birth, Payload::Birth(birth(&shared.machine)));
+        shared.publish_birth();
         shared.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms::default()));
         shared.publish(Topic::Presence, Payload::Presence(presence(shared, true)));
         Self {

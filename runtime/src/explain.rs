@@ -10,6 +10,7 @@ use tandem_model::alarm::{ALARMS, After, AlarmEntry};
 use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
 
 use crate::config::{Config, ConfigKey};
+use crate::declared::Declared;
 
 /// Tables of rules: number and text.
 const RULES: [&[(&str, &str)]; 3] = [
@@ -49,6 +50,40 @@ pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
         .chain(keys.iter().filter(|key| is_named(key, &what)).map(of_key))
         .collect();
     (!pages.is_empty()).then(|| pages.join("\n\n"))
+}
+
+/// The same, with what is declared of an M code on a machine; an M code is found by its name there, too.
+pub fn explain_here(what: &str, dialect: &Dialect, declared: &[Declared]) -> Option<String> {
+    let is_meant = |one: &&Declared| {
+        let name = one.declaration.name.as_deref();
+        language::m_number(what) == Some(one.declaration.m)
+            || name.is_some_and(|name| name.eq_ignore_ascii_case(what.trim()))
+    };
+    let here: Vec<&Declared> = declared.iter().filter(is_meant).collect();
+    let Some(first) = here.first() else {
+        return explain(what, dialect);
+    };
+    let mut pages: Vec<String> = here.iter().map(|one| of_declared(one)).collect();
+    pages.extend(explain(&format!("M{:02}", first.declaration.m), dialect));
+    Some(pages.join("\n\n"))
+}
+
+/// What a machine says of an M code.
+fn of_declared(declared: &Declared) -> String {
+    let Declared { by, declaration } = declared;
+    let title = declaration.name.as_deref().unwrap_or("an M code of this machine");
+    let params = match &declaration.params {
+        None => "It takes every parameter.".to_owned(),
+        Some(params) if params.is_empty() => "It takes no parameters.".to_owned(),
+        Some(params) => {
+            let rows = params
+                .iter()
+                .map(|(letter, param)| format!("{letter}  {}", param.text()));
+            indented(&rows.collect::<Vec<_>>().join("\n"))
+        }
+    };
+    let name = format!("M{:02}", declaration.m);
+    page(&name, title, &[format!("Declared by {by}."), params])
 }
 
 /// Name of the picture of a code's example; `None`: it is no code, or has none.

@@ -10,6 +10,7 @@ mod config;
 mod coordinate_system;
 mod coordinator;
 pub mod data_folder;
+pub mod declared;
 mod disk;
 pub mod explain;
 pub mod journal;

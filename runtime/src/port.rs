@@ -37,7 +37,7 @@ use tandem_model::alarm::{MESSAGES_NOT_KEPT, REQUEST_REFUSED};
 pub(crate) use access::AccessLines;
 
 use crate::coordinate_system::Mailbox;
-use crate::explain::{explain, nearest, picture};
+use crate::explain::{explain_here, nearest, picture};
 use crate::persistence::{LastRuns, StateWriter};
 use crate::preview::Previews;
 use crate::shared::Shared;
@@ -314,7 +314,7 @@ impl RuntimePort {
 
     fn explain(&self, what: String) -> Result<Answer, Refusal> {
         let dialect = self.shared.machine.dialect();
-        let text = explain(&what, dialect).ok_or_else(|| {
+        let text = explain_here(&what, dialect, &self.shared.declared()).ok_or_else(|| {
             let text = format!(
                 "nothing here is called {what}; did you mean {}?",
                 nearest(&what, dialect)

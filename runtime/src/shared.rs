@@ -26,6 +26,8 @@ use crate::alarms::{Alarms, Raised};
 use crate::clock::Clock;
 use crate::command_memory::{Asked, CommandMemory, Recalled};
 use crate::config::Machine;
+use crate::coordinator::birth;
+use crate::declared::Declared;
 use crate::disk::{Health, Part};
 use crate::journal::{Event, Journal};
 use crate::program_store::ProgramStore;
@@ -59,6 +61,8 @@ pub(crate) struct Shared {
     m_code_waits: Mutex<BTreeMap<(CoordinateSystemNumber, u16), f64>>,
     alarms: Mutex<Alarms>,
     handlers: Mutex<HandlerRegistry>,
+    /// Held while `birth` is published: what is published last is what is so.
+    birth: Mutex<()>,
     commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
     wakes: Mutex<Vec<Arc<Notify>>>,
@@ -91,6 +95,7 @@ impl Shared {
             m_code_waits: Mutex::default(),
             alarms: Mutex::default(),
             handlers: Mutex::default(),
+            birth: Mutex::default(),
             commands: Mutex::default(),
             wakes: Mutex::default(),
             sent: AtomicU64::new(0),
@@ -284,8 +289,22 @@ impl Shared {
                 Topic::HandlerPresence(id.to_owned()),
                 Payload::HandlerPresence(shown),
             );
+            self.publish_birth();
         }
         Ok(changed)
+    }
+
+    /// Publishes what the machine is where that has changed.
+    pub fn publish_birth(&self) {
+        let _one_after_the_other = self.birth.lock();
+        let birth = birth(&self.machine, &self.handlers());
+        let known = self.hub.read(&Topic::Birth);
+        let is_known = known
+            .as_deref()
+            .is_some_and(|known| matches!(&known.payload, Payload::Birth(known) if *known == birth));
+        if !is_known {
+            self.publish(Topic::Birth, Payload::Birth(birth));
+        }
     }
 
     /// The instance of a handler that is to confirm that it is still there.
@@ -303,6 +322,19 @@ impl Shared {
 
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
         self.handlers.lock().all()
+    }
+
+    /// What the configuration, and handlers that are there, declare of M codes.
+    pub fn declared(&self) -> Vec<Declared> {
+        let of_config = self.machine.m_codes.values();
+        let of_config = of_config.filter_map(|settings| settings.declared.clone().map(Declared::in_config));
+        let handlers = self.handlers();
+        let handlers = handlers.iter().filter(|(_, handler)| handler.online);
+        let of_handlers = handlers.flat_map(|(id, handler)| {
+            let said = handler.m_codes.iter().cloned();
+            said.map(|declaration| Declared::by_handler(id, declaration))
+        });
+        of_config.chain(of_handlers).collect()
     }
 
     /// True while a handler is there.

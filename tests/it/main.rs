@@ -22,6 +22,7 @@ mod cli_fmt;
 mod cli_lsp;
 mod cli_output;
 mod cli_plot;
+mod cli_served;
 mod cli_simulate;
 mod cli_simulate_tables;
 mod clients;

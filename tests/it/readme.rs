@@ -1,15 +1,15 @@
 //! The Rust of the README, compiled and run as it stands there.
 #![allow(dead_code, reason = "its main function connects to a machine")]
 
-use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+use plc_api::units::KiloNewton;
+use plc_api::{Alarm, AuxOutput, MCode, Plc, SequenceProgram, Va};
 use std::time::Duration;
 
-async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    let force_kn = output.params().a().ok_or(Alarm::user(1, "M12 needs VA: the clamping force in kN"))?;
-    if !(0.0..=20.0).contains(&force_kn) {
-        return Err(Alarm::user(2, format!("a clamping force of {force_kn} kN is not in 0 to 20")));
-    }
-    output.progress("the clamp closes", 50.0).await?;
+const CLAMP: MCode = MCode::new(12, "clamp");
+
+/// VA: the force. A program with another one is refused when it is loaded, at its line and column.
+async fn clamp(Va(force): Va<KiloNewton<0, 20>>, output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    output.progress(format!("the clamp closes with {force}"), 50.0).await?;
     plc.sleep(Duration::from_millis(400)).await; // the machine's own work
     Ok(()) // resets M12; an Err stops the program with its text, as alarm 10000 + code
 }
@@ -17,14 +17,15 @@ async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 #[tokio::main]
 async fn main() -> plc_api::Result<()> {
     let plc = Plc::connect("mqtt://127.0.0.1:1883/mill-1").await?;
-    SequenceProgram::new().on(12, clamp).run(&plc).await
+    SequenceProgram::new().on(CLAMP, clamp).run(&plc).await
 }
 
 use tandem_runtime::test::{Bench, TestError};
 
 #[test]
 fn m12_closes_the_clamp_before_the_motion_goes_on() -> Result<(), TestError> {
-    let run = Bench::new().serve(SequenceProgram::new().on(12, clamp)).run("M12 VA5\nG01 X10 F3000\nM30")?.completed()?;
+    let bench = Bench::new().serve(SequenceProgram::new().on(CLAMP, clamp));
+    let run = bench.run("M12 VA5\nG01 X10 F3000\nM30")?.completed()?;
     assert_eq!(run.order(1), ["output M12 VA5", "reset M12", "block 2", "end"]);
     assert!(run.output(12)?.took_s()? >= 0.4);
     Ok(())

@@ -1,7 +1,7 @@
 // Open outputs: their M codes, handlers and age; questions, confirmation by hand and redelivery.
 
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
-import { duration, params, programName } from "../format.js";
+import { duration, params, plain, programName } from "../format.js";
 import { icon } from "../icons.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
@@ -69,11 +69,12 @@ function entry(app, seq) {
   const render = (now) => {
     output = now;
     const { model } = app;
-    setText(name, `M${now.m}`);
+    const said = declared(model, now.m);
+    setText(name, `M${now.m}${said?.name ? ` ${said.name}` : ""}`);
     setText(badge, now.lost ? "handler lost" : (STATES[now.state] ?? now.state));
     setAttr(badge, "data-tone", now.lost ? "attention" : now.state === "CLAIMED" ? "wait" : "ready");
     setText(age, duration(model.ageMs(now.since)));
-    setText(given, params(now.params));
+    setText(given, inWords(now.params, said?.params));
     setText(from, `${programName(now.program)} line ${now.line} · seq ${now.seq}${now.attempt > 1 ? ` · attempt ${now.attempt}` : ""}`);
     setText(handler, now.lost ? lostText(now) : handlerText(now));
     setAttr(handler, "hidden", !handler.textContent);
@@ -114,6 +115,28 @@ function question(app, seq) {
     for (const one of choices.querySelectorAll("button")) disableFor(one, whyNotNow(app.model));
   };
   return { element, render };
+}
+
+/**
+ * What the sequence side, or else the configuration, says of an M code.
+ * @param {import("../model.js").Model} model @param {number} m
+ */
+function declared({ birth, selected }, m) {
+  const served = birth?.serves?.find((one) => one.m === m && one.cs.includes(selected) && (one.name || one.params));
+  return served ?? birth?.m_codes[m];
+}
+
+/**
+ * Parameters in the words in which they are declared: `force 5 kN`; others as the program writes them.
+ * @param {import("../types.d.ts").Params} given @param {NonNullable<import("../types.d.ts").MCodeDeclaration["params"]>} [said]
+ */
+function inWords(given, said = {}) {
+  const words = Object.entries(given).map(([letter, value]) => {
+    const { name, unit } = said[/** @type {keyof typeof said} */ (letter)] ?? {};
+    const number = name ? `${name} ${plain(value)}` : params({ [letter]: value });
+    return unit ? `${number}\u00a0${unit}` : number;
+  });
+  return words.join("  ");
 }
 
 /** @param {import("../types.d.ts").PendingOutput} output */

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from tandem_plc import Alarm, CancelReason, Output, Params, Plc, Refused, SequenceProgram
+from tandem_plc import Alarm, CancelReason, Output, Param, Params, Plc, ProgramError, Refused, SequenceProgram
 from tandem_plc.testing import Machine
 
 
@@ -38,6 +38,50 @@ def test_parameters_are_refused_when_the_program_is_loaded(tandem_machine: Machi
 
     with tandem_machine.serve(program), pytest.raises(Refused, match=r"line 2: E0190.*VA is 99.*1 to 24"):
         tandem_machine.run("G01 X0 F3000\nM06 VA99\nM30")
+
+
+def test_a_program_with_parameters_that_are_not_declared_is_not_loaded(tandem_machine: Machine) -> None:
+    program, seen = SequenceProgram("clamp"), []
+    force = Param(name="force", unit="kN", min=1, max=20)
+
+    @program.on(12, name="clamp", params={"A": force, "B": Param(whole=True, min=1, max=2, optional=True)})
+    async def clamp(output: Output) -> None:
+        seen.append((output.a, output.b))
+
+    with tandem_machine.serve(program):
+        for text, message in [
+            ("M12 VA50", r"line 1: E0191 M12 clamp: VA \(force\) is 50 kN; write 1 to 20 kN"),
+            ("M12", r"E0191 M12 clamp needs VA \(force, 1 to 20 kN\)"),
+            ("M12 VA5 VC1", r"E0191 M12 clamp takes no VC"),
+        ]:
+            with pytest.raises(Refused, match=message):
+                tandem_machine.run(f"{text}\nM30")
+        assert tandem_machine.run("M12 VA5\nM12 VA20 VB2\nM30").completed
+        # what a variable holds is known only when the block runs
+        run = tandem_machine.run("P3 = 50\nM12 VA[P3]\nM30")
+        serves = tandem_machine.rest("GET", "/machine")["serves"]
+    assert run.alarms == ["M12 clamp: VA (force) is 50 kN; write 1 to 20 kN"]
+    assert seen == [(5.0, None), (20.0, 2.0)]
+    told = {
+        "A": {"name": "force", "unit": "kN", "min": 1.0, "max": 20.0},
+        "B": {"min": 1.0, "max": 2.0, "whole": True, "optional": True},
+    }
+    expected = {"m": 12, "cs": [1], "handler_id": "clamp", "name": "clamp", "params": told}
+    assert [one for one in serves if one["handler_id"] == "clamp"] == [expected]
+
+
+def test_a_declaration_of_what_cannot_be_is_a_mistake() -> None:
+    program = SequenceProgram("clamp")
+    for params, message in [
+        ({"VA": Param()}, "is no parameter; write 'A' to 'H'"),
+        ({"A": Param(min=2, max=1)}, "VA: min 2 is above max 1"),
+        ({"A": Param(unit="")}, "VA: unit '': write 1 to 16 characters"),
+    ]:
+        with pytest.raises(ProgramError, match=message):
+            program.on(12, params=params)(_nothing)
+
+
+async def _nothing(_output: Output) -> None: ...
 
 
 def test_a_check_that_fails_refuses_the_program_and_the_program_goes_on_serving(tandem_machine: Machine) -> None:

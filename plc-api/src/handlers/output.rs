@@ -8,6 +8,7 @@ use tokio::sync::{Mutex, MutexGuard, watch};
 
 use crate::claim::{Identity, OutputId};
 use crate::error::Result;
+use crate::extract::States;
 use crate::plc::Plc;
 use crate::presence::Presence;
 use crate::types::CoordinateSystemNumber;
@@ -34,6 +35,7 @@ struct Inner {
     notice: OutputNotice,
     verify: bool,
     cancellation: Cancellation,
+    states: States,
     /// True once the handler has ended and the reset is being sent: nothing is left to cancel.
     is_answering: AtomicBool,
     /// An output asks one question at a time; others wait for this lock.
@@ -42,7 +44,7 @@ struct Inner {
 
 impl AuxOutput {
     pub(super) fn new(
-        presence: &Presence,
+        (presence, states): (&Presence, &States),
         id: OutputId,
         notice: &OutputNotice,
         verify: bool,
@@ -55,6 +57,7 @@ impl AuxOutput {
             notice: notice.clone(),
             verify,
             cancellation: Cancellation { state },
+            states: states.clone(),
             is_answering: AtomicBool::new(false),
             question: Mutex::default(),
         };
@@ -90,6 +93,10 @@ impl AuxOutput {
 
     pub(crate) fn by(&self) -> &Identity {
         &self.inner.by
+    }
+
+    pub(crate) fn states(&self) -> &States {
+        &self.inner.states
     }
 
     pub(crate) fn plc(&self) -> &Plc {

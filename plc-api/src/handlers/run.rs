@@ -51,6 +51,7 @@ pub(super) async fn run(
 ) -> Result<()> {
     let said = Announced {
         codes: table.codes(),
+        m_codes: table.declarations(),
         validates: table.validates(),
         takes_over,
         redelivery: on_redelivery,
@@ -182,7 +183,12 @@ impl Runner {
         let Some(verify) = taken_up(pending, self.on_redelivery) else {
             return;
         };
-        let (output, cancel) = AuxOutput::new(&self.presence, id.clone(), &pending.output, verify);
+        let (output, cancel) = AuxOutput::new(
+            (&self.presence, &self.table.states),
+            id.clone(),
+            &pending.output,
+            verify,
+        );
         let (abort, registration) = AbortHandle::new_pair();
         let work = work(output.clone(), Arc::clone(handler));
         let work = Box::pin(Abortable::new(work, registration));

@@ -1,29 +1,45 @@
 //! The table of handlers by M code.
 
+use std::any::TypeId;
 use std::collections::{BTreeMap, BTreeSet};
-use std::future::Future;
+use std::future::{Future, ready};
 use std::ops::RangeInclusive;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
 use crate::alarm::Alarm;
-use crate::m_codes::{M_CODE_MAX, RUNTIME_M_CODES};
+use crate::extract::{FromOutput, States, Takes};
+use crate::m_codes::{ByName, ByNumber, M_CODE_MAX, MCode, RUNTIME_M_CODES};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::presence::ServedCode;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
+use crate::types::m_code::MCodeDeclaration;
 use crate::types::output::Params;
 
 use super::output::AuxOutput;
 
-/// A handler: an async function or closure of the output, or of the output and the machine.
+/// A handler: an async function or closure of the output, or of the output and the machine; for an M code with a name
+/// ([`MCode`](crate::MCode)) one of up to six [extractors](crate::extract).
 ///
 /// `Ok` resets the output, and the program continues. `Err` raises the alarm, which stops it; so does a panic. When the
 /// output is cancelled, the future is dropped where it waits.
-pub trait Handler<Arguments>: Send + Sync + 'static {
+#[diagnostic::on_unimplemented(
+    message = "this is no handler of an M code",
+    label = "no handler of an M code",
+    note = "an M code by its number takes an `async fn` of `(AuxOutput)` or `(AuxOutput, Plc)`",
+    note = "an M code by its name, `const CLAMP: MCode = MCode::new(12, \"clamp\");`, takes an `async fn` of up to 6 arguments in any order: `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `State<T>`, `AuxOutput`, `Plc`, `CoordinateSystem`",
+    note = "both give `Result<(), Alarm>`, and their future is `Send`: it keeps no `Rc`, `RefCell` or guard of a lock over an `.await`"
+)]
+pub trait Handler<Arguments, By = ByNumber>: Send + Sync + 'static {
     /// Starts the work.
     fn call(&self, output: AuxOutput, plc: Plc) -> BoxFuture<'static, Result<(), Alarm>>;
+
+    /// What it takes of an output and of the sequence program.
+    fn takes(&self) -> Takes {
+        Takes::default()
+    }
 }
 
 impl<F, Work> Handler<(AuxOutput, Plc)> for F
@@ -46,9 +62,49 @@ where
     }
 }
 
+macro_rules! by_name {
+    ($($Argument:ident $argument:ident),*) => {
+        impl<F, Work, $($Argument),*> Handler<($($Argument,)*), ByName> for F
+        where
+            F: Fn($($Argument),*) -> Work + Send + Sync + 'static,
+            Work: Future<Output = Result<(), Alarm>> + Send + 'static,
+            $($Argument: FromOutput,)*
+        {
+            #[allow(unused_variables, reason = "a handler may have no arguments")]
+            fn call(&self, output: AuxOutput, plc: Plc) -> BoxFuture<'static, Result<(), Alarm>> {
+                $(
+                    let $argument = match $Argument::from_output(&output, &plc) {
+                        Ok(argument) => argument,
+                        Err(alarm) => return Box::pin(ready(Err(alarm))),
+                    };
+                )*
+                Box::pin(self($($argument),*))
+            }
+
+            fn takes(&self) -> Takes {
+                #[allow(unused_mut, reason = "a handler may have no arguments")]
+                let mut takes = Takes::default();
+                $($Argument::takes(&mut takes);)*
+                takes
+            }
+        }
+    };
+}
+
+by_name!();
+by_name!(A a);
+by_name!(A a, B b);
+by_name!(A a, B b, C c);
+by_name!(A a, B b, C c, D d);
+by_name!(A a, B b, C c, D d, E e);
+by_name!(A a, B b, C c, D d, E e, G g);
+
 /// A handler with shared state: each call receives a clone of `shared`, such as an `Arc`. For an example see
 /// [parameters and shared state](crate#parameters-and-shared-state).
-pub fn with<S, F, Work>(shared: S, handler: F) -> impl Handler<(AuxOutput, Plc)>
+pub fn with<S, F, Work>(
+    shared: S,
+    handler: F,
+) -> impl Handler<(AuxOutput, Plc)> + Handler<(AuxOutput, Plc), ByName>
 where
     S: Clone + Send + Sync + 'static,
     F: Fn(AuxOutput, Plc, S) -> Work + Send + Sync + 'static,
@@ -75,19 +131,25 @@ fn place(cs: Option<CoordinateSystemNumber>) -> String {
 #[derive(Clone, Default)]
 pub(super) struct Table {
     handlers: BTreeMap<ServedCode, Boxed>,
+    /// What handlers of M codes with names say of them.
+    declared: BTreeMap<ServedCode, MCodeDeclaration>,
+    /// States that handlers take, by type.
+    wanted: Vec<(MCode, TypeId, &'static str)>,
+    pub(super) states: States,
     checks: BTreeMap<ServedCode, Check>,
     // of single calls
     pub(super) mistakes: Vec<String>,
 }
 
 impl Table {
-    pub(super) fn add<A>(
+    pub(super) fn add<A, By>(
         &mut self,
         cs: Option<CoordinateSystemNumber>,
-        codes: &[RangeInclusive<u16>],
-        handler: impl Handler<A>,
+        (codes, names): (&[RangeInclusive<u16>], &[MCode]),
+        handler: impl Handler<A, By>,
     ) {
         let handler = Arc::new(handler);
+        let takes = handler.takes();
         let boxed: Boxed = Arc::new(move |output, plc| handler.call(output, plc));
         if codes.iter().all(RangeInclusive::is_empty) {
             self.mistakes
@@ -105,10 +167,57 @@ impl Table {
                 self.mistakes.push(mistake);
                 continue;
             }
-            if self.handlers.insert((cs, m), Arc::clone(&boxed)).is_some() {
+            let name = names.iter().find(|name| name.m() == m);
+            let handler = match name {
+                None => Arc::clone(&boxed),
+                Some(name) => self.declare(cs, *name, &takes, &boxed),
+            };
+            if self.handlers.insert((cs, m), handler).is_some() {
                 self.mistakes.push(format!("M{m}{place} has two handlers"));
             }
         }
+    }
+
+    /// Notes what a handler says of an M code; the handler, which is not begun with other parameters.
+    fn declare(
+        &mut self,
+        cs: Option<CoordinateSystemNumber>,
+        code: MCode,
+        takes: &Takes,
+        handler: &Boxed,
+    ) -> Boxed {
+        let declaration = MCodeDeclaration {
+            m: code.m(),
+            cs,
+            name: Some(code.name().to_owned()),
+            params: takes.params.clone(),
+        };
+        let of_takes = takes.mistakes.iter().map(|mistake| format!("{code}: {mistake}"));
+        self.mistakes.extend(of_takes.chain(declaration.mistake().err()));
+        let wanted = takes.states.iter().map(|(state, name)| (code, *state, *name));
+        self.wanted.extend(wanted);
+        self.declared.insert((cs, code.m()), declaration.clone());
+        if declaration.params.is_none() {
+            return Arc::clone(handler);
+        }
+        let handler = Arc::clone(handler);
+        Arc::new(move |output, plc| match declaration.check(output.params()) {
+            Ok(()) => handler(output, plc),
+            Err(fault) => Box::pin(ready(Err(Alarm::user(Alarm::CODE_OF_PARAMS, fault.text)))),
+        })
+    }
+
+    /// What is said of the M codes. A handler of one coordinate system that says nothing hides what is said for all.
+    pub(super) fn declarations(&self) -> Vec<MCodeDeclaration> {
+        let hidden = self.handlers.keys().filter(|(cs, m)| {
+            cs.is_some() && !self.declared.contains_key(&(*cs, *m)) && self.declared.contains_key(&(None, *m))
+        });
+        let hidden = hidden.map(|(cs, m)| MCodeDeclaration {
+            m: *m,
+            cs: *cs,
+            ..MCodeDeclaration::default()
+        });
+        self.declared.values().cloned().chain(hidden).collect()
     }
 
     pub(super) fn add_check(
@@ -133,7 +242,15 @@ impl Table {
         };
         let idle = self.checks.keys().filter(|(cs, m)| !is_handled(*cs, *m));
         let idle = idle.map(|(cs, m)| format!("M{m}{} is validated and has no handler", place(*cs)));
-        self.mistakes.iter().cloned().chain(idle).collect()
+        let missing = self
+            .wanted
+            .iter()
+            .filter(|(_, state, _)| !self.states.has(*state));
+        let missing = missing.map(|(code, _, name)| {
+            format!("{code} takes State<{name}>, which the program does not have: add it by state(..)")
+        });
+        let mistakes = self.mistakes.iter().cloned();
+        mistakes.chain(idle).chain(missing).collect()
     }
 
     pub(super) fn validates(&self) -> bool {

@@ -1,7 +1,12 @@
 //! Handlers: which M codes they serve, which of several processes is there, and what they do again.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 
+use super::CoordinateSystemNumber;
+use super::m_code::{MCodeDeclaration, check_all};
+use super::machine::ServedMCode;
 use super::refusal::{Refusal, RefusalCode};
 
 /// Characters of the id of an instance.
@@ -25,7 +30,7 @@ pub enum Redelivery {
 }
 
 /// Payload of `handler/{id}/presence`.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandlerPresence {
     /// False: the handler has gone, or its connection was lost.
@@ -47,6 +52,9 @@ pub struct HandlerPresence {
     /// the configuration of the M code; where neither says anything, it is `ask`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
+    /// What it says of the M codes: their names, and the parameters that they take.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub m_codes: Vec<MCodeDeclaration>,
 }
 
 impl HandlerPresence {
@@ -58,7 +66,42 @@ impl HandlerPresence {
         }
     }
 
-    /// Whether its instance has a right name.
+    /// What it says of an M code that it serves.
+    pub fn declaration(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&MCodeDeclaration> {
+        let of = |wanted| {
+            let mut said = self.m_codes.iter();
+            said.find(|said| said.m == m && said.cs == wanted)
+        };
+        of(Some(cs))
+            .or_else(|| of(None))
+            .filter(|_| self.handles.contains(&HandledCode { cs, m }))
+    }
+
+    /// The M codes that it serves, ascending, where it is there.
+    pub fn served(&self, handler_id: &str) -> Vec<ServedMCode> {
+        let handled = self.handles.iter().filter(|_| self.online);
+        let handled: BTreeSet<_> = handled.map(|code| (code.m, code.cs)).collect();
+        let mut all: Vec<ServedMCode> = Vec::new();
+        for (m, cs) in handled {
+            let declared = self.declaration(cs, m);
+            let name = declared.and_then(|declared| declared.name.clone());
+            let params = declared.and_then(|declared| declared.params.clone());
+            let mut of_m = all.iter_mut().rev().take_while(|one| one.m == m);
+            match of_m.find(|one| one.name == name && one.params == params) {
+                Some(same) => same.cs.push(cs),
+                None => all.push(ServedMCode {
+                    m,
+                    cs: vec![cs],
+                    handler_id: Some(handler_id.to_owned()),
+                    name,
+                    params,
+                }),
+            }
+        }
+        all
+    }
+
+    /// Whether its instance has a right name, and what it says of its M codes can be.
     ///
     /// # Errors
     /// `invalid`: what to write.
@@ -69,7 +112,7 @@ impl HandlerPresence {
                 && !instance.contains(['/', '+', '#', '\0'])
         };
         if self.instance.as_ref().is_none_or(is_right) {
-            return Ok(());
+            return check_all(&self.m_codes);
         }
         let text = format!("instance: write 1 to {INSTANCE_MAX} characters without / + # ~");
         Err(Refusal::new(RefusalCode::Invalid, text))

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::m_code::{DeclaredParams, MCodeDeclaration};
 use super::output::Timing;
 use super::{CoordinateSystemNumber, Timestamp};
 
@@ -32,7 +33,7 @@ pub struct BrokerInUse {
     pub since: Timestamp,
 }
 
-/// Payload of `birth`: what does not change while the runtime runs.
+/// Payload of `birth`: what the machine is. Only `serves` changes while the runtime runs.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Birth {
@@ -46,6 +47,9 @@ pub struct Birth {
     pub motors: Vec<MotorInfo>,
     /// M codes that have settings, by number.
     pub m_codes: BTreeMap<u16, MCodeInfo>,
+    /// M codes that are served now, ascending; at most 1000.
+    #[serde(default)]
+    pub serves: Vec<ServedMCode>,
     /// Limits of the interface.
     pub limits: Limits,
 }
@@ -80,8 +84,68 @@ pub struct MotorInfo {
     pub max_velocity: f64,
 }
 
+/// An M code that is served, and by whom.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ServedMCode {
+    /// M number.
+    pub m: u16,
+    /// In which coordinate systems, ascending.
+    #[serde(default)]
+    pub cs: Vec<CoordinateSystemNumber>,
+    /// The handler; null: the stock sequence program of the runtime.
+    #[serde(default)]
+    pub handler_id: Option<String>,
+    /// Its name, as the handler declares it, else the configuration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Its parameters, as the handler declares them, else the configuration; without it, every parameter is taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub params: Option<DeclaredParams>,
+}
+
+impl ServedMCode {
+    /// True where it is served in this coordinate system.
+    pub fn is_in(&self, cs: CoordinateSystemNumber) -> bool {
+        self.cs.is_empty() || self.cs.contains(&cs)
+    }
+
+    /// What is said of it.
+    pub fn declaration(&self) -> MCodeDeclaration {
+        MCodeDeclaration {
+            m: self.m,
+            cs: None,
+            name: self.name.clone(),
+            params: self.params.clone(),
+        }
+    }
+
+    /// Who serves it, in words.
+    pub fn by(&self) -> String {
+        match &self.handler_id {
+            Some(id) => format!("handler {id}"),
+            None => "the stock sequence program".to_owned(),
+        }
+    }
+}
+
+/// What a sequence side serves, in a file for those who check programs without it: written by
+/// [`SequenceProgram::served`](crate::SequenceProgram::served), or the `birth` of a machine, of which the rest is not read.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Served {
+    /// Ascending; at most 1000. Without `cs` it is so in all coordinate systems.
+    pub serves: Vec<ServedMCode>,
+}
+
+impl std::fmt::Display for Served {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let json = serde_json::to_string_pretty(self).map_err(|_| std::fmt::Error)?;
+        writeln!(f, "{json}")
+    }
+}
+
 /// Settings of one M code.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MCodeInfo {
     /// When it is output.
@@ -90,6 +154,12 @@ pub struct MCodeInfo {
     pub timeout_ms: Option<u64>,
     /// What the state shows while it is waited for.
     pub wait_state: Option<String>,
+    /// Its name in the configuration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Its parameters in the configuration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub params: Option<DeclaredParams>,
 }
 
 /// Limits of the interface.

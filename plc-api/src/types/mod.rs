@@ -11,6 +11,7 @@ pub mod ids;
 pub mod lease;
 pub mod line_start;
 pub mod lock;
+pub mod m_code;
 pub mod machine;
 pub mod message;
 pub mod output;

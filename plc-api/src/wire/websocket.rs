@@ -7,6 +7,7 @@ use super::requests::parsed;
 use super::row::ParsedRequest;
 use crate::types::CoordinateSystemNumber;
 use crate::types::heartbeat::ClientHeartbeat;
+use crate::types::m_code::MCodeDeclaration;
 use crate::types::message::Message;
 use crate::types::output::{HandledCode, HandlerPresence, Redelivery};
 use crate::types::question::ValidateResult;
@@ -54,6 +55,8 @@ pub struct AnnouncedHandler {
     take_over: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     redelivery: Option<Redelivery>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    m_codes: Vec<MCodeDeclaration>,
 }
 
 /// A client that is heard, and within which time it will be heard again.
@@ -96,6 +99,7 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
                 instance: presence.instance,
                 take_over: presence.take_over,
                 redelivery: presence.redelivery,
+                m_codes: presence.m_codes,
             });
         }
         Request::Heartbeat(id, ClientHeartbeat { ttl_ms, cs }) => {
@@ -130,6 +134,7 @@ impl ClientFrame {
                 instance: handler.instance,
                 take_over: handler.take_over,
                 redelivery: handler.redelivery,
+                m_codes: handler.m_codes,
             };
             Request::Handler(handler.id, presence)
         });

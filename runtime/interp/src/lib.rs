@@ -38,5 +38,5 @@ pub use dialect::Dialect;
 pub use inputs::{Inputs, NO_TOOLS};
 pub use interpreter::{Interpreter, not_there};
 pub use modal::{CycleWords, Kept, Middle, Modal};
-pub use outputs::{WrittenOutput, written_outputs};
+pub use outputs::{ProgrammedOutput, WrittenOutput, programmed_outputs, written_outputs};
 pub use restricted::restrictions_of;

@@ -1,11 +1,24 @@
 //! The outputs of a program, as far as its text shows them.
 
 use tandem_model::limits::M_CODE_MAX;
-use tandem_syntax::{Address, NcProgram};
+use tandem_syntax::{Address, NcProgram, Word};
 
 use crate::codes::m_auxiliary::parameter_place;
 use crate::dialect::Dialect;
 use crate::meaning::Role;
+
+/// An auxiliary function output by its words.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProgrammedOutput<'a> {
+    /// M number.
+    pub m: u16,
+    /// The word of the M code.
+    pub word: &'a Word,
+    /// The words of VA to VH.
+    pub params: [Option<&'a Word>; 8],
+    /// Line of the source file, from 1.
+    pub line: u32,
+}
 
 /// An auxiliary function output as it is written.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,13 +31,15 @@ pub struct WrittenOutput {
     pub line: u32,
 }
 
-/// The outputs of a program whose parameters are all numbers, in the order of the text. A parameter that
-/// a variable holds (D04) is known only when its block runs, so its output is left out.
-pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<Item = WrittenOutput> {
+/// The outputs of a program, in the order of the text.
+pub fn programmed_outputs<'a>(
+    program: &'a NcProgram,
+    dialect: &Dialect,
+) -> impl Iterator<Item = ProgrammedOutput<'a>> {
     program.blocks().iter().filter_map(|block| {
         let words = program.words(block);
-        let m = words.iter().find(|word| word.address == Address::M)?.whole()?;
-        let m = u16::try_from(m).ok().filter(|m| *m <= M_CODE_MAX)?;
+        let word = words.iter().find(|word| word.address == Address::M)?;
+        let m = u16::try_from(word.whole()?).ok().filter(|m| *m <= M_CODE_MAX)?;
         let listed = dialect.m_codes.find(m * 10);
         if listed.is_some_and(|code| code.role != Role::Auxiliary) {
             return None;
@@ -33,13 +48,32 @@ pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<
         for word in words {
             let place = parameter_place(word.address).and_then(|index| params.get_mut(index));
             if let Some(place) = place {
-                *place = Some(word.number()?);
+                *place = Some(word);
+            }
+        }
+        Some(ProgrammedOutput {
+            m,
+            word,
+            params,
+            line: block.line,
+        })
+    })
+}
+
+/// The outputs of a program whose parameters are all numbers, in the order of the text. A parameter that
+/// a variable holds (D04) is known only when its block runs, so its output is left out.
+pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<Item = WrittenOutput> {
+    programmed_outputs(program, dialect).filter_map(|output| {
+        let mut params = [None; 8];
+        for (number, word) in params.iter_mut().zip(output.params) {
+            if let Some(word) = word {
+                *number = Some(word.number()?);
             }
         }
         Some(WrittenOutput {
-            m,
+            m: output.m,
             params,
-            line: block.line,
+            line: output.line,
         })
     })
 }

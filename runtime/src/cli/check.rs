@@ -10,7 +10,9 @@ use clap::Args;
 use plc_api::types::CoordinateSystemNumber;
 use tandem_interp::{Check, CheckContext, Dialect, Programs, check, dialects};
 use tandem_model::Diagnostic;
+use tandem_model::limits::M_CODE_MAX;
 use tandem_model::settings::CoordinateSystemSettings;
+use tandem_runtime::declared::{unserved, wrong_params};
 use tandem_runtime::program_store::StoredProgram;
 use tandem_runtime::trial::Trial;
 use tandem_runtime::{ConfiguredSystem, Machine};
@@ -64,11 +66,10 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         None => None,
         Some(path) if arguments.files.is_empty() => {
             let mut lines = vec![format!("{}: the configuration is good", path.display())];
-            let notes = Servable::read(Some(path), |_| Ok(()))?
-                .machine
-                .notes()
-                .into_iter();
+            let machine = Servable::read(Some(path), |_| Ok(()))?.machine;
+            let (notes, served) = (machine.notes().into_iter(), machine.served_text().into_iter());
             lines.extend(notes.map(|note| format!("  note: {note}")));
+            lines.extend(served.map(|served| format!("  {served}")));
             let text = lines.join("\n");
             match arguments.format.write(&[], true) {
                 None => say(text),
@@ -163,7 +164,11 @@ fn check_tree(
         dialect,
         read: RefCell::default(),
     };
-    let m_codes: Option<BTreeSet<u16>> = of.map(|(machine, _)| machine.m_codes.keys().copied().collect());
+    let m_codes: Option<BTreeSet<u16>> = of.map(|(machine, _)| {
+        // whether one is served is known better where the file of the sequence side is
+        let all = (0..=M_CODE_MAX).filter(|_| machine.served.is_some());
+        machine.m_codes.keys().copied().chain(all).collect()
+    });
     let system = of.and_then(|(machine, settings)| {
         let mut systems = machine.coordinate_systems.iter();
         Some((
@@ -180,6 +185,18 @@ fn check_tree(
     let mut check = check(tree, dialect, &context);
     let mut called = std::mem::take(&mut check.called);
     let mut read = programs.read.into_inner();
+    let of_m_codes = |tree: &NcProgram| {
+        system.map_or_else(Vec::new, |(machine, system)| {
+            check_m_codes(tree, dialect, machine, system)
+        })
+    };
+    check.diagnostics.extend(of_m_codes(tree));
+    for (number, check) in &mut called {
+        let program = read.get(number).and_then(Option::as_ref);
+        check
+            .diagnostics
+            .extend(program.map_or_else(Vec::new, |program| of_m_codes(&program.tree)));
+    }
     let has_errors = [&check].into_iter().chain(called.values()).any(Check::has_errors)
         || parsed.iter().any(Diagnostic::is_error);
     if calculates && !has_errors {
@@ -213,6 +230,18 @@ fn check_tree(
         }
     }
     all
+}
+
+/// What handlers and the configuration say of the M codes of a program, as far as it is known without them.
+fn check_m_codes(
+    tree: &NcProgram,
+    dialect: &'static Dialect,
+    machine: &Machine,
+    system: &ConfiguredSystem,
+) -> Vec<Diagnostic> {
+    let mut found = wrong_params(tree, dialect, &machine.declared(system.settings.number));
+    found.extend(unserved(tree, dialect, |m| machine.is_unserved(system, m)));
+    found
 }
 
 /// The programs that may be called: beside the file, and in the data folder. Each is read once.

@@ -1,11 +1,14 @@
 //! `tandem explain`: what a diagnostic, an alarm, a code, a rule or a key of the configuration means.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use tandem_interp::{Dialect, dialects};
-use tandem_runtime::explain::{explain, nearest};
+use tandem_runtime::Machine;
+use tandem_runtime::explain::{explain_here, nearest};
 use tandem_syntax::DIAGNOSTICS;
 
-use super::{EXIT_OK, Ran, say};
+use super::{EXIT_OK, Ran, read_config, say};
 
 #[derive(Args)]
 pub struct Arguments {
@@ -16,6 +19,9 @@ pub struct Arguments {
     /// NC dialect of codes and words
     #[arg(long, value_parser = dialects::find, default_value = "nj")]
     dialect: &'static Dialect,
+    /// The machine whose M codes are meant: what they are called and take there
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
@@ -26,7 +32,12 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         return Ok(EXIT_OK);
     }
     let what = arguments.what.join(" ");
-    let Some(page) = explain(&what, arguments.dialect) else {
+    let machine = match &arguments.config {
+        None => None,
+        Some(path) => Some(read_config(Some(path))?.1),
+    };
+    let declared = machine.as_ref().map_or_else(Vec::new, Machine::declared_anywhere);
+    let Some(page) = explain_here(&what, arguments.dialect, &declared) else {
         anyhow::bail!(
             "nothing here is called {what}; did you mean {}? tandem explain lists all diagnostics",
             nearest(&what, arguments.dialect)

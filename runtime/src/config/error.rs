@@ -108,13 +108,13 @@ mod tests {
 
     #[test]
     fn wrong_words_and_keys_are_named_together_with_what_does_not_fit_in_the_order_of_the_text() {
-        let text = "[machine]\nspeed = 5\n[[motor]]\nnumber = 1\nkind = \"line\"\nmax_velocity = 0\nmax_acceleration = 5\n\
+        let text = "[machine]\nnames = 5\n[[motor]]\nnumber = 1\nkind = \"line\"\nmax_velocity = 0\nmax_acceleration = 5\n\
                     [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 7 }\nunits = \"cm\"\nspindle = 9\n";
         let refusal = refusal(text);
         let lines: Vec<&str> = refusal.lines().map(str::trim).collect();
         let expected = [
             "the configuration does not fit together:",
-            "line 2, column 1: unknown key `speed`; did you mean `name`?",
+            "line 2, column 1: unknown key `names`; did you mean `name`?",
             "line 5, column 8: kind = \"line\": write \"linear\", \"rotary\" or \"spindle\"",
             "line 6, column 1: [[motor]] number = 1: max_velocity = 0: write 0.000000001 to 1000000000000",
             "line 10, column 17: [[coordinate_system]] number = 1: axes: Y = 7: there is no [[motor]] 7",

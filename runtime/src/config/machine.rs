@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use plc_api::lock_input::LockRules;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::m_code::MCodeDeclaration;
+use plc_api::types::machine::Served;
 use plc_api::types::output::{Redelivery, Timing};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,7 +16,9 @@ use tandem_interp::{Dialect, dialects};
 use tandem_model::flow::Output;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions, Tool, WorkOffsets};
 
+use crate::declared::Declared;
 use crate::program_store::{ProgramStore, Signers, TextRules};
+use crate::sequence::stock;
 
 /// A machine as configured.
 #[derive(Debug, Clone)]
@@ -34,6 +39,8 @@ pub struct Machine {
     pub tools: BTreeMap<u16, Tool>,
     /// M codes that have settings.
     pub m_codes: BTreeMap<u16, MCodeSettings>,
+    /// What the file of the sequence side says that it serves; none: there is no file.
+    pub served: Option<Served>,
     /// What happens to an output of an M code without settings that no handler is registered for.
     pub unhandled: Unhandled,
     /// A program that waits for an output is held while the connection to the MQTT broker is lost.
@@ -134,6 +141,8 @@ pub struct MCodeSettings {
     pub restore_group: Option<String>,
     /// Where in the order of these outputs it comes; `None`: as the configuration page says.
     pub restore_order: Option<u16>,
+    /// Its name and its parameters.
+    pub declared: Option<MCodeDeclaration>,
 }
 
 /// What happens to an output that no handler is registered for.
@@ -203,6 +212,61 @@ impl Machine {
             }
         }
         notes
+    }
+
+    /// What configuration and file of the sequence side declare of M codes in a coordinate system.
+    pub fn declared(&self, cs: CoordinateSystemNumber) -> Vec<Declared> {
+        let declared = self
+            .m_codes
+            .values()
+            .filter_map(|settings| settings.declared.clone());
+        let served = self.served.iter().flat_map(|served| &served.serves);
+        let served = served.filter(|one| one.is_in(cs)).map(|one| Declared {
+            by: one.by(),
+            declaration: one.declaration(),
+        });
+        declared.map(Declared::in_config).chain(served).collect()
+    }
+
+    /// The same in any coordinate system, each once.
+    pub fn declared_anywhere(&self) -> Vec<Declared> {
+        let mut all: Vec<Declared> = Vec::new();
+        for system in &self.coordinate_systems {
+            for one in self.declared(system.settings.number) {
+                if !all.contains(&one) {
+                    all.push(one);
+                }
+            }
+        }
+        all
+    }
+
+    /// What is known of M codes without handlers that are there, a line each: what they are called and take, and who serves them.
+    pub fn served_text(&self) -> Vec<String> {
+        let served = self.served.iter().flat_map(|served| &served.serves);
+        let served = served.map(|one| format!("{}: served by {}", one.declaration().text(), one.by()));
+        let declared = self
+            .m_codes
+            .values()
+            .filter_map(|settings| settings.declared.as_ref());
+        let declared =
+            declared.map(|declared| format!("{}: declared in [m_code.{}]", declared.text(), declared.m));
+        declared.chain(served).collect()
+    }
+
+    /// True for an M code that is an alarm, as far as the file of the sequence side tells; false without a file.
+    pub fn is_unserved(&self, system: &CoordinateSystem, m: u16) -> bool {
+        let settings = self.m_codes.get(&m);
+        let unhandled = settings.and_then(|settings| settings.unhandled);
+        let is_stock = settings.is_some_and(|settings| settings.stock.is_some())
+            || system.settings.spindle.is_some() && stock::is_spindle_code(m);
+        let cs = system.settings.number;
+        self.served.as_ref().is_some_and(|served| {
+            let mut served = served.serves.iter();
+            !is_stock
+                && unhandled.unwrap_or(self.unhandled) == Unhandled::Alarm
+                && !served.any(|one| one.m == m && one.is_in(cs))
+        })
     }
 
     /// The rules for checking programs before their coordinate system is known.

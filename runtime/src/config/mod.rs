@@ -18,6 +18,7 @@ mod words;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use plc_api::types::m_code::ParamDeclaration;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Deserializer, Error as _};
 use serde::{Deserialize, Serialize};
@@ -116,6 +117,10 @@ pub struct MachineConfig {
     pub servo_late_ms: u64,
     /// Folder of programs and of all else that is kept.
     pub data_dir: PathBuf,
+    /// File of what the sequence side serves, for `tandem check`, `tandem explain` and editors, which know M codes and parameters by
+    /// it where no handler is: `SequenceProgram::served` writes it, or `curl` of `/api/v1/machine`. A machine that runs asks its
+    /// handlers.
+    pub served: Option<PathBuf>,
 }
 
 impl Default for MachineConfig {
@@ -125,6 +130,7 @@ impl Default for MachineConfig {
             servo_period_us: 1000,
             servo_late_ms: 100,
             data_dir: "tandem-data".into(),
+            served: None,
         }
     }
 }
@@ -348,6 +354,11 @@ pub struct ToolConfig {
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MCodeConfig {
+    /// What it does, such as `clamp`, in alarms, `birth` and panels; 1 to 40 characters. A handler says it as well.
+    pub name: Option<String>,
+    /// The parameters that it takes, `VA` to `VH`, each a table. A program with others, or with numbers that they do not take,
+    /// is not loaded; `{}` takes none. Without it, what handlers declare counts alone.
+    pub params: Option<BTreeMap<String, ParamDeclaration>>,
     /// When it is put out; default `after_motion`, in dialect dgshape `with_motion`.
     pub timing: Option<plc_api::types::output::Timing>,
     /// What happens when no handler is registered; default `alarm`.

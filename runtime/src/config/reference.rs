@@ -1,5 +1,6 @@
 //! The reference of the configuration: each key as its type declares it.
 
+use plc_api::types::m_code::ParamDeclaration;
 use plc_api::wire::hmi::{HmiButton, HmiCard};
 use schemars::generate::SchemaSettings;
 use serde::de::DeserializeOwned;
@@ -91,6 +92,7 @@ impl Config {
             ("coordinate_system", order_of::<CoordinateSystemConfig>()),
             ("tool", order_of::<ToolConfig>()),
             ("m_code", order_of::<MCodeConfig>()),
+            ("m_code.params", order_of::<ParamDeclaration>()),
             ("input.interlock", order_of::<LockConfig>()),
             ("input.start_lock", order_of::<LockConfig>()),
             ("input.interlock.source", order_of::<LockSourceConfig>()),
@@ -113,11 +115,16 @@ impl Config {
                 let many = of_many.into_iter().find(|table| table.is_object());
                 table = many.unwrap_or(schema);
             }
+            // a table within the tables of another one has no name of its own
+            let title = match text(schema) {
+                named if named.starts_with('`') => named.to_owned(),
+                _ => format!("[{}]", name.replace("m_code", "m_code.N")),
+            };
             let needed = table["required"].as_array().map_or(&[][..], Vec::as_slice);
             let of_table = keys.len();
             keys.extend(order.iter().map(|key| {
                 let is_needed = needed.iter().any(|needed| needed == key);
-                ConfigKey::new(text(schema), name, key, &table["properties"][key], is_needed)
+                ConfigKey::new(&title, name, key, &table["properties"][key], is_needed)
             }));
             keys[of_table..].sort_by_key(|key| !key.is_needed);
         }

@@ -8,8 +8,11 @@ mod mqtt;
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
+use std::path::Path;
 
 use plc_api::handlers::RUNTIME_M_CODES;
+use plc_api::types::m_code::{DeclaredParams, MCodeDeclaration, ParamDeclaration, ParamLetter};
+use plc_api::types::machine::Served;
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Serialize;
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
@@ -19,7 +22,7 @@ use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Un
 use super::reference::range;
 use super::text::Problems;
 use super::{Config, ConfigError, CoordinateSystemConfig, MachineConfig, OnBusLoss, ToolConfig};
-use crate::program_store::Signers;
+use crate::program_store::{Signers, read_text};
 use crate::tables::TOOLS_MAX;
 
 /// Characters of a `wait_state`.
@@ -74,6 +77,24 @@ impl Checked<'_, '_> {
     }
 }
 
+impl Checked<'_, '_> {
+    /// Parameters of an M code by their letters.
+    fn params(&mut self, params: &BTreeMap<String, ParamDeclaration>) -> DeclaredParams {
+        let mut declared = DeclaredParams::new();
+        for (name, param) in params {
+            let mut letters = ParamLetter::ALL.into_iter();
+            match letters.find(|letter| letter.to_string() == *name) {
+                Some(letter) => drop(declared.insert(letter, param.clone())),
+                None => self.problem(
+                    &format!("params.{name}"),
+                    format!("params: {name}: write VA to VH"),
+                ),
+            }
+        }
+        declared
+    }
+}
+
 impl<'b> Problems<'b> {
     fn of(&mut self, path: impl Into<String>, name: impl Into<String>) -> Checked<'_, 'b> {
         Checked {
@@ -108,6 +129,7 @@ impl Config {
         let tools = self.tools(problems);
         let motors = self.motors(problems);
         let m_codes = self.m_codes(problems);
+        let served = self.served(problems);
         let coordinate_systems = self.coordinate_systems(&motors, &m_codes, problems);
         self.check_hmi(&coordinate_systems, problems);
         Machine {
@@ -119,11 +141,26 @@ impl Config {
             coordinate_systems,
             tools,
             m_codes,
+            served,
             unhandled: Unhandled::Alarm,
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),
             signers,
             hold_on_bus_loss: self.mqtt.on_bus_loss == OnBusLoss::HoldAtWait,
         }
+    }
+
+    /// What the file of the sequence side says.
+    fn served(&self, problems: &mut Problems<'_>) -> Option<Served> {
+        let path = self.base_dir.join(self.machine.served.as_ref()?);
+        let read = read_served(&path);
+        if let Err(why) = &read {
+            let path = path.display();
+            let text = format!(
+                "[machine] served = \"{path}\": {why}; write it by SequenceProgram::served, or take the key out"
+            );
+            problems.add("machine.served", text);
+        }
+        read.ok()
     }
 
     fn signers(&self, problems: &mut Problems<'_>) -> Signers {
@@ -186,7 +223,18 @@ impl Config {
                 let text = format!("restore_group: write a word of 1 to {WAIT_STATE_MAX} characters");
                 checked.problem("restore_group", text);
             }
+            let declared = MCodeDeclaration {
+                m,
+                cs: None,
+                name: config.name.clone(),
+                params: config.params.as_ref().map(|params| checked.params(params)),
+            };
+            if let Err(mistake) = declared.mistake() {
+                checked.problem("", mistake);
+            }
+            let is_declared = declared.name.is_some() || declared.params.is_some();
             let settings = MCodeSettings {
+                declared: is_declared.then_some(declared),
                 timing: config.timing,
                 unhandled: config.unhandled,
                 timeout_ms: config.timeout_ms,
@@ -287,6 +335,16 @@ impl Config {
     }
 }
 
+fn read_served(path: &Path) -> Result<Served, String> {
+    let text = read_text(path).map_err(|error| error.to_string())?;
+    let served: Served = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    let mistake = served
+        .serves
+        .iter()
+        .find_map(|one| one.declaration().mistake().err());
+    mistake.map_or(Ok(served), Err)
+}
+
 impl MachineConfig {
     fn check(&self, checked: &mut Checked<'_, '_>) {
         let name = &self.name;
@@ -328,6 +386,30 @@ mod tests {
             "motor 7 already belongs",
         ] {
             assert!(error.contains(part), "{part} is missing in {error}");
+        }
+    }
+
+    #[test]
+    fn parameters_of_an_m_code_are_va_to_vh_and_their_bounds_fit() {
+        let text = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+                    [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n[m_code.12]\nname = \"clamp\"\n";
+        let machine = |params: &str| {
+            Config::from_toml(&format!("{text}{params}\n"), "")
+                .unwrap()
+                .resolve()
+        };
+        let declared = machine("params.VB = { name = \"force\", unit = \"kN\", max = 20 }").unwrap();
+        let declared = declared.m_codes[&12].declared.clone().unwrap();
+        assert_eq!(declared.text(), "M12 clamp VB (force, 20 kN or less)");
+        for (params, why) in [
+            (
+                "params.VX = {}",
+                "line 11, column 8: [m_code.12] params: VX: write VA to VH",
+            ),
+            ("params.VA = { min = 2, max = 1 }", "M12 VA: min 2 is above max 1"),
+        ] {
+            let refused = machine(params).unwrap_err().to_string();
+            assert!(refused.contains(why), "{why} is missing in {refused}");
         }
     }
 

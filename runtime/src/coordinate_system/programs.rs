@@ -7,7 +7,8 @@ use plc_api::types::program::ProgramDiagnostic;
 use plc_api::types::request::{Refusal, RefusalCode};
 
 use super::context::Context;
-use crate::program_store::{StoredProgram, called_by, shown_to_be_called_by};
+use crate::declared::{Declared, wrong_params};
+use crate::program_store::{StoredProgram, called_by, locate, shown_to_be_called_by};
 use crate::sequence::stock;
 
 /// Programs by their numbers.
@@ -45,7 +46,8 @@ impl Context {
             let here = program.check_in(&self.configured.settings);
             m_codes.extend(here.m_codes.iter().copied());
             let place = place_of(program.number, number);
-            errors.extend(here.errors.iter().map(|found| ProgramDiagnostic {
+            let wrong = self.wrong_params(program, &here.m_codes);
+            errors.extend(here.errors.iter().chain(&wrong).map(|found| ProgramDiagnostic {
                 message: format!("{place}{}", found.message),
                 ..found.clone()
             }));
@@ -80,6 +82,22 @@ impl Context {
         } else {
             Ok(format!("no handler is registered for {}", unhandled.join(", ")))
         }
+    }
+
+    /// Parameters in a program that its M codes do not take here, as handlers that are there and the configuration declare them.
+    fn wrong_params(&self, program: &StoredProgram, m_codes: &[u16]) -> Vec<ProgramDiagnostic> {
+        let mut declared = Vec::new();
+        let handlers = self.shared.handlers();
+        for m in m_codes {
+            let of_config = self.m_code(*m).and_then(|settings| settings.declared.clone());
+            declared.extend(of_config.map(Declared::in_config));
+            for (id, handler) in handlers.iter().filter(|(_, handler)| handler.online) {
+                let of_handler = handler.declaration(self.number, *m).cloned();
+                declared.extend(of_handler.map(|declaration| Declared::by_handler(id, declaration)));
+            }
+        }
+        let found = wrong_params(&program.tree, program.dialect, &declared);
+        locate(program.tree.source(), &found)
     }
 
     /// Why a program does not run here, if it does not. A text without a number is no program of the store.

@@ -1,12 +1,17 @@
 //! What a machine publishes of itself: presence, and its birth message.
 
-use plc_api::types::machine::{Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence};
-use plc_api::types::output::Timing;
+use std::collections::BTreeMap;
+
+use plc_api::types::machine::{
+    Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence, ServedMCode,
+};
+use plc_api::types::output::{HandlerPresence, Timing};
 use tandem_model::Axis;
-use tandem_model::limits::PROGRAM_BYTES_MAX;
+use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::settings::{MotorKind, Unit};
 
 use crate::config::{CoordinateSystem, Machine};
+use crate::sequence::stock;
 use crate::shared::Shared;
 
 pub(super) fn presence(shared: &Shared, online: bool) -> Presence {
@@ -18,7 +23,8 @@ pub(super) fn presence(shared: &Shared, online: bool) -> Presence {
     }
 }
 
-pub(super) fn birth(machine: &Machine) -> Birth {
+/// What the machine is, with who serves its M codes.
+pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresence>) -> Birth {
     let systems = machine.coordinate_systems.iter().map(|system| {
         let axes = system.settings.axes();
         let motor = |axis: Axis| {
@@ -53,6 +59,14 @@ pub(super) fn birth(machine: &Machine) -> Birth {
             timing: settings.timing.unwrap_or(default_timing),
             timeout_ms: settings.timeout_ms,
             wait_state: settings.wait_state.clone(),
+            name: settings
+                .declared
+                .as_ref()
+                .and_then(|declared| declared.name.clone()),
+            params: settings
+                .declared
+                .as_ref()
+                .and_then(|declared| declared.params.clone()),
         };
         (*m, info)
     });
@@ -67,9 +81,48 @@ pub(super) fn birth(machine: &Machine) -> Birth {
         coordinate_systems: systems.collect(),
         motors: motors.collect(),
         m_codes: m_codes.collect(),
+        serves: serves(machine, handlers),
         limits: Limits {
             open_outputs_max: u32::try_from(open_outputs_max).unwrap_or(u32::MAX),
             program_bytes_max: PROGRAM_BYTES_MAX as u64,
         },
     }
+}
+
+/// M codes with who serves them in `birth`; further ones are left out. Reason: it is one message.
+const SERVES_MAX: usize = 1000;
+
+/// Who serves which M codes: the stock sequence program, and the handlers that are there.
+fn serves(machine: &Machine, handlers: &BTreeMap<String, HandlerPresence>) -> Vec<ServedMCode> {
+    let mut all: Vec<ServedMCode> = Vec::new();
+    for m in 0..=M_CODE_MAX {
+        let is_stock = machine
+            .m_codes
+            .get(&m)
+            .is_some_and(|settings| settings.stock.is_some());
+        let is_served = |system: &&CoordinateSystem| {
+            is_stock || system.settings.spindle.is_some() && stock::is_spindle_code(m)
+        };
+        let systems = machine.coordinate_systems.iter().filter(is_served);
+        let cs: Vec<_> = systems.map(|system| system.settings.number).collect();
+        if !cs.is_empty() {
+            all.push(ServedMCode {
+                m,
+                cs,
+                ..ServedMCode::default()
+            });
+        }
+    }
+    all.extend(handlers.iter().flat_map(|(id, handler)| handler.served(id)));
+    for one in &mut all {
+        let settings = machine.m_codes.get(&one.m);
+        let Some(declared) = settings.and_then(|settings| settings.declared.as_ref()) else {
+            continue;
+        };
+        one.name = one.name.take().or_else(|| declared.name.clone());
+        one.params = one.params.take().or_else(|| declared.params.clone());
+    }
+    all.sort_by_key(|one| one.m);
+    all.truncate(SERVES_MAX);
+    all
 }

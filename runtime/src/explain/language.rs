@@ -69,6 +69,13 @@ pub(super) fn code(what: &str, dialect: &Dialect) -> Option<&'static Code> {
     listed.or_else(|| is_output().then_some(dialect.auxiliary))
 }
 
+/// The number of `M12` or `m 12`.
+pub(super) fn m_number(what: &str) -> Option<u16> {
+    let (letter, number) = what.trim().split_at_checked(1)?;
+    letter.eq_ignore_ascii_case("m").then_some(())?;
+    number.trim().parse().ok().filter(|m| *m <= M_CODE_MAX)
+}
+
 fn of_code(code: &Code, what: &str, dialect: &Dialect) -> String {
     let is_output = std::ptr::eq(code, dialect.auxiliary);
     let name = if is_output {

@@ -216,6 +216,9 @@ diagnostics! {
     HANDLER_REFUSES = "E0190", "A handler refuses the parameters of an M code",
         "When a program is loaded, the handlers of its M codes are asked whether they take the parameters; the message is the handler's own.",
         "Correct the parameters as the message says.";
+    PARAMS_REFUSED = "E0191", "A parameter is not what the M code takes",
+        "Handlers and the configuration declare which parameters an M code takes: with which numbers, in which unit, and which may be left out. A parameter that a variable holds is judged when the block runs.",
+        "With M12 declared to take VA, 1 to 20 kN: wrong: M12 VA50   right: M12 VA5";
     // W0001 to W0099: the program can run
     PROGRAM_MISSING = "W0001", "A called program is not there",
         "M98 of a program that is missing is an alarm when it is interpreted (D12).",
@@ -262,6 +265,9 @@ diagnostics! {
     OUTPUT_BEFORE_MOTION_ENDS = "W0015", "An M code with_motion does not wait for the motion before it",
         "With `timing = \"with_motion\"` an M code is output when its block is interpreted (D32), and blocks are interpreted ahead: motion written before it may not have begun by then. Only the first such place of each M code is named.",
         "Let [m_code.9] have timing = \"after_motion\" where M09 must come after the cut, or write M09 behind an M code that waits.";
+    NOT_SERVED = "W0016", "Nobody serves an M code",
+        "The file of [machine] served does not have it, and the stock sequence program does not serve it. On the machine it is alarm 300, unless another handler is there.",
+        "Add a handler, write the file again, or correct the M code.";
 }
 
 #[cfg(test)]

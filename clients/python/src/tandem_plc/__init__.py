@@ -17,6 +17,7 @@ A handler is an async function that serves an M code: the NC program waits until
 
 from .connection import Credentials
 from .coordinate_system import CoordinateSystem, RunEnd
+from .declared import Param
 from .errors import (
     AddressError,
     Alarm,
@@ -77,6 +78,7 @@ __all__ = [
     "OptionalSkip",
     "Output",
     "Overrides",
+    "Param",
     "Params",
     "PendingOutput",
     "Plc",

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from .connection import PRESENT_TIMEOUT_S, Connection, Credentials
+from .declared import Declared, Param
 from .errors import ProgramError
 from .messages import Redelivery
 from .output import Output
@@ -39,6 +40,7 @@ class Entry:
 
     call: Callable[[Output, Plc], Awaitable[None]]
     redelivery: Redelivery
+    declared: Declared
 
 
 class Level:
@@ -98,6 +100,8 @@ class SequenceProgram:
         cs: int | None = None,
         validate: Check | None = None,
         redelivery: Redelivery = Redelivery.ASK,
+        name: str | None = None,
+        params: Mapping[str, Param] | None = None,
     ) -> Callable[[H], H]:
         """Register a handler, as a decorator.
 
@@ -106,14 +110,17 @@ class SequenceProgram:
             cs: its coordinate system; ``None``: all that have no handler of their own for the M code.
             validate: checks parameters when a program is loaded: one that raises ``Alarm`` is not loaded.
             redelivery: what is done with an output on which this program may have worked before it was lost.
+            name: what the M codes do, such as ``"clamp"``, for alarms and panels.
+            params: what their parameters are, by letter: ``{"A": Param(name="force", unit="kN", min=1, max=20)}``. A
+                program with others is not loaded, and the handler is not begun with others. ``{}``: they take none.
 
         Raises:
-            ProgramError: two handlers for one M code, or one that is no async function of ``(output)`` or
-                ``(output, plc)``.
+            ProgramError: two handlers for one M code, a declaration of what cannot be, or a handler that is no async
+                function of ``(output)`` or ``(output, plc)``.
         """
 
         def register(handler: H) -> H:
-            entry = Entry(_two_arguments(handler), redelivery)
+            entry = Entry(_two_arguments(handler), redelivery, Declared(name, params))
             for m in _numbers(codes):
                 if (cs, m) in self.handlers:
                     raise ProgramError(f"M{m}{_of(cs)} has two handlers")

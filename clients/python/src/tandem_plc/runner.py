@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
 from .connection import Connection
+from .declared import Declared
 from .errors import CODE_OF_ERROR, CODE_OF_EXCEPTION, Alarm, NoAnswer, NotConnected, Refused, TakenOver, TandemError
 from .messages import (
     Birth,
@@ -54,6 +55,10 @@ class Entry(Protocol):
     @property
     def redelivery(self) -> Redelivery:
         """What is done with work that may have been begun."""
+
+    @property
+    def declared(self) -> Declared:
+        """What is declared of its M codes."""
 
 
 class _Running:
@@ -160,6 +165,12 @@ class Runner:
             "online": True,
             "handles": [{"cs": cs, "m": m} for cs, m in sorted(served)],
             "validates": bool(self._checks),
+            # a handler of one coordinate system that says nothing hides what is said for all
+            "m_codes": [
+                entry.declared.to_json(m, cs)
+                for (cs, m), entry in self._handlers.items()
+                if cs is not None or entry.declared != Declared(None, None)
+            ],
             "instance": self._connection.instance,
             "take_over": self._take_over,
             # what is stricter than this is kept here: such an output is not claimed
@@ -317,6 +328,7 @@ class Runner:
 
     async def _call(self, output: Output, entry: Entry) -> Alarm | None:
         try:
+            entry.declared.check(output.m, output.params)
             await entry.call(output, self._plc)
         except Alarm as alarm:
             return alarm

@@ -10,7 +10,8 @@ use tandem_interp::Dialect;
 use tandem_interp::codes::{Code, WordSpec};
 use tandem_interp::meaning::Role;
 use tandem_model::{Diagnostic, Severity};
-use tandem_runtime::explain::explain;
+use tandem_runtime::Machine;
+use tandem_runtime::explain::explain_here;
 use tandem_syntax::{Address, Function, Keyword, Token, TokenKind};
 
 use super::super::find_subprogram;
@@ -44,9 +45,11 @@ pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
         let (start, end) = (found.span.start as usize, found.span.end as usize);
         start <= byte && byte < end
     });
+    let machine = document.target.machine.as_deref();
+    let declared = machine.map_or_else(Vec::new, Machine::declared_anywhere);
     let names = name.into_iter().chain(found.map(|found| found.code.to_owned()));
     let pages: Vec<String> = names
-        .filter_map(|name| explain(&name, document.target.dialect))
+        .filter_map(|name| explain_here(&name, document.target.dialect, &declared))
         .collect();
     (!pages.is_empty()).then(|| Hover {
         contents: HoverContents::Markup(MarkupContent {

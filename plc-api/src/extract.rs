@@ -1,0 +1,108 @@
+//! Extractors: what a handler of an M code with a name has as its arguments.
+//!
+//! Each argument takes its part from the output. What an argument declares counts everywhere: the handler is not begun with
+//! other parameters, a program with other parameters is not loaded, and `birth`, panels and `tandem check` know the
+//! parameters with their units.
+//!
+//! ```
+//! use std::sync::{Arc, Mutex};
+//! use std::time::Duration;
+//!
+//! use plc_api::units::{KiloNewton, Whole};
+//! use plc_api::{Alarm, AuxOutput, MCode, Params, Plc, SequenceProgram, State, Va};
+//!
+//! const CLAMP: MCode = MCode::new(12, "clamp");
+//! const CHANGE_TOOL: MCode = MCode::new(100, "change tool");
+//!
+//! /// Closes with VA, 1 to 20 kN.
+//! async fn clamp(Va(force): Va<KiloNewton<1, 20>>, output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//!     output.progress(format!("the clamp closes with {force}"), None).await?;
+//!     plc.sleep(Duration::from_millis(400)).await;
+//!     Ok(())
+//! }
+//!
+//! /// Several parameters, with their names.
+//! #[derive(Params)]
+//! struct Change {
+//!     #[va(1..=24)]
+//!     tool: u16,
+//!     #[vb(0.5..=2.0, "m/s")]
+//!     speed: Option<f64>,
+//! }
+//!
+//! /// The tool that is in the spindle.
+//! type Spindle = Arc<Mutex<u16>>;
+//!
+//! async fn change_tool(change: Change, State(spindle): State<Spindle>) -> Result<(), Alarm> {
+//!     let _speed = change.speed.unwrap_or(1.0);
+//!     *spindle.lock().map_err(|_| Alarm::user(1, "the magazine is broken"))? = change.tool;
+//!     Ok(())
+//! }
+//!
+//! let program = SequenceProgram::new()
+//!     .state(Spindle::default())
+//!     .on(CLAMP, clamp)
+//!     .on(CHANGE_TOOL, change_tool);
+//! assert_eq!(program.check(), Ok(()));
+//! ```
+//!
+//! | argument | what it is |
+//! | --- | --- |
+//! | [`Va<T>`](Va) to [`Vh<T>`](Vh) | one parameter: a [unit](crate::units) with bounds, `f64`, `u16`, `bool`; `Va<Option<T>>` may be left out |
+//! | a struct with [`#[derive(Params)]`](derive@crate::Params) | several parameters by name |
+//! | [`State<T>`](State) | a clone of what [`SequenceProgram::state`](crate::SequenceProgram::state) got |
+//! | [`AuxOutput`], [`Plc`], [`CoordinateSystem`] | the output, the machine, the coordinate system of the output |
+//! | your own | implement [`FromOutput`] |
+
+mod state;
+mod takes;
+#[cfg(test)]
+mod tests;
+mod value;
+
+pub use state::State;
+pub(crate) use state::States;
+pub use takes::Takes;
+pub use value::{ParamValue, Va, Vb, Vc, Vd, Ve, Vf, Vg, Vh, param};
+
+use crate::alarm::Alarm;
+use crate::coordinate_system::CoordinateSystem;
+use crate::handlers::AuxOutput;
+use crate::plc::Plc;
+
+/// An argument of a handler.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no argument of a handler",
+    label = "no argument of a handler",
+    note = "a handler of an M code with a name takes `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `State<T>`, `AuxOutput`, `Plc` and `CoordinateSystem`"
+)]
+pub trait FromOutput: Sized + Send + 'static {
+    /// Notes what it takes: parameters, state. It is asked once, when the handler is added.
+    fn takes(takes: &mut Takes) {
+        let _ = takes;
+    }
+
+    /// Takes its part of an output. The parameters are as they were declared.
+    ///
+    /// # Errors
+    /// The alarm that stops the program in place of the handler.
+    fn from_output(output: &AuxOutput, plc: &Plc) -> Result<Self, Alarm>;
+}
+
+impl FromOutput for AuxOutput {
+    fn from_output(output: &AuxOutput, _plc: &Plc) -> Result<Self, Alarm> {
+        Ok(output.clone())
+    }
+}
+
+impl FromOutput for Plc {
+    fn from_output(_output: &AuxOutput, plc: &Plc) -> Result<Self, Alarm> {
+        Ok(plc.clone())
+    }
+}
+
+impl FromOutput for CoordinateSystem {
+    fn from_output(output: &AuxOutput, plc: &Plc) -> Result<Self, Alarm> {
+        Ok(plc.coordinate_system(output.coordinate_system()))
+    }
+}

@@ -1,0 +1,221 @@
+use std::sync::{Arc, Mutex};
+
+use tokio::task::JoinHandle;
+
+use super::*;
+use crate::error::{Error, Result};
+use crate::fake::FakePort;
+use crate::handlers::SequenceProgram;
+use crate::handshake::Closed;
+use crate::m_codes::MCode;
+use crate::types::m_code::{MCodeDeclaration, ParamLetter};
+use crate::types::output::Params;
+use crate::units::{Bar, KiloNewton, Whole};
+
+const CLAMP: MCode = MCode::new(12, "clamp");
+
+/// What handlers were given.
+type Seen = Arc<Mutex<Vec<String>>>;
+
+#[derive(crate::Params)]
+struct Clamp {
+    #[va(1.0..=20.0, "kN", name = "clamping force")]
+    force: f64,
+    #[vb(1..=2)]
+    left_side: Option<u8>,
+}
+
+async fn clamp(
+    Clamp { force, left_side }: Clamp,
+    State(seen): State<Seen>,
+    output: AuxOutput,
+) -> Result<(), Alarm> {
+    let m = output.m();
+    seen.lock().unwrap().push(format!("M{m} {force} {left_side:?}"));
+    Ok(())
+}
+
+fn params(a: Option<f64>, b: Option<f64>) -> Params {
+    Params {
+        a,
+        b,
+        ..Params::default()
+    }
+}
+
+async fn serve(fake: &FakePort, program: SequenceProgram) -> JoinHandle<Result<()>> {
+    let plc = fake.plc();
+    let task = tokio::spawn(async move { program.handler_id("cell").run(&plc).await });
+    fake.settle().await;
+    task
+}
+
+/// How M12 with these parameters ends, and what its handler saw.
+async fn end_of(params: Params) -> (Option<Closed>, Vec<String>) {
+    let (fake, seen) = (FakePort::new([1]), Seen::default());
+    let program = SequenceProgram::new().on(CLAMP, clamp).state(Arc::clone(&seen));
+    let _task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 12, params);
+    fake.settle().await;
+    let seen = seen.lock().unwrap().clone();
+    (fake.closed(1, seq), seen)
+}
+
+#[tokio::test]
+async fn a_handler_gets_its_parameters_its_state_and_the_output() {
+    let (end, seen) = end_of(params(Some(5.5), Some(2.0))).await;
+    assert_eq!(end, Some(Closed::Reset));
+    assert_eq!(seen, ["M12 5.5 Some(2)"]);
+    let (end, seen) = end_of(params(Some(20.0), None)).await;
+    assert_eq!(end, Some(Closed::Reset));
+    assert_eq!(seen, ["M12 20 None"]);
+}
+
+#[tokio::test]
+async fn a_handler_is_not_begun_with_parameters_that_it_does_not_take() {
+    let all = "VA (clamping force, 1 to 20 kN), VB (left side, a whole number, 1 to 2; may be left out)";
+    let cases = [
+        (
+            params(Some(50.0), None),
+            "M12 clamp: VA (clamping force) is 50 kN; write 1 to 20 kN".to_owned(),
+        ),
+        (
+            params(None, None),
+            "M12 clamp needs VA (clamping force, 1 to 20 kN)".to_owned(),
+        ),
+        (
+            params(Some(5.0), Some(0.5)),
+            "M12 clamp: VB (left side) is 0.5; write a whole number, 1 to 2".to_owned(),
+        ),
+        (
+            Params {
+                h: Some(0.0),
+                ..params(Some(5.0), None)
+            },
+            format!("M12 clamp takes no VH; it takes {all}"),
+        ),
+    ];
+    for (params, text) in cases {
+        let (end, seen) = end_of(params).await;
+        let alarm = Alarm::user(Alarm::CODE_OF_PARAMS, text);
+        assert_eq!(end, Some(Closed::Failed { alarm }));
+        assert_eq!(seen, <[String; 0]>::default());
+    }
+}
+
+#[tokio::test]
+async fn what_a_handler_declares_is_in_its_presence() {
+    async fn turn(
+        Va(_to): Va<Whole<1, 8>>,
+        Vb(_with): Vb<Option<Bar>>,
+        Vc(_on): Vc<bool>,
+    ) -> std::result::Result<(), Alarm> {
+        Ok(())
+    }
+    async fn free(_output: AuxOutput) -> std::result::Result<(), Alarm> {
+        Ok(())
+    }
+    let fake = FakePort::new([1, 2]);
+    let turn_table = MCode::new(15, "turn table");
+    let program = SequenceProgram::new()
+        .on(turn_table, turn)
+        .on(20, free)
+        .in_coordinate_system(2, |cs| cs.on(15, free).on(MCode::new(16, "free"), free));
+    let _task = serve(&fake, program).await;
+    let presence = &fake.handlers()["cell"];
+    let json = serde_json::to_value(&presence.m_codes).unwrap();
+    let expected = serde_json::json!([
+        {"m": 15, "name": "turn table", "params": {
+            "A": {"min": 1.0, "max": 8.0, "whole": true},
+            "B": {"unit": "bar", "optional": true},
+            "C": {"min": 0.0, "max": 1.0, "whole": true}}},
+        {"m": 16, "cs": 2, "name": "free"},
+        {"m": 15, "cs": 2},
+    ]);
+    assert_eq!(json, expected);
+    let name = |cs, m| presence.declaration(cs, m).and_then(|said| said.name.clone());
+    assert_eq!(name(1, 15).as_deref(), Some("turn table"));
+    assert_eq!(name(2, 15), None, "its own handler says nothing of it");
+    assert_eq!(name(1, 16), None, "it is served in 2 only");
+    let served: Vec<_> = presence
+        .served("cell")
+        .into_iter()
+        .map(|one| (one.m, one.cs))
+        .collect();
+    assert_eq!(
+        served,
+        [(15, vec![1]), (15, vec![2]), (16, vec![2]), (20, vec![1, 2])]
+    );
+}
+
+#[tokio::test]
+async fn a_value_that_a_type_does_not_have_is_an_alarm() {
+    struct Odd;
+    impl ParamValue for Odd {
+        fn declaration() -> crate::types::m_code::ParamDeclaration {
+            Whole::<1, 9>::declaration()
+        }
+        fn of(number: Option<f64>) -> Option<Self> {
+            number.filter(|number| number % 2.0 > 0.5).map(|_| Odd)
+        }
+    }
+    async fn odd(Va(_odd): Va<Odd>) -> std::result::Result<(), Alarm> {
+        Ok(())
+    }
+    let fake = FakePort::new([1]);
+    let _task = serve(&fake, SequenceProgram::new().on(CLAMP, odd)).await;
+    let (three, four) = (
+        fake.put_out(1, 12, params(Some(3.0), None)),
+        fake.put_out(1, 12, params(Some(4.0), None)),
+    );
+    fake.settle().await;
+    assert_eq!(fake.closed(1, three), Some(Closed::Reset));
+    let alarm = Alarm::user(Alarm::CODE_OF_PARAMS, "M12: VA is 4, which is none of its values");
+    assert_eq!(fake.closed(1, four), Some(Closed::Failed { alarm }));
+}
+
+#[test]
+fn state_that_is_missing_or_there_twice_and_parameters_taken_twice_are_mistakes() {
+    async fn twice(Va(_force): Va<KiloNewton<20, 1>>, _clamp: Clamp) -> std::result::Result<(), Alarm> {
+        Ok(())
+    }
+    let program = SequenceProgram::new()
+        .on(CLAMP, clamp)
+        .on(MCode::new(13, "twice"), twice)
+        .on(MCode::new(14, ""), twice)
+        .state(1_u8)
+        .state(2_u8);
+    let Err(Error::SequenceProgram(mistakes)) = program.check() else {
+        panic!("it is right");
+    };
+    for mistake in [
+        "M12 clamp takes State<alloc::sync::Arc<std::sync",
+        "which the program does not have: add it by state(..)",
+        "M13 twice: two arguments of its handler take VA",
+        "M14: name: write 1 to 40 characters",
+        "state() got two of type u8",
+    ] {
+        assert!(mistakes.contains(mistake), "{mistake} in {mistakes}");
+    }
+}
+
+#[test]
+fn a_unit_declares_its_bounds_and_is_written_with_its_name() {
+    let declared = |declaration: crate::types::m_code::ParamDeclaration| MCodeDeclaration {
+        m: 12,
+        params: Some([(ParamLetter::A, declaration)].into()),
+        ..MCodeDeclaration::default()
+    };
+    let text = |declaration| declared(declaration).text();
+    assert_eq!(text(KiloNewton::<1, 20>::declaration()), "M12 VA (1 to 20 kN)");
+    assert_eq!(text(Bar::<0>::declaration()), "M12 VA (0 bar or more)");
+    assert_eq!(
+        text(KiloNewton::<{ i64::MIN }>::declaration()),
+        "M12 VA (a number in kN)"
+    );
+    assert_eq!(
+        text(Option::<Whole<1, 3>>::declaration()),
+        "M12 VA (a whole number, 1 to 3; may be left out)"
+    );
+    assert_eq!(KiloNewton::<1, 20>(2.5).to_string(), "2.5 kN");
+}

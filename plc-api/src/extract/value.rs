@@ -1,0 +1,138 @@
+//! One parameter with its type.
+
+use super::{FromOutput, Takes};
+use crate::alarm::Alarm;
+use crate::handlers::AuxOutput;
+use crate::plc::Plc;
+use crate::types::m_code::{ParamDeclaration, ParamLetter};
+
+/// A type of a parameter.
+///
+/// ```
+/// use plc_api::extract::ParamValue;
+/// use plc_api::types::m_code::ParamDeclaration;
+///
+/// /// VA1 is left, VA2 is right.
+/// #[derive(Debug, PartialEq)]
+/// enum Side { Left, Right }
+///
+/// impl ParamValue for Side {
+///     fn declaration() -> ParamDeclaration {
+///         ParamDeclaration { whole: true, ..ParamDeclaration::default().within(Some(1.0), Some(2.0)) }
+///     }
+///
+///     fn of(number: Option<f64>) -> Option<Self> {
+///         Some(if number? < 2.0 { Side::Left } else { Side::Right })
+///     }
+/// }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no type of a parameter",
+    label = "no type of a parameter",
+    note = "write `f64`, `u16` or another integer of up to 32 bits, `bool`, a unit such as `KiloNewton<1, 20>`, or an `Option` of one"
+)]
+pub trait ParamValue: Sized + Send + 'static {
+    /// Unit and bounds.
+    fn declaration() -> ParamDeclaration;
+
+    /// The value of a number that is as declared; `None` is a parameter that is not programmed. When it gives `None`, the
+    /// handler is not begun, and an alarm names the parameter.
+    fn of(number: Option<f64>) -> Option<Self>;
+}
+
+impl<T: ParamValue> ParamValue for Option<T> {
+    fn declaration() -> ParamDeclaration {
+        ParamDeclaration {
+            optional: true,
+            ..T::declaration()
+        }
+    }
+
+    fn of(number: Option<f64>) -> Option<Self> {
+        match number {
+            None => Some(None),
+            number => T::of(number).map(Some),
+        }
+    }
+}
+
+impl ParamValue for f64 {
+    fn declaration() -> ParamDeclaration {
+        ParamDeclaration::default()
+    }
+
+    fn of(number: Option<f64>) -> Option<Self> {
+        number
+    }
+}
+
+impl ParamValue for bool {
+    fn declaration() -> ParamDeclaration {
+        ParamDeclaration {
+            whole: true,
+            ..ParamDeclaration::default().within(Some(0.0), Some(1.0))
+        }
+    }
+
+    fn of(number: Option<f64>) -> Option<Self> {
+        number.map(|number| number > 0.5)
+    }
+}
+
+macro_rules! whole {
+    ($($type:ident)*) => {$(
+        impl ParamValue for $type {
+            fn declaration() -> ParamDeclaration {
+                ParamDeclaration {
+                    whole: true,
+                    ..ParamDeclaration::default().within(Some(f64::from($type::MIN)), Some(f64::from($type::MAX)))
+                }
+            }
+
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the number is tested")]
+            fn of(number: Option<f64>) -> Option<Self> {
+                number.filter(|number| Self::declaration().takes(*number)).map(|number| number.round() as $type)
+            }
+        }
+    )*};
+}
+
+whole!(u8 u16 u32 i8 i16 i32);
+
+/// A parameter of an output as a type.
+///
+/// # Errors
+/// The parameter is not what the type takes.
+pub fn param<T: ParamValue>(output: &AuxOutput, letter: ParamLetter) -> Result<T, Alarm> {
+    let number = letter.of(output.params());
+    T::of(number).ok_or_else(|| {
+        let m = output.m();
+        let text = match number {
+            None => format!("M{m:02} needs {letter}"),
+            Some(number) => format!("M{m:02}: {letter} is {number}, which is none of its values"),
+        };
+        Alarm::user(Alarm::CODE_OF_PARAMS, text)
+    })
+}
+
+macro_rules! letters {
+    ($($name:ident $letter:ident $text:literal;)*) => {$(
+        #[doc = concat!($text, " of an output, as an argument of a handler.")]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+        pub struct $name<T>(pub T);
+
+        impl<T: ParamValue> FromOutput for $name<T> {
+            fn takes(takes: &mut Takes) {
+                takes.param(ParamLetter::$letter, T::declaration());
+            }
+
+            fn from_output(output: &AuxOutput, _plc: &Plc) -> Result<Self, Alarm> {
+                param(output, ParamLetter::$letter).map(Self)
+            }
+        }
+    )*};
+}
+
+letters! {
+    Va A "VA"; Vb B "VB"; Vc C "VC"; Vd D "VD"; Ve E "VE"; Vf F "VF"; Vg G "VG"; Vh H "VH";
+}

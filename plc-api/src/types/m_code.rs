@@ -1,0 +1,530 @@
+//! What a sequence program declares of its M codes: their names, and what VA to VH mean.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::CoordinateSystemNumber;
+use super::params::Params;
+use super::refusal::{Refusal, RefusalCode};
+use crate::m_codes::M_CODE_MAX;
+
+/// Characters of the name of an M code or of a parameter.
+pub const DECLARED_NAME_MAX: usize = 40;
+
+/// Characters of a unit.
+pub const UNIT_MAX: usize = 16;
+
+/// How far a number may be from the whole one that is meant. Reason: numbers of a program are binary fractions.
+const WHOLE_TOLERANCE: f64 = 1e-9;
+
+/// One of VA to VH; in JSON `A` to `H`, as in `params` of an output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[allow(missing_docs, reason = "they are their names")]
+pub enum ParamLetter {
+    #[serde(alias = "VA")]
+    A,
+    #[serde(alias = "VB")]
+    B,
+    #[serde(alias = "VC")]
+    C,
+    #[serde(alias = "VD")]
+    D,
+    #[serde(alias = "VE")]
+    E,
+    #[serde(alias = "VF")]
+    F,
+    #[serde(alias = "VG")]
+    G,
+    #[serde(alias = "VH")]
+    H,
+}
+
+impl ParamLetter {
+    /// All, in order.
+    pub const ALL: [Self; 8] = [
+        Self::A,
+        Self::B,
+        Self::C,
+        Self::D,
+        Self::E,
+        Self::F,
+        Self::G,
+        Self::H,
+    ];
+
+    /// Its value in an output; `None`: not programmed.
+    pub fn of(self, params: &Params) -> Option<f64> {
+        match self {
+            Self::A => params.a,
+            Self::B => params.b,
+            Self::C => params.c,
+            Self::D => params.d,
+            Self::E => params.e,
+            Self::F => params.f,
+            Self::G => params.g,
+            Self::H => params.h,
+        }
+    }
+}
+
+impl fmt::Display for ParamLetter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "V{self:?}")
+    }
+}
+
+/// What one parameter means, and which numbers it takes.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct ParamDeclaration {
+    /// What it is, such as `force`: 1 to 40 characters.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Its unit, such as `kN`: 1 to 16 characters.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Lowest number that it takes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Highest number that it takes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// It takes whole numbers only.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub whole: bool,
+    /// It may be left out.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub optional: bool,
+}
+
+impl ParamDeclaration {
+    /// A parameter in a unit that takes any number.
+    pub fn in_unit(unit: impl Into<String>) -> Self {
+        Self {
+            unit: Some(unit.into()),
+            ..Self::default()
+        }
+    }
+
+    /// The same with these bounds; `None` leaves a bound as it is.
+    #[must_use]
+    pub fn within(self, min: Option<f64>, max: Option<f64>) -> Self {
+        Self {
+            min: min.or(self.min),
+            max: max.or(self.max),
+            ..self
+        }
+    }
+
+    /// True for a number that it takes. A whole number may be as far off as calculations of a program make it: 0.1 * 30.
+    pub fn takes(&self, number: f64) -> bool {
+        let meant = if self.whole { number.round() } else { number };
+        meant.is_finite()
+            && (number - meant).abs() <= WHOLE_TOLERANCE
+            && self.min.is_none_or(|min| meant >= min)
+            && self.max.is_none_or(|max| meant <= max)
+    }
+
+    /// What to write, such as `1 to 20 kN`.
+    pub fn range_text(&self) -> String {
+        let unit = self
+            .unit
+            .as_deref()
+            .map_or_else(String::new, |unit| format!(" {unit}"));
+        let range = match (self.min, self.max) {
+            (Some(min), Some(max)) => format!("{min} to {max}{unit}"),
+            (Some(min), None) => format!("{min}{unit} or more"),
+            (None, Some(max)) => format!("{max}{unit} or less"),
+            (None, None) if self.whole => return format!("a whole number{}", of_unit(self.unit.as_deref())),
+            (None, None) => return format!("a number{}", of_unit(self.unit.as_deref())),
+        };
+        if self.whole {
+            format!("a whole number, {range}")
+        } else {
+            range
+        }
+    }
+
+    /// Its name and range.
+    pub fn text(&self) -> String {
+        let optional = if self.optional { "; may be left out" } else { "" };
+        match &self.name {
+            Some(name) => format!("{name}, {}{optional}", self.range_text()),
+            None => format!("{}{optional}", self.range_text()),
+        }
+    }
+
+    fn mistake(&self) -> Option<String> {
+        let is_text = |text: &Option<String>, max| text.as_ref().is_none_or(|text| is_word(text, max));
+        if !is_text(&self.name, DECLARED_NAME_MAX) {
+            return Some(format!("name: write 1 to {DECLARED_NAME_MAX} characters"));
+        }
+        if !is_text(&self.unit, UNIT_MAX) {
+            return Some(format!("unit: write 1 to {UNIT_MAX} characters"));
+        }
+        let bounds = [self.min, self.max];
+        if bounds.into_iter().flatten().any(|bound| !bound.is_finite()) {
+            return Some("min and max: write numbers".to_owned());
+        }
+        match (self.min, self.max) {
+            (Some(min), Some(max)) if min > max => Some(format!("min {min} is above max {max}")),
+            _ => None,
+        }
+    }
+}
+
+fn of_unit(unit: Option<&str>) -> String {
+    unit.map_or_else(String::new, |unit| format!(" in {unit}"))
+}
+
+fn is_word(text: &str, max: usize) -> bool {
+    (1..=max).contains(&text.chars().count()) && !text.contains(char::is_control)
+}
+
+/// What the parameters of an M code mean; one that is not here is none of its parameters.
+pub type DeclaredParams = BTreeMap<ParamLetter, ParamDeclaration>;
+
+/// What a handler says of an M code that it serves: its name, and what its parameters mean.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct MCodeDeclaration {
+    /// M number.
+    pub m: u16,
+    /// The coordinate system in which it is so; without it, all in which the handler serves the M code and of which it says
+    /// nothing else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cs: Option<CoordinateSystemNumber>,
+    /// What it does, such as `clamp`: 1 to 40 characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Its parameters: a program with others, or with numbers that they do not take, is not loaded. Without it, every parameter
+    /// is taken; empty, none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub params: Option<DeclaredParams>,
+}
+
+/// A parameter as a program gives it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum GivenParam {
+    /// It is not programmed.
+    Absent,
+    /// A number.
+    Number(f64),
+    /// A variable, whose number is known only when the block runs.
+    Variable,
+}
+
+impl From<Option<f64>> for GivenParam {
+    fn from(number: Option<f64>) -> Self {
+        number.map_or(Self::Absent, Self::Number)
+    }
+}
+
+/// A parameter that an M code does not take, or needs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ParamFault {
+    /// Which.
+    pub letter: ParamLetter,
+    /// What is wrong with it, and what to write.
+    pub text: String,
+}
+
+impl MCodeDeclaration {
+    /// Number and name, such as `M12 clamp`.
+    pub fn title(&self) -> String {
+        let m = self.m;
+        match &self.name {
+            Some(name) => format!("M{m:02} {name}"),
+            None => format!("M{m:02}"),
+        }
+    }
+
+    /// Number, name and parameters, such as `M12 clamp VA (force, 1 to 20 kN)`.
+    pub fn text(&self) -> String {
+        let params = self.params.iter().flatten();
+        let params = params.map(|(letter, param)| format!("{letter} ({})", param.text()));
+        let parts: Vec<String> = std::iter::once(self.title()).chain(params).collect();
+        parts.join(" ")
+    }
+
+    /// The first parameter of an output that is not as declared.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what to write.
+    pub fn check(&self, params: &Params) -> Result<(), ParamFault> {
+        let Some(declared) = &self.params else {
+            return Ok(());
+        };
+        for letter in ParamLetter::ALL {
+            if let Some(fault) = self.fault(declared, letter, letter.of(params).into()) {
+                return Err(fault);
+            }
+        }
+        Ok(())
+    }
+
+    /// All parameters, VA to VH, that are not as declared.
+    pub fn faults(&self, given: [GivenParam; 8]) -> Vec<ParamFault> {
+        let Some(declared) = &self.params else {
+            return Vec::new();
+        };
+        let each = ParamLetter::ALL.into_iter().zip(given);
+        each.filter_map(|(letter, given)| self.fault(declared, letter, given))
+            .collect()
+    }
+
+    fn fault(&self, declared: &DeclaredParams, letter: ParamLetter, given: GivenParam) -> Option<ParamFault> {
+        let text = match (declared.get(&letter), given) {
+            (None, GivenParam::Absent) | (Some(_), GivenParam::Variable) => return None,
+            (Some(param), GivenParam::Absent) if param.optional => return None,
+            (Some(param), GivenParam::Number(number)) if param.takes(number) => return None,
+            (None, _) => {
+                let all: Vec<_> = (declared.iter())
+                    .map(|(letter, param)| format!("{letter} ({})", param.text()))
+                    .collect();
+                let takes = if all.is_empty() {
+                    "it takes no parameters".to_owned()
+                } else {
+                    format!("it takes {}", all.join(", "))
+                };
+                format!("{} takes no {letter}; {takes}", self.title())
+            }
+            (Some(param), GivenParam::Absent) => {
+                format!("{} needs {letter} ({})", self.title(), param.text())
+            }
+            (Some(param), GivenParam::Number(number)) => {
+                let name = param
+                    .name
+                    .as_deref()
+                    .map_or_else(String::new, |name| format!(" ({name})"));
+                let unit = param
+                    .unit
+                    .as_deref()
+                    .map_or_else(String::new, |unit| format!(" {unit}"));
+                let range = param.range_text();
+                format!(
+                    "{}: {letter}{name} is {number}{unit}; write {range}",
+                    self.title()
+                )
+            }
+        };
+        Some(ParamFault { letter, text })
+    }
+
+    /// Whether it says what can be.
+    ///
+    /// # Errors
+    /// What is wrong, and what to write.
+    pub fn mistake(&self) -> Result<(), String> {
+        if self.m > M_CODE_MAX {
+            return Err(format!("M{}: M codes are 0 to {M_CODE_MAX}", self.m));
+        }
+        let title = format!("M{:02}", self.m);
+        if !self
+            .name
+            .as_ref()
+            .is_none_or(|name| is_word(name, DECLARED_NAME_MAX))
+        {
+            return Err(format!(
+                "{title}: name: write 1 to {DECLARED_NAME_MAX} characters"
+            ));
+        }
+        for (letter, param) in self.params.iter().flatten() {
+            if let Some(mistake) = param.mistake() {
+                return Err(format!("{title} {letter}: {mistake}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Refuses declarations that say what cannot be.
+///
+/// # Errors
+/// `invalid`: the first one, and what to write.
+pub(super) fn check_all(declared: &[MCodeDeclaration]) -> Result<(), Refusal> {
+    let mut mistakes = declared.iter().filter_map(|one| one.mistake().err());
+    match mistakes.next() {
+        None => Ok(()),
+        Some(mistake) => Err(Refusal::new(RefusalCode::Invalid, format!("m_codes: {mistake}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn clamp() -> MCodeDeclaration {
+        let json = r#"{"m":12,"name":"clamp","params":{
+            "A":{"name":"force","unit":"kN","min":1,"max":20},
+            "VB":{"name":"side","min":1,"max":2,"whole":true,"optional":true}}}"#;
+        serde_json::from_str(json).unwrap()
+    }
+
+    fn why(declaration: &MCodeDeclaration, a: Option<f64>, b: Option<f64>, c: Option<f64>) -> String {
+        let params = Params {
+            a,
+            b,
+            c,
+            ..Params::default()
+        };
+        let fault = declaration.check(&params).err();
+        fault.map_or_else(String::new, |fault| fault.text)
+    }
+
+    #[test]
+    fn what_is_declared_is_taken_with_its_bounds() {
+        for (a, b) in [(1.0, None), (20.0, Some(1.0)), (7.25, Some(2.0))] {
+            assert_eq!(why(&clamp(), Some(a), b, None), "");
+        }
+    }
+
+    #[test]
+    fn a_whole_number_is_one_that_a_program_has_calculated() {
+        let pocket = ParamDeclaration {
+            whole: true,
+            ..ParamDeclaration::default().within(Some(1.0), Some(3.0))
+        };
+        for (number, is_taken) in [
+            (3.0, true),
+            (0.1 * 30.0, true),
+            (1.0 - 1e-12, true),
+            (2.001, false),
+            (4.0, false),
+        ] {
+            assert_eq!(pocket.takes(number), is_taken, "{number}");
+        }
+    }
+
+    #[test]
+    fn a_fault_names_m_code_parameter_value_and_what_to_write() {
+        let cases = [
+            (
+                Some(50.0),
+                None,
+                None,
+                "M12 clamp: VA (force) is 50 kN; write 1 to 20 kN",
+            ),
+            (
+                Some(f64::NAN),
+                None,
+                None,
+                "M12 clamp: VA (force) is NaN kN; write 1 to 20 kN",
+            ),
+            (None, None, None, "M12 clamp needs VA (force, 1 to 20 kN)"),
+            (
+                Some(5.0),
+                Some(1.5),
+                None,
+                "M12 clamp: VB (side) is 1.5; write a whole number, 1 to 2",
+            ),
+            (
+                Some(5.0),
+                None,
+                Some(0.0),
+                "M12 clamp takes no VC; it takes VA (force, 1 to 20 kN), VB (side, a whole number, 1 to 2; may be left out)",
+            ),
+        ];
+        for (a, b, c, text) in cases {
+            assert_eq!(why(&clamp(), a, b, c), text);
+        }
+    }
+
+    #[test]
+    fn what_a_variable_holds_is_not_judged_and_that_it_is_there_is() {
+        let mut given = [GivenParam::Absent; 8];
+        given[0] = GivenParam::Variable;
+        assert_eq!(clamp().faults(given), []);
+        given[2] = GivenParam::Variable;
+        let faults = clamp().faults(given);
+        assert_eq!(faults.len(), 1);
+        assert_eq!(faults[0].letter, ParamLetter::C);
+    }
+
+    #[test]
+    fn without_params_everything_is_taken_and_with_empty_ones_nothing() {
+        let any = MCodeDeclaration {
+            m: 8,
+            ..MCodeDeclaration::default()
+        };
+        assert_eq!(why(&any, Some(1.0), None, None), "");
+        let none = MCodeDeclaration {
+            params: Some(DeclaredParams::new()),
+            ..any
+        };
+        assert_eq!(why(&none, None, None, None), "");
+        assert_eq!(
+            why(&none, Some(1.0), None, None),
+            "M08 takes no VA; it takes no parameters"
+        );
+    }
+
+    #[test]
+    fn a_range_is_told_in_words() {
+        let range = |min, max, whole, unit: Option<&str>| {
+            let unit = unit.map(str::to_owned);
+            ParamDeclaration {
+                unit,
+                min,
+                max,
+                whole,
+                ..ParamDeclaration::default()
+            }
+            .range_text()
+        };
+        assert_eq!(range(Some(0.5), None, false, Some("bar")), "0.5 bar or more");
+        assert_eq!(range(None, Some(3.0), true, None), "a whole number, 3 or less");
+        assert_eq!(range(None, None, false, Some("mm")), "a number in mm");
+        assert_eq!(range(None, None, true, None), "a whole number");
+    }
+
+    #[test]
+    fn what_cannot_be_is_a_mistake() {
+        let with = |param: ParamDeclaration| MCodeDeclaration {
+            params: Some([(ParamLetter::B, param)].into()),
+            ..clamp()
+        };
+        let long = Some("x".repeat(DECLARED_NAME_MAX + 1));
+        let cases = [
+            (
+                MCodeDeclaration { m: 192, ..clamp() },
+                "M192: M codes are 0 to 191",
+            ),
+            (
+                MCodeDeclaration {
+                    name: long.clone(),
+                    ..clamp()
+                },
+                "M12: name: write 1 to 40 characters",
+            ),
+            (
+                with(ParamDeclaration {
+                    name: long,
+                    ..ParamDeclaration::default()
+                }),
+                "M12 VB: name: write 1 to 40 characters",
+            ),
+            (
+                with(ParamDeclaration::in_unit("")),
+                "M12 VB: unit: write 1 to 16 characters",
+            ),
+            (
+                with(ParamDeclaration::default().within(Some(2.0), Some(1.0))),
+                "M12 VB: min 2 is above max 1",
+            ),
+            (
+                with(ParamDeclaration::default().within(Some(f64::NAN), None)),
+                "M12 VB: min and max: write numbers",
+            ),
+        ];
+        assert_eq!(clamp().mistake(), Ok(()));
+        for (declaration, text) in cases {
+            assert_eq!(declaration.mistake(), Err(text.to_owned()));
+        }
+    }
+}
