@@ -37,13 +37,16 @@ test("every module of the package imports what is in it", async () => {
 
 test("its declarations know the messages of topics, and verbs", async () => {
   const page = join(folder, "page.ts");
+  await writeFile(page, `import { Tandem } from "./package/dist/tandem.js";
+const machine = new Tandem();
+machine.on("cs/1/state", (state) => state.execution === "READY");
+void machine.command(1, "start");
+// @ts-expect-error: a state has no such member
+machine.on("cs/1/state", (state) => state.nothing);
+// @ts-expect-error: there is no such verb
+void machine.command(1, "begin");
+`);
   const options = { strict: true, noEmit: true, types: [], moduleResolution: ts.ModuleResolutionKind.Bundler, module: ts.ModuleKind.ES2022, target: ts.ScriptTarget.ES2022 };
-  const says = async (body) => {
-    await writeFile(page, `import { Tandem } from "./package/dist/tandem.js";\nconst machine = new Tandem();\n${body}\n`);
-    const found = ts.getPreEmitDiagnostics(ts.createProgram([page], options));
-    return found.map(({ messageText }) => ts.flattenDiagnosticMessageText(messageText, " "));
-  };
-  assert.deepEqual(await says('machine.on("cs/1/state", (state) => state.execution === "READY");\nvoid machine.command(1, "start");'), []);
-  assert.match((await says('machine.on("cs/1/state", (state) => state.nothing);')).join(), /nothing/);
-  assert.match((await says('void machine.command(1, "begin");')).join(), /begin/);
+  const found = ts.getPreEmitDiagnostics(ts.createProgram([page], options));
+  assert.deepEqual(found.map(({ messageText }) => ts.flattenDiagnosticMessageText(messageText, " ")), []);
 });
