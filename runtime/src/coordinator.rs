@@ -1,6 +1,5 @@
 //! The coordinator: one task for each CNC coordinate system, one servo for all, and the port to all of it.
 
-mod birth;
 mod opening;
 
 use std::io;
@@ -9,7 +8,7 @@ use std::time::Duration;
 
 use plc_api::port::Port;
 use plc_api::server::ServedPort;
-use plc_api::types::machine::ActiveAlarms;
+use plc_api::types::machine::{ActiveAlarms, Presence};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -32,8 +31,6 @@ use crate::servo_thread::{ServoStatistics, ServoThread};
 use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
 use crate::tables::Tables;
-pub(crate) use birth::birth;
-use birth::presence;
 pub(crate) use opening::everything;
 use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
 
@@ -366,6 +363,15 @@ impl Parts {
             tasks,
             servo,
         }
+    }
+}
+
+fn presence(shared: &Shared, online: bool) -> Presence {
+    Presence {
+        online,
+        started_at: shared.timestamp(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        broker: None,
     }
 }
 

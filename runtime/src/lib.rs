@@ -4,6 +4,7 @@
 
 mod alarms;
 pub mod audit;
+mod birth;
 mod clock;
 mod command_memory;
 mod config;

@@ -23,10 +23,10 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::alarms::{Alarms, Raised};
+use crate::birth::birth;
 use crate::clock::Clock;
 use crate::command_memory::{Asked, CommandMemory, Recalled};
 use crate::config::Machine;
-use crate::coordinator::birth;
 use crate::declared::Declared;
 use crate::disk::{Health, Part};
 use crate::journal::{Event, Journal};

@@ -76,8 +76,6 @@
 //! of long lines and dwells, where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. One that waits for
 //! anything else ends the run, and [`Run::completed`] says what the program waited for.
 
-#[cfg(test)]
-mod declared_tests;
 mod perform;
 mod record;
 #[cfg(test)]

@@ -5,8 +5,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
-use super::m_code::{MCodeDeclaration, check_all};
-use super::machine::ServedMCode;
+use super::m_code::{MCodeDeclaration, ServedMCode, check_all};
 use super::refusal::{Refusal, RefusalCode};
 
 /// Characters of the id of an instance.

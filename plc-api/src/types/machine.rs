@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::m_code::{DeclaredParams, MCodeDeclaration};
+use super::m_code::DeclaredParams;
+pub use super::m_code::{Served, ServedMCode};
 use super::output::Timing;
 use super::{CoordinateSystemNumber, Timestamp};
 
@@ -82,66 +83,6 @@ pub struct MotorInfo {
     pub soft_limits: Option<[f64; 2]>,
     /// Units per second (spindle: r/min).
     pub max_velocity: f64,
-}
-
-/// An M code that is served, and by whom.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct ServedMCode {
-    /// M number.
-    pub m: u16,
-    /// In which coordinate systems, ascending.
-    #[serde(default)]
-    pub cs: Vec<CoordinateSystemNumber>,
-    /// The handler; null: the stock sequence program of the runtime.
-    #[serde(default)]
-    pub handler_id: Option<String>,
-    /// Its name, as the handler declares it, else the configuration.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub name: Option<String>,
-    /// Its parameters, as the handler declares them, else the configuration; without it, every parameter is taken.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub params: Option<DeclaredParams>,
-}
-
-impl ServedMCode {
-    /// True where it is served in this coordinate system.
-    pub fn is_in(&self, cs: CoordinateSystemNumber) -> bool {
-        self.cs.is_empty() || self.cs.contains(&cs)
-    }
-
-    /// What is said of it.
-    pub fn declaration(&self) -> MCodeDeclaration {
-        MCodeDeclaration {
-            m: self.m,
-            cs: None,
-            name: self.name.clone(),
-            params: self.params.clone(),
-        }
-    }
-
-    /// Who serves it, in words.
-    pub fn by(&self) -> String {
-        match &self.handler_id {
-            Some(id) => format!("handler {id}"),
-            None => "the stock sequence program".to_owned(),
-        }
-    }
-}
-
-/// What a sequence side serves, in a file for those who check programs without it: written by
-/// [`SequenceProgram::served`](crate::SequenceProgram::served), or the `birth` of a machine, of which the rest is not read.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Served {
-    /// Ascending; at most 1000. Without `cs` it is so in all coordinate systems.
-    pub serves: Vec<ServedMCode>,
-}
-
-impl std::fmt::Display for Served {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let json = serde_json::to_string_pretty(self).map_err(|_| std::fmt::Error)?;
-        writeln!(f, "{json}")
-    }
 }
 
 /// Settings of one M code.

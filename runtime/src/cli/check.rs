@@ -164,11 +164,7 @@ fn check_tree(
         dialect,
         read: RefCell::default(),
     };
-    let m_codes: Option<BTreeSet<u16>> = of.map(|(machine, _)| {
-        // whether one is served is known better where the file of the sequence side is
-        let all = (0..=M_CODE_MAX).filter(|_| machine.served.is_some());
-        machine.m_codes.keys().copied().chain(all).collect()
-    });
+    let m_codes = of.map(|(machine, _)| known_m_codes(machine));
     let system = of.and_then(|(machine, settings)| {
         let mut systems = machine.coordinate_systems.iter();
         Some((
@@ -184,18 +180,16 @@ fn check_tree(
     };
     let mut check = check(tree, dialect, &context);
     let mut called = std::mem::take(&mut check.called);
-    let mut read = programs.read.into_inner();
-    let of_m_codes = |tree: &NcProgram| {
-        system.map_or_else(Vec::new, |(machine, system)| {
-            check_m_codes(tree, dialect, machine, system)
-        })
-    };
-    check.diagnostics.extend(of_m_codes(tree));
-    for (number, check) in &mut called {
-        let program = read.get(number).and_then(Option::as_ref);
-        check
-            .diagnostics
-            .extend(program.map_or_else(Vec::new, |program| of_m_codes(&program.tree)));
+    let read = programs.read.into_inner();
+    if let Some((machine, system)) = system {
+        let of_m_codes = |tree: &NcProgram| check_m_codes(tree, dialect, machine, system);
+        check.diagnostics.extend(of_m_codes(tree));
+        for (number, check) in &mut called {
+            let program = read.get(number).and_then(Option::as_ref);
+            check
+                .diagnostics
+                .extend(program.map_or_else(Vec::new, |program| of_m_codes(&program.tree)));
+        }
     }
     let has_errors = [&check].into_iter().chain(called.values()).any(Check::has_errors)
         || parsed.iter().any(Diagnostic::is_error);
@@ -219,7 +213,17 @@ fn check_tree(
             }
         }
     }
-    let mut all = vec![Findings::new(path, tree.source(), check, parsed)];
+    let main = Findings::new(path, tree.source(), check, parsed);
+    all_findings(main, called, read)
+}
+
+/// Those of a program, and of each that it calls and in which there are some.
+fn all_findings(
+    main: Findings,
+    called: BTreeMap<u16, Check>,
+    mut read: BTreeMap<u16, Option<Called>>,
+) -> Vec<Findings> {
+    let mut all = vec![main];
     for (number, check) in called {
         let Some(Some(called)) = read.remove(&number) else {
             continue;
@@ -230,6 +234,12 @@ fn check_tree(
         }
     }
     all
+}
+
+/// M codes that need no settings of their own: whether one is served is known better where the file of the sequence side is.
+fn known_m_codes(machine: &Machine) -> BTreeSet<u16> {
+    let all = (0..=M_CODE_MAX).filter(|_| machine.served.is_some());
+    machine.m_codes.keys().copied().chain(all).collect()
 }
 
 /// What handlers and the configuration say of the M codes of a program, as far as it is known without them.

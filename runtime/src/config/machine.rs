@@ -18,7 +18,9 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions,
 
 use crate::declared::Declared;
 use crate::program_store::{ProgramStore, Signers, TextRules};
-use crate::sequence::stock;
+
+/// M codes that the stock sequence program serves where there is a spindle.
+const SPINDLE_M_CODES: [u16; 4] = [3, 4, 5, 19];
 
 /// A machine as configured.
 #[derive(Debug, Clone)]
@@ -259,7 +261,7 @@ impl Machine {
         let settings = self.m_codes.get(&m);
         let unhandled = settings.and_then(|settings| settings.unhandled);
         let is_stock = settings.is_some_and(|settings| settings.stock.is_some())
-            || system.settings.spindle.is_some() && stock::is_spindle_code(m);
+            || system.settings.spindle.is_some() && SPINDLE_M_CODES.contains(&m);
         let cs = system.settings.number;
         self.served.as_ref().is_some_and(|served| {
             let mut served = served.serves.iter();

@@ -1,3 +1,5 @@
+mod declared;
+
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

@@ -113,6 +113,7 @@ fn plc_api_without_its_features_is_tokio_serde_and_little_more() {
         "futures-util",
         "humantime",
         "percent-encoding",
+        "plc-api-derive",
         "serde",
         "serde_json",
         "thiserror",

@@ -8,7 +8,7 @@ use plc_api::types::topic::Topic;
 use plc_api::units::KiloNewton;
 use plc_api::{Alarm, MCode, Plc, Va};
 
-use super::*;
+use super::super::*;
 
 const CLAMP: MCode = MCode::new(12, "clamp");
 

@@ -1,10 +1,8 @@
-//! What a machine publishes of itself: presence, and its birth message.
+//! What a machine publishes of itself: its birth message.
 
 use std::collections::BTreeMap;
 
-use plc_api::types::machine::{
-    Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence, ServedMCode,
-};
+use plc_api::types::machine::{Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, ServedMCode};
 use plc_api::types::output::{HandlerPresence, Timing};
 use tandem_model::Axis;
 use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
@@ -12,16 +10,6 @@ use tandem_model::settings::{MotorKind, Unit};
 
 use crate::config::{CoordinateSystem, Machine};
 use crate::sequence::stock;
-use crate::shared::Shared;
-
-pub(super) fn presence(shared: &Shared, online: bool) -> Presence {
-    Presence {
-        online,
-        started_at: shared.timestamp(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        broker: None,
-    }
-}
 
 /// What the machine is, with who serves its M codes.
 pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresence>) -> Birth {
