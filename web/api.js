@@ -52,6 +52,11 @@ export const api = {
     return machine.command(cs, verb, args, { expect, fence: ownFence(cs) });
   },
 
+  /** Orders a run of one part or more. @param {number} cs @param {number} program @param {number} parts */
+  async order(cs, program, parts) {
+    await request("POST", `/cs/${cs}/runs`, { program, parts }, underLease(cs));
+  },
+
   /** What is in force at a line, and what a start from there does. @param {number} cs @param {LineStart} from @returns {Promise<import("./types.d.ts").LineState>} */
   async lineState(cs, from) {
     return (await request("POST", `/cs/${cs}/line_state`, from)).json();

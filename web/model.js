@@ -20,6 +20,7 @@ const CS_TOPICS = /** @type {const} */ ({
   "input/start_lock/state": "startLock",
   "override/state": "overrides",
   "lease/state": "lease",
+  run: "runState",
 });
 
 /**
@@ -32,6 +33,7 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").ModalMessage | null} modal
  * @property {import("./types.d.ts").PendingMessage | null} pending
  * @property {import("./types.d.ts").OptionalSkipMessage | null} optionalSkip
+ * @property {import("./types.d.ts").RunStateMessage | null} runState
  * @property {import("./types.d.ts").SwitchMessage | null} optionalStop
  * @property {import("./types.d.ts").SwitchMessage | null} singleBlock
  * @property {import("./types.d.ts").LockMessage | null} interlock

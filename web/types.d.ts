@@ -2,13 +2,9 @@
 // TANDEM_UPDATE=1 cargo test -p tandem-gateway contract writes them anew.
 
 /** Payload of `alarm/active`. */
-export interface ActiveAlarmsMessage {
-  alarms: AlarmRecord[]; boot_id: BootId; rev?: number; ts: string; v: 1;
-}
+export interface ActiveAlarmsMessage { alarms: AlarmRecord[]; boot_id: BootId; rev?: number; ts: string; v: 1; }
 
-export interface AlarmHistory {
-  alarms: AlarmRecord[];
-}
+export interface AlarmHistory { alarms: AlarmRecord[]; }
 
 /** One alarm: payload of `alarm/event`, and an entry of `alarm/active`. */
 export interface AlarmRecord {
@@ -37,19 +33,13 @@ export interface BirthMessage {
 export type BootId = string;
 
 /** An external MQTT broker to which the runtime is connected. */
-export interface BrokerInUse {
-  address: string; since: Timestamp;
-}
+export interface BrokerInUse { address: string; since: Timestamp; }
 
 /** A call in the program stack. */
-export interface CallSite {
-  line: number; program: number;
-}
+export interface CallSite { line: number; program: number; }
 
 /** Payload of `m_code/{m}/cancel`. */
-export interface CancelMessage {
-  boot_id: BootId; reason: CancelReason; rev?: number; seq: number; ts: string; v: 1;
-}
+export interface CancelMessage { boot_id: BootId; reason: CancelReason; rev?: number; seq: number; ts: string; v: 1; }
 
 /** Why an output was cancelled. */
 export type CancelReason = "reset" | "stop" | "abort" | "alarm" | "timeout" | "operator" | "shutdown";
@@ -61,20 +51,18 @@ export interface CapturedMessage {
 }
 
 /** A command is accepted. */
-export interface CommandAccepted {
-  command_id: string; hash?: string;
-}
+export interface CommandAccepted { command_id: string; hash?: string; }
 
 /** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
 export interface CommandReply {
-  code: string; command_id: string; hash?: string; lease?: Lease; state_rev: number; status: CommandStatus;
-  text: string; variables?: VariableValues;
+  code: string; command_id: string; hash?: string; lease?: Lease; run_id?: string; state_rev: number;
+  status: CommandStatus; text: string; variables?: VariableValues;
 }
 
 /** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
 export interface CommandReplyMessage {
-  boot_id: BootId; code: string; command_id: string; hash?: string; lease?: Lease; rev?: number; state_rev: number;
-  status: CommandStatus; text: string; ts: string; v: 1; variables?: VariableValues;
+  boot_id: BootId; code: string; command_id: string; hash?: string; lease?: Lease; rev?: number; run_id?: string;
+  state_rev: number; status: CommandStatus; text: string; ts: string; v: 1; variables?: VariableValues;
 }
 
 /** How far a command is. */
@@ -91,9 +79,7 @@ export interface CoordinateSystems {
 }
 
 /** Who asks, and what the asker may do. */
-export interface CurrentUser {
-  is_login: boolean; role: string; user: string | null;
-}
+export interface CurrentUser { is_login: boolean; role: string; user: string | null; }
 
 /** Error or warning. */
 export type DiagnosticSeverity = "error" | "warning";
@@ -102,22 +88,18 @@ export type DiagnosticSeverity = "error" | "warning";
 export type Execution = "READY" | "ACTIVE" | "WAIT" | "FEED_HOLD" | "PROGRAM_STOPPED" | "OPTIONAL_STOP" | "INTERRUPTED" | "STOPPED" | "PROGRAM_COMPLETED";
 
 /** What a name means. */
-export interface Explanation {
-  picture?: string; text: string; what: string;
-}
+export interface Explanation { picture?: string; text: string; what: string; }
 
 /** One M code that a handler serves. */
-export interface HandledCode {
-  cs: number; m: number;
-}
+export interface HandledCode { cs: number; m: number; }
 
 /** What a `handler/{id}/result` answers. */
 export type HandlerAct = "presence";
 
 /** Payload of `handler/{id}/presence`. */
 export interface HandlerPresence {
-  handles: HandledCode[]; instance?: string; m_codes?: MCodeDeclaration[]; online: boolean; redelivery?: Redelivery;
-  take_over?: boolean; validates: boolean;
+  connection?: number; expires_ms?: number; handles: HandledCode[]; instance?: string; m_codes?: MCodeDeclaration[];
+  online: boolean; redelivery?: Redelivery; take_over?: boolean; validates: boolean;
 }
 
 /** Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was
@@ -130,9 +112,7 @@ export interface HandlerResultMessage {
 /** What became of a presence. */
 export type HandlerStatus = "accepted" | "refused" | "confirm" | "taken_over";
 
-export interface Handlers {
-  handlers: Record<string, HandlerPresence>;
-}
+export interface Handlers { handlers: Record<string, HandlerPresence>; }
 
 /** Payload of `m_code/{m}/result`. */
 export interface HandshakeResult {
@@ -150,22 +130,16 @@ export interface HandshakeResultMessage {
 export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner" | "withheld" | "refused";
 
 /** Whether the server answers, and has its MQTT broker. */
-export interface Health {
-  broker?: BrokerInUse; status: HealthStatus;
-}
+export interface Health { broker?: BrokerInUse; status: HealthStatus; }
 
 /** The status of a server that answers. */
 export type HealthStatus = "ok" | "degraded";
 
 /** Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still. */
-export interface HeartbeatMessage {
-  boot_id: BootId; cycle: number; rev?: number; ts: string; v: 1;
-}
+export interface HeartbeatMessage { boot_id: BootId; cycle: number; rev?: number; ts: string; v: 1; }
 
 /** What a machine builder has added to the HMI. */
-export interface Hmi {
-  buttons: HmiButton[]; cards: HmiCard[];
-}
+export interface Hmi { buttons: HmiButton[]; cards: HmiCard[]; }
 
 /** A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input. */
 export interface HmiButton {
@@ -195,14 +169,10 @@ export interface LastRun {
   run_id: string; running: number | null;
 }
 
-export interface LastRunAnswer {
-  last_run: LastRun | null;
-}
+export interface LastRunAnswer { last_run: LastRun | null; }
 
 /** A lease that is held. */
-export interface Lease {
-  expires_at: Timestamp; fence: number; holder: string;
-}
+export interface Lease { expires_at: Timestamp; fence: number; holder: string; }
 
 /** Payload of `cs/{cs}/lease/state`: all fields are null while nobody holds the lease. */
 export interface LeaseStateMessage {
@@ -211,9 +181,7 @@ export interface LeaseStateMessage {
 }
 
 /** Limits of the interface. */
-export interface Limits {
-  open_outputs_max: number; program_bytes_max: number;
-}
+export interface Limits { open_outputs_max: number; program_bytes_max: number; }
 
 /** What is in force where a run from a line begins, and what such a start does before it. */
 export interface LineState {
@@ -233,9 +201,7 @@ export interface LockSource {
 }
 
 /** A token for some hours. */
-export interface Login {
-  expires_s: number; role: string; token: string; user: string;
-}
+export interface Login { expires_s: number; role: string; token: string; user: string; }
 
 /** What a handler says of an M code that it serves: its name, and what its parameters mean. */
 export interface MCodeDeclaration {
@@ -263,9 +229,7 @@ export interface ModalMessage {
 }
 
 /** One motor. */
-export interface MotorInfo {
-  kind: string; max_velocity: number; number: number; soft_limits: [number, number] | null;
-}
+export interface MotorInfo { kind: string; max_velocity: number; number: number; soft_limits: [number, number] | null; }
 
 export type Number = number | "NaN" | "inf" | "-inf";
 
@@ -304,9 +268,7 @@ export interface Params {
 }
 
 /** Payload of `m_code/pending`: all open outputs, ascending by `seq`. */
-export interface PendingMessage {
-  boot_id: BootId; outputs: PendingOutput[]; rev?: number; ts: string; v: 1;
-}
+export interface PendingMessage { boot_id: BootId; outputs: PendingOutput[]; rev?: number; ts: string; v: 1; }
 
 /** One open output as `m_code/pending` says it. */
 export interface PendingOutput {
@@ -316,9 +278,7 @@ export interface PendingOutput {
 }
 
 /** A block of a program. */
-export interface PlannedPlace {
-  line: number; program: number;
-}
+export interface PlannedPlace { line: number; program: number; }
 
 /** Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says. */
 export interface PositionMessage {
@@ -329,14 +289,19 @@ export interface PositionMessage {
 
 /** Payload of `presence`. */
 export interface PresenceMessage {
-  boot_id: BootId; broker?: BrokerInUse; online: boolean; rev?: number; started_at: Timestamp; ts: string; v: 1;
-  version: string;
+  boot_id: BootId; broker?: BrokerInUse; expires_ms?: number; online: boolean; rev?: number; started_at: Timestamp;
+  ts: string; v: 1; version: string;
 }
 
 /** A refusal as HTTP says it. */
 export interface Problem {
   allowed?: Verb[]; code: string; detail: string; diagnostics?: ProgramDiagnostic[]; state?: Execution; status: number;
   title: string; type: string;
+}
+
+/** What one program has produced in one coordinate system. */
+export interface Production {
+  cs: number; cut_short: number; last: Timestamp | null; parts: number; parts_s: number; program: number;
 }
 
 /** What checking says of a program. */
@@ -363,20 +328,14 @@ export interface ProgramPlaceMessage {
   rev?: number; stack: CallSite[]; ts: string; v: 1;
 }
 
-export interface Programs {
-  programs: ProgramInfo[];
-}
+export interface Programs { programs: ProgramInfo[]; }
 
 /** Progress of a handler, shown while the program waits. */
-export interface Progress {
-  percent?: number; text: string;
-}
+export interface Progress { percent?: number; text: string; }
 
 /** A question that a handler asks the operator, as it stands with its output in `m_code/pending`, and in `state` while
  * the program waits for that output and the question has no answer. */
-export interface Question {
-  answer?: string; choices: string[]; id: string; since: Timestamp; text: string;
-}
+export interface Question { answer?: string; choices: string[]; id: string; since: Timestamp; text: string; }
 
 /** Why a state is as it is. */
 export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "CLIENT_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
@@ -406,9 +365,7 @@ export interface RehearsedAxis {
 }
 
 /** When a block begins. */
-export interface RehearsedLine {
-  at_s: number; line: number; program: number;
-}
+export interface RehearsedLine { at_s: number; line: number; program: number; }
 
 /** An M code of a planned run. */
 export interface RehearsedMCode {
@@ -416,27 +373,44 @@ export interface RehearsedMCode {
 }
 
 /** The most of something, its limit, and the block that causes it. */
-export interface RehearsedPeak {
-  limit: number; line: number; program: number; value: number;
-}
+export interface RehearsedPeak { limit: number; line: number; program: number; value: number; }
 
 /** How far a run is. */
-export interface RehearsedRun {
-  at_s: number; left_s: number; progress: number;
-}
+export interface RehearsedRun { at_s: number; left_s: number; progress: number; }
 
 /** An M code that a program puts out before the line that a run begins at. */
-export interface RestoredOutput {
-  line: number; m: number; params: Params; program: number;
+export interface RestoredOutput { line: number; m: number; params: Params; program: number; }
+
+/** A run of the loaded program: of `cs/{n}/run`, `GET /runs/{id}` and `GET /runs`. */
+export interface Run {
+  alarms: RunAlarm[]; began: Timestamp; cs: number; end: RunEnded | null; from_line: number | null; hash: string | null;
+  id: string; last_part_s: number | null; parts: number; parts_done: number; program: number; took_s: number;
+  waits: RunWait[]; waits_for: string | null;
 }
+
+/** An alarm of a run. */
+export interface RunAlarm { line: number | null; number: number; text: string; }
+
+/** How a run has ended. */
+export interface RunEnded { at: Timestamp; how: RunEndedHow; text: string; }
+
+/** How a run has ended. */
+export type RunEndedHow = "completed" | "stopped" | "aborted" | "reset" | "alarm" | "lease_lost" | "replaced" | "refused" | "restarted";
 
 /** What runs. */
 export type RunKind = "program" | "mdi" | "home" | "jog";
 
+/** Payload of `cs/{n}/run`. */
+export interface RunStateMessage { boot_id: BootId; rev?: number; run: Run | null; ts: string; v: 1; }
+
 /** From where on a path depends on what happens while the program runs. */
-export interface RunTimeDependence {
-  at_s: number; line: number; program: number; why: string;
-}
+export interface RunTimeDependence { at_s: number; line: number; program: number; why: string; }
+
+/** The waits of a run for one M code. */
+export interface RunWait { count: number; longest_s: number; m: number; total_s: number; }
+
+/** Runs that have ended, the newest first, and what was produced: of `GET /runs`. */
+export interface Runs { production: Production[]; runs: Run[]; }
 
 /** An M code that is served, and by whom. */
 export interface ServedMCode {
@@ -466,9 +440,7 @@ export interface StateMessage {
 }
 
 /** Payload of an input with one value. */
-export interface SwitchMessage {
-  boot_id: BootId; rev?: number; ts: string; v: 1; value: boolean;
-}
+export interface SwitchMessage { boot_id: BootId; rev?: number; ts: string; v: 1; value: boolean; }
 
 /** A time as RFC 3339 in UTC, such as `2026-01-31T12:00:00.250000Z`. */
 export type Timestamp = string;
@@ -477,19 +449,13 @@ export type Timestamp = string;
 export type Timing = "after_motion" | "with_motion";
 
 /** A tool of the table: what G41 to G44 take (D17). */
-export interface ToolData {
-  id: number; length: number; radius: number;
-}
+export interface ToolData { id: number; length: number; radius: number; }
 
 /** Payload of `tool/state`. */
-export interface ToolMessage {
-  boot_id: BootId; id: number; rev?: number; ts: string; v: 1;
-}
+export interface ToolMessage { boot_id: BootId; id: number; rev?: number; ts: string; v: 1; }
 
 /** The tool table, ascending by number: of `GET /tools`. */
-export interface ToolTable {
-  tools: ToolData[];
-}
+export interface ToolTable { tools: ToolData[]; }
 
 /** On the way to another state. */
 export type Transition = "STARTING" | "HOLDING" | "STOPPING" | "RESUMING" | "RESETTING";
@@ -504,22 +470,16 @@ export type VariableKind = "P" | "Q";
 
 /** Values of variables in a row, as they were at one moment: in the reply to `variable/get`, and of
  * `GET /variables/p`. */
-export interface VariableValues {
-  from: number; kind: VariableKind; values: Number[];
-}
+export interface VariableValues { from: number; kind: VariableKind; values: Number[]; }
 
 /** A verb, for lists of what is allowed. */
-export type Verb = "load" | "start" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "alarm_acknowledge" | "mdi" | "jog" | "home";
+export type Verb = "load" | "start" | "run" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "alarm_acknowledge" | "mdi" | "jog" | "home";
 
 /** The output that a program waits for. */
-export interface WaitingOn {
-  m: number; progress?: Progress; question?: Question; seq: number; since: Timestamp;
-}
+export interface WaitingOn { m: number; progress?: Progress; question?: Question; seq: number; since: Timestamp; }
 
 /** An error frame. */
-export interface WebSocketError {
-  code?: RefusalCode; error: string;
-}
+export interface WebSocketError { code?: RefusalCode; error: string; }
 
 /** The message of the topic, with its path in front; see the topic's channel for the other fields. */
 export interface WebSocketMessage {
@@ -528,9 +488,7 @@ export interface WebSocketMessage {
 
 /** Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As a change, the body of `PUT`
  * there, offsets and axes that it does not name stay, and it is carried out as a whole or not at all. */
-export interface WorkOffsetTable {
-  work_offsets: Record<string, Record<string, number>>;
-}
+export interface WorkOffsetTable { work_offsets: Record<string, Record<string, number>>; }
 
 /** The message of a topic, such as `cs/1/state`; where it is not known before, any. */
 export type MessageOf<Topic extends string> =
@@ -557,6 +515,7 @@ export type MessageOf<Topic extends string> =
   Topic extends `cs/${number}/tool/state` ? ToolMessage :
   Topic extends `cs/${number}/override/state` ? OverridesMessage :
   Topic extends `cs/${number}/lease/state` ? LeaseStateMessage :
+  Topic extends `cs/${number}/run` ? RunStateMessage :
   Topic extends `cs/${number}/m_code/${number}/output` ? OutputNoticeMessage :
   Topic extends `cs/${number}/m_code/${number}/result` ? HandshakeResultMessage :
   Topic extends `cs/${number}/m_code/${number}/cancel` ? CancelMessage :

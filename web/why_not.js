@@ -11,6 +11,7 @@ const PAUSED = ["FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED"];
 /** The states in which each command is allowed; hold, stop and abort: all. @type {Partial<Record<Verb, string[]>>} */
 const STATES = {
   load: AT_REST,
+  run: AT_REST,
   mdi: AT_REST,
   jog: AT_REST,
   home: AT_REST,
@@ -20,8 +21,8 @@ const STATES = {
   reset: [...AT_REST, ...PAUSED, "WAIT"],
 };
 /** What the interlock forbids, and what the start lock does. */
-const MOVES = new Set(["start", "resume", "back_trace", "mdi", "jog", "home"]);
-const BEGINS = new Set(["start", "mdi"]);
+const MOVES = new Set(["start", "run", "resume", "back_trace", "mdi", "jog", "home"]);
+const BEGINS = new Set(["start", "run", "mdi"]);
 /** What the holder of a control lease alone may command. */
 const NEEDS_LEASE = new Set([...MOVES, "load"]);
 

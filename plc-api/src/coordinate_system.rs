@@ -8,7 +8,7 @@ use crate::hub::Filter;
 use crate::levels::LockKind;
 use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
-use crate::types::command::{Command, CommandMeta, CommandStatus};
+use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use crate::types::lease::LeaseState;
 use crate::types::line_start::{LineStart, LineState};
 use crate::types::message::Payload;
@@ -264,8 +264,12 @@ impl CoordinateSystem {
     /// # Errors
     /// As [`CoordinateSystem::command`].
     pub async fn command_as(&self, command: Command, command_id: impl Into<String>) -> Result<()> {
+        self.reply_to(command, command_id.into()).await.map(drop)
+    }
+
+    /// The reply to a command that is done.
+    pub(crate) async fn reply_to(&self, command: Command, command_id: String) -> Result<CommandReply> {
         let verb = command.verb();
-        let command_id = command_id.into();
         let request = typed::Command {
             cs: self.number,
             command,
@@ -291,7 +295,7 @@ impl CoordinateSystem {
                 code: reply.code,
                 text: reply.text,
             }),
-            CommandStatus::Accepted | CommandStatus::Done => Ok(()),
+            CommandStatus::Accepted | CommandStatus::Done => Ok(reply),
         }
     }
 

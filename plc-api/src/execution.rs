@@ -16,9 +16,10 @@ pub struct Situation {
     pub alarm_active: bool,
 }
 
-const VERBS: [Verb; 12] = [
+const VERBS: [Verb; 13] = [
     Verb::Load,
     Verb::Start,
+    Verb::Run,
     Verb::Hold,
     Verb::Resume,
     Verb::BackTrace,
@@ -39,7 +40,7 @@ impl Situation {
         };
         match verb {
             Verb::Hold | Verb::Stop | Verb::Abort | Verb::AlarmAcknowledge => true,
-            Verb::Load | Verb::Mdi | Verb::Jog | Verb::Home => {
+            Verb::Load | Verb::Run | Verb::Mdi | Verb::Jog | Verb::Home => {
                 matches!(self.execution, Ready | ProgramCompleted)
                     || self.execution == Stopped && !self.alarm_active
             }
@@ -71,7 +72,7 @@ impl Situation {
         let (verb_word, state_word) = (word(&verb), word(&self.execution));
         let advice = match (verb, self.execution) {
             (Verb::Reset, _) => "hold or stop first",
-            (Verb::Load | Verb::Mdi | Verb::Jog | Verb::Home, Execution::Stopped) => {
+            (Verb::Load | Verb::Run | Verb::Mdi | Verb::Jog | Verb::Home, Execution::Stopped) => {
                 "an alarm is active; reset first"
             }
             (Verb::Start, Execution::Stopped) if self.program_loaded => "reset first",
@@ -123,9 +124,12 @@ mod tests {
     #[test]
     fn each_command_is_allowed_in_the_states_of_its_row_and_no_other() {
         use Execution::*;
-        use Verb::{BackTrace, Home, Jog, Load, Mdi, Reset, Resume, Start};
+        use Verb::{BackTrace, Home, Jog, Load, Mdi, Reset, Resume, Run, Start};
         for idle in [Ready, ProgramCompleted] {
-            assert_eq!(allowed(idle, true, false), [Load, Start, Reset, Mdi, Jog, Home]);
+            assert_eq!(
+                allowed(idle, true, false),
+                [Load, Start, Run, Reset, Mdi, Jog, Home]
+            );
         }
         assert_eq!(allowed(Active, true, false), []);
         assert_eq!(allowed(Wait, true, false), [Reset]);
@@ -133,9 +137,9 @@ mod tests {
         for paused in [ProgramStopped, OptionalStop, Interrupted] {
             assert_eq!(allowed(paused, true, false), [Resume, Reset]);
         }
-        assert_eq!(allowed(Stopped, true, false), [Load, Reset, Mdi, Jog, Home]);
+        assert_eq!(allowed(Stopped, true, false), [Load, Run, Reset, Mdi, Jog, Home]);
         assert_eq!(allowed(Stopped, true, true), [Reset]);
-        assert_eq!(allowed(Ready, false, false), [Load, Reset, Mdi, Jog, Home]);
+        assert_eq!(allowed(Ready, false, false), [Load, Run, Reset, Mdi, Jog, Home]);
     }
 
     #[test]

@@ -407,6 +407,7 @@ impl FakePort {
             started_at: Timestamp::from_system_time(inner.now().time),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             broker: None,
+            expires_ms: None,
         };
         let systems = inner.systems.keys().map(|&number| CoordinateSystemInfo {
             number,

@@ -33,6 +33,8 @@ pub enum Registered {
         /// A handler that had gone, and was forgotten for it.
         forgotten: Option<String>,
     },
+    /// It was there already, and says so again before its presence is too old.
+    Refreshed,
     /// It has gone.
     Offline,
     /// Nothing: it is said of an instance that is not there any more.
@@ -72,9 +74,17 @@ impl HandlerRegistry {
             let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
+        let kept = HandlerPresence {
+            take_over: false,
+            ..presence.clone()
+        };
         let there = self.0.get_mut(id).filter(|there| there.presence.online);
         let (mut since, mut took_over) = (now, None);
         match there {
+            Some(there) if there.presence == kept && kept.expires_ms.is_some() => {
+                there.asked_s = None;
+                return Ok(Registered::Refreshed);
+            }
             Some(there) if there.presence.instance == presence.instance => since = there.since,
             Some(_) if !presence.online => return Ok(Registered::Nothing),
             Some(there) => {
@@ -93,10 +103,6 @@ impl HandlerRegistry {
             self.0.remove(&gone);
             forgotten = Some(gone);
         }
-        let kept = HandlerPresence {
-            take_over: false,
-            ..presence.clone()
-        };
         let entry = Entry {
             presence: kept,
             since,
@@ -248,6 +254,29 @@ mod tests {
         assert_eq!(old.instance.as_deref(), Some("a"));
         assert!(text.contains("instance b") && text.contains("2 s"), "{text}");
         assert!(at(14.0, "a").is_err());
+    }
+
+    #[test]
+    fn a_presence_with_an_age_that_is_said_again_changes_nothing_and_confirms_that_the_instance_is_there() {
+        let mut handlers = HandlerRegistry::default();
+        let aging = |instance, expires_ms| HandlerPresence {
+            expires_ms,
+            ..presence(true, Some(instance))
+        };
+        let mut at = |now_s, said: HandlerPresence| handlers.set("cell", &said, UNIX_EPOCH, now_s);
+        assert_eq!(at(0.0, aging("a", Some(900))), ONLINE);
+        assert_eq!(at(0.3, aging("a", Some(900))), Ok(Registered::Refreshed));
+        assert!(at(0.4, aging("b", None)).is_err());
+        assert_eq!(at(2.3, aging("a", Some(900))), Ok(Registered::Refreshed));
+        assert!(at(2.5, aging("b", None)).is_err(), "it has confirmed it");
+        assert_eq!(at(2.6, aging("a", Some(600))), ONLINE, "another presence");
+        assert_eq!(at(2.7, aging("a", None)), ONLINE);
+        assert_eq!(at(2.8, aging("a", None)), ONLINE, "without an age as ever");
+        for wrong in [0, 299, 3_600_001] {
+            let refusal = at(3.0, aging("a", Some(wrong))).unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::Invalid);
+            assert!(refusal.text.contains("300 to 3600000"), "{refusal}");
+        }
     }
 
     #[test]

@@ -215,6 +215,7 @@ mod plc;
 pub mod port;
 mod presence;
 pub mod queue;
+mod run;
 pub mod scan;
 pub mod server;
 mod tables;
@@ -237,6 +238,7 @@ pub use m_codes::MCode;
 pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;
 pub use plc_api_derive::Params;
+pub use run::OrderedRun;
 #[cfg(any(feature = "mqtt", feature = "rest"))]
 pub use transport::options::MqttOptions;
 #[cfg(any(feature = "mqtt", feature = "rest"))]

@@ -232,6 +232,13 @@ impl Plc {
         self.request(SkipInput(motor, value)).await
     }
 
+    /// Whether the runtime is there. Over a broker it has gone when its last will has come, or when it has not said for the age
+    /// of its presence that it is there; without a connection to the broker this is what was heard last.
+    pub async fn is_online(&self) -> bool {
+        let presence = self.port.read(&Topic::Presence).await;
+        presence.is_some_and(|message| matches!(&message.payload, Payload::Presence(said) if said.online))
+    }
+
     /// Sleeps on the machine's clock: simulated time in a simulation. Handlers use no other sleep.
     pub async fn sleep(&self, duration: Duration) {
         self.port.sleep(duration).await;

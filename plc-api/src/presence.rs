@@ -279,6 +279,8 @@ impl Presence {
             take_over: self.said.takes_over && self.announced == Announcement::Never,
             redelivery: self.said.redelivery,
             m_codes: self.said.m_codes.clone(),
+            expires_ms: None,
+            connection: None,
         }
     }
 

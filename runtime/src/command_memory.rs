@@ -167,6 +167,7 @@ mod tests {
             variables: None,
             lease: None,
             hash: None,
+            run_id: None,
         };
         memory.on_reply(&reply, SystemTime::UNIX_EPOCH);
         assert_eq!(memory.reply("a"), None);

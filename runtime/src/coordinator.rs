@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use plc_api::port::Port;
 use plc_api::server::ServedPort;
+use plc_api::types::handler::REFRESHES;
 use plc_api::types::machine::{ActiveAlarms, Presence};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
@@ -280,7 +281,7 @@ impl Opened {
     ) -> Result<(Runtime, Servo), StartError> {
         let mut data = self.data;
         let tables = Tables::new(&machine);
-        let (journal, restored) = match &mut data {
+        let (journal, mut restored) = match &mut data {
             Some(data) => (Journal::to_disk(data.journal.writer()), data.restore(&tables)),
             None => (Journal::to_log(), Restored::default()),
         };
@@ -293,6 +294,8 @@ impl Opened {
         } = self.programs;
         let mut shared = Shared::new(machine, boot_id, clock, store, journal, tables);
         shared.health = self.health;
+        let kept_runs = std::mem::take(&mut restored.runs);
+        shared.runs.lock().restore(kept_runs, shared.clock.wall());
         let shared = Arc::new(shared);
         let mut parts = Parts::new(&shared, first_state, &restored, self.hardware);
         findings.report(&shared);
@@ -302,6 +305,9 @@ impl Opened {
         report_last_runs(&shared, &last_runs);
         let positions = publish_positions(Arc::clone(&shared), parts.mailboxes.clone());
         parts.tasks.spawn(positions);
+        if !shared.clock.is_simulated() {
+            parts.tasks.spawn(publish_presence(Arc::clone(&shared)));
+        }
         let views = parts.mailboxes.iter().map(|mailbox| Arc::clone(&mailbox.view));
         let mut previews = Previews::on_demand(&shared, views);
         if !shared.clock.is_simulated() {
@@ -355,6 +361,10 @@ impl Parts {
             tasks.spawn(async move { of_task.run().await });
             mailboxes.push(mailbox);
         }
+        for mailbox in &mailboxes {
+            let run = shared.runs.lock().state(mailbox.number);
+            shared.publish(Topic::cs(mailbox.number, CsTopic::Run), Payload::Run(run));
+        }
         shared.publish_birth();
         shared.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms::default()));
         shared.publish(Topic::Presence, Payload::Presence(presence(shared, true)));
@@ -372,6 +382,7 @@ fn presence(shared: &Shared, online: bool) -> Presence {
         started_at: shared.timestamp(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         broker: None,
+        expires_ms: online.then_some(shared.machine.presence_expires_ms),
     }
 }
 
@@ -397,6 +408,17 @@ async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
                 shared.publish(topic(CsTopic::Program), Payload::Program(place));
                 mailbox.publish_spindle();
             }
+        }
+    }
+}
+
+/// Says again and again that the runtime is there, before its presence is too old.
+async fn publish_presence(shared: Arc<Shared>) {
+    let every = Duration::from_millis(shared.machine.presence_expires_ms) / REFRESHES;
+    loop {
+        tokio::select! {
+            () = shared.closing.cancelled() => return,
+            () = tokio::time::sleep(every) => shared.say_again(&Topic::Presence),
         }
     }
 }

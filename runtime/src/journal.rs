@@ -17,6 +17,7 @@ use plc_api::types::data::LastRun;
 use plc_api::types::machine::AlarmRecord;
 use plc_api::types::output::OutputNotice;
 use plc_api::types::request::RefusalCode;
+use plc_api::types::run::RunEndedHow;
 use plc_api::types::state::{Captured, Execution, Reason};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
@@ -150,6 +151,22 @@ pub enum Event {
         /// The line that it begins at, if not at the head.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         from_line: Option<u32>,
+        /// How many parts are ordered, if more than one. Each part begins with a line of this run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        parts: Option<u32>,
+    },
+    /// The next part of a run is held back.
+    PartsWait {
+        /// By what.
+        text: String,
+    },
+    /// Parts of a run that have not begun will not.
+    PartsEnded {
+        /// Why.
+        how: RunEndedHow,
+        /// What there is to say of it.
+        #[serde(default, skip_serializing_if = "String::is_empty")]
+        text: String,
     },
     /// The motion of a block begins. Not written to disk: too many, and other events show what follows from them.
     Block {

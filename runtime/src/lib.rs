@@ -19,6 +19,7 @@ mod persistence;
 mod port;
 mod preview;
 pub mod program_store;
+mod runs;
 mod sequence;
 mod servo_thread;
 mod shared;

@@ -28,6 +28,7 @@ use plc_api::types::request::{
     Answer, CoordinateSystemRequest, Destination, MachineRequest, ProgramRequest, Refusal, RefusalCode,
     Request,
 };
+use plc_api::types::run::{RUN_WAIT_MAX_S, RUNS_KEPT, Run};
 use plc_api::types::state::{Execution, Spindle, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::upload::{ProgramCondition, ProgramUpload};
@@ -109,6 +110,11 @@ impl RuntimePort {
         };
         match changed {
             Registered::Nothing => return Ok(Answer::Done),
+            Registered::Refreshed => {
+                let result = HandlerResult::accepted(presence.instance);
+                self.shared.tell_handler(&id, result);
+                return Ok(Answer::Done);
+            }
             Registered::Offline => {}
             Registered::Online { took_over, .. } => {
                 if let Some((old, text)) = took_over {
@@ -301,6 +307,8 @@ impl RuntimePort {
             MachineRequest::Programs => Ok(Answer::Programs(self.shared.store.list())),
             MachineRequest::RaiseAlarm(raise) => self.raise_alarm(raise).await,
             MachineRequest::SkipInput(motor, value) => self.skip_input(motor, value).await,
+            MachineRequest::Run { id, wait_s } => self.run(&id, wait_s).await.map(Answer::Run),
+            MachineRequest::Runs(query) => Ok(Answer::Runs(self.shared.runs.lock().runs(query))),
             MachineRequest::Explain(what) => self.explain(what),
             MachineRequest::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
             MachineRequest::LineState(cs, from) => {
@@ -308,6 +316,30 @@ impl RuntimePort {
                 let search = self.previews.line_state(cs, from);
                 let told = self.on_disk(move |_| Ok(search())).await?;
                 told.map(Answer::LineState)
+            }
+        }
+    }
+
+    /// A run when it has ended, or when the wait is over.
+    async fn run(&self, id: &str, wait_s: u32) -> Result<Run, Refusal> {
+        let numbers = self.mailboxes.iter().map(|mailbox| mailbox.number);
+        let topics = numbers.map(|cs| Topic::cs(cs, CsTopic::Run)).collect();
+        let mut messages = self.shared.hub.subscribe(Filter::Topics(topics));
+        let until_s = self.shared.clock.now_s() + f64::from(wait_s.min(RUN_WAIT_MAX_S));
+        loop {
+            let now_s = self.shared.clock.now_s();
+            let run = self.shared.runs.lock().run(id, now_s);
+            let run = run.ok_or_else(|| {
+                let text = format!("no run {id:.128?} is known; GET /runs lists the last {RUNS_KEPT}");
+                Refusal::new(RefusalCode::NotFound, text)
+            })?;
+            if run.end.is_some() || now_s >= until_s {
+                return Ok(run);
+            }
+            tokio::select! {
+                biased;
+                message = messages.next() => if message.is_none() { return Ok(run) },
+                () = self.shared.clock.sleep(Duration::from_secs_f64(until_s - now_s)) => {}
             }
         }
     }

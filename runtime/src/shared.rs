@@ -31,6 +31,7 @@ use crate::declared::Declared;
 use crate::disk::{Health, Part};
 use crate::journal::{Event, Journal};
 use crate::program_store::ProgramStore;
+use crate::runs::RunBook;
 use crate::servo_thread::ServoStatistics;
 use crate::simulation::OnPlan;
 use crate::tables::Tables;
@@ -63,6 +64,7 @@ pub(crate) struct Shared {
     handlers: Mutex<HandlerRegistry>,
     /// Held while `birth` is published: what is published last is what is so.
     birth: Mutex<()>,
+    pub runs: Arc<Mutex<RunBook>>,
     commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
     wakes: Mutex<Vec<Arc<Notify>>>,
@@ -96,6 +98,7 @@ impl Shared {
             alarms: Mutex::default(),
             handlers: Mutex::default(),
             birth: Mutex::default(),
+            runs: Arc::default(),
             commands: Mutex::default(),
             wakes: Mutex::default(),
             sent: AtomicU64::new(0),
@@ -161,6 +164,14 @@ impl Shared {
         last_rev + 1
     }
 
+    /// Publishes a state as it is, with the time of now: it still holds.
+    pub fn say_again(&self, topic: &Topic) {
+        if let Some(last) = self.hub.read(topic) {
+            let (rev, payload) = (last.rev, last.payload.clone());
+            self.send(self.message(topic.clone(), rev, payload));
+        }
+    }
+
     /// Publishes which external broker is connected.
     pub fn tell_broker(&self, broker: Option<BrokerInUse>) {
         let last = self.hub.read(&Topic::Presence);
@@ -194,8 +205,16 @@ impl Shared {
 
     /// Writes a line of the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
-        if self.journal.record(self.now(), cs, event) {
+        let now = self.now();
+        let told = RunBook::learns_from(&event).then(|| {
+            let mut runs = self.runs.lock();
+            runs.on(cs, &event, now).then(|| runs.state(cs))
+        });
+        if self.journal.record(now, cs, event) {
             self.sent.fetch_add(1, Ordering::Relaxed);
+        }
+        if let Some(run) = told.flatten() {
+            self.publish(Topic::cs(cs, CsTopic::Run), Payload::Run(run));
         }
     }
 
@@ -280,7 +299,7 @@ impl Shared {
         {
             self.hub.forget(&Topic::HandlerPresence(gone.clone()));
         }
-        if changed != Registered::Nothing {
+        if !matches!(changed, Registered::Nothing | Registered::Refreshed) {
             let shown = HandlerPresence {
                 take_over: false,
                 ..presence.clone()
@@ -389,6 +408,7 @@ impl Shared {
             variables: None,
             lease: None,
             hash: None,
+            run_id: None,
         }
     }
 

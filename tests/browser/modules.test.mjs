@@ -5,7 +5,8 @@ import { test } from "node:test";
 
 import { duration, position, programName, whole } from "../../web/format.js";
 import { NcText } from "../../web/nc_text.js";
-import { runsOf } from "../../web/path/runs.js";
+import { partsSaid } from "../../web/order.js";
+import { cells } from "../../web/path/runs.js";
 import { look, sentence } from "../../web/sentence.js";
 import { POINTS_MAX, Trail } from "../../web/trail.js";
 import { STATE } from "./scripted_machine.mjs";
@@ -125,16 +126,20 @@ test("numbers as the screen shows them", () => {
   assert.equal(programName(1), "O0001");
 });
 
-test("last runs are read from the journal with their durations and what M codes took; one without an end is none", () => {
-  const line = (event, t_s, more = {}) => ({ event, t_s, boot_id: "a", ts: `2026-01-01T00:00:0${Math.floor(t_s)}Z`, ...more });
-  const runs = runsOf([
-    line("end", 0.5, { outcome: "STOPPED" }),
-    line("start", 1, { program: 7 }), line("output", 2, { seq: 1, m: 6 }), line("reset", 4.5, { seq: 1 }), line("end", 6, { outcome: "PROGRAM_COMPLETED" }),
-    line("start", 7, { program: 7 }), line("boot", 0, { boot_id: "b" }), line("end", 1, { boot_id: "b", outcome: "STOPPED" }),
-    line("start", 8, { program: 8 }), line("end", 9, { outcome: "STOPPED", reason: "ALARM" }),
-  ]);
-  assert.deepEqual(runs.map(({ program, took, ended, waits }) => [program, took, ended, [...waits]]), [
-    [8, 1, "STOPPED (ALARM)", []],
-    [7, 5, "PROGRAM_COMPLETED", [[6, 2.5]]],
-  ]);
+test("a run tells how long it took, its parts, how it ended and for which M codes it waited", () => {
+  const run = {
+    id: "a-1-1", cs: 1, program: 7, hash: null, from_line: null, parts: 1, parts_done: 1, began: "2026-01-01T00:00:00Z",
+    end: { at: "2026-01-01T00:00:05Z", how: "completed", text: "" }, took_s: 5, last_part_s: 5, waits_for: null, alarms: [],
+    waits: [{ m: 6, count: 2, total_s: 2.5, longest_s: 2 }],
+  };
+  assert.deepEqual(cells(run).slice(1), ["5.0 s", "1", "completed", "M6 2.5 s"]);
+  const cut = {
+    ...run, parts: 10, parts_done: 3, took_s: 75, waits: [], alarms: [{ number: 101, text: "X is at its soft limit", line: 3 }],
+    end: { ...run.end, how: "alarm" },
+  };
+  assert.deepEqual(cells(cut).slice(1), ["1 min 15 s", "3 of 10", "alarm: X is at its soft limit", "none"]);
+  assert.equal(partsSaid(cut), "");
+  assert.equal(partsSaid({ ...cut, end: null }), "part 4 of 10");
+  assert.equal(partsSaid({ ...cut, end: null, waits_for: "the start lock is on: no blank" }), "part 4 of 10 waits: the start lock is on: no blank");
+  assert.equal(partsSaid({ ...run, end: null }), "");
 });

@@ -43,6 +43,13 @@ async function read(path) {
 
 const offset = async (name, axis) => (await read("/cs/1/work_offsets")).work_offsets[name][axis];
 
+/** Waits for a work offset; what the screen has said meanwhile may tell why it does not come. */
+async function offsetIs(name, axis, value) {
+  await until(() => offset(name, axis), value, `${name} ${axis}`).catch(async (error) => {
+    assert.fail(`${error.message}; notices: ${await screen.notices()}`);
+  });
+}
+
 async function section(name) {
   await page.getByRole("tab", { name: "Set up" }).click();
   await page.getByRole("radiogroup", { name: "Set up" }).getByRole("radio", { name, exact: true }).click();
@@ -60,14 +67,14 @@ test("a work offset is changed, zero is set where the tool stands, and the last 
   const field = page.getByLabel("Offset X", { exact: true });
   await field.fill("12.5");
   await field.press("Enter");
-  await until(() => offset("G55", "X"), 12.5, "the offset");
+  await offsetIs("G55", "X", 12.5);
   await page.getByRole("button", { name: "X = 0" }).click();
-  await until(() => offset("G55", "X"), 30, "the offset");
+  await offsetIs("G55", "X", 30);
   const undo = page.getByRole("button", { name: "Undo" });
   await undo.click();
-  await until(() => offset("G55", "X"), 12.5, "the offset");
+  await offsetIs("G55", "X", 12.5);
   await undo.click();
-  await until(() => offset("G55", "X"), 0, "the offset");
+  await offsetIs("G55", "X", 0);
 });
 
 test("an edge that is touched gets its position, also when it is touched twice", async () => {
@@ -77,10 +84,10 @@ test("an edge that is touched gets its position, also when it is touched twice",
   const here = page.getByLabel("X is here");
   await here.fill("-3");
   await here.press("Enter");
-  await until(() => offset("G54", "X"), 33, "the offset");
+  await offsetIs("G54", "X", 33);
   await here.fill("-5");
   await here.press("Enter");
-  await until(() => offset("G54", "X"), 35, "the offset");
+  await offsetIs("G54", "X", 35);
   await page.getByRole("button", { name: "Use G54" }).click();
   await until(() => screen.workPosition("X"), -5, "the work position");
   for (const value of [33, before]) {
@@ -98,7 +105,7 @@ test("two edges that are touched put zero in the middle", async () => {
   await moveTo("G53 G00 X30");
   await until(() => page.locator('tr[data-axis="X"] td').nth(1).textContent(), "30.000", "the machine position");
   await page.getByRole("button", { name: "Second edge of the middle of X: zero between both" }).click();
-  await until(() => offset("G56", "X"), 20, "the offset");
+  await offsetIs("G56", "X", 20);
 });
 
 test("a tool is added, measured, and taken out", async () => {

@@ -3,6 +3,7 @@
 mod alarms;
 mod broker_loss;
 mod cancel;
+mod cluster;
 mod control_lease;
 mod crowd;
 mod handler_loss;
@@ -13,6 +14,7 @@ mod link_loss;
 mod many_machines;
 mod nodes;
 mod operator;
+mod presence;
 mod private;
 mod program;
 mod raw_queue;

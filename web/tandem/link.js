@@ -30,6 +30,8 @@ export class Link {
   /** @type {ReturnType<typeof setInterval> | undefined} */
   #watchTimer;
   #heardAt = 0;
+  /** When the presence of the machine is too old unless it is said again, on the clock of `performance`. */
+  #presentUntil = Number.POSITIVE_INFINITY;
   #probing = false;
   #isOpen = false;
   #ends;
@@ -97,6 +99,7 @@ export class Link {
     const socket = new WebSocket(url, protocols);
     this.#socket = socket;
     this.#heardAt = Date.now();
+    this.#presentUntil = Number.POSITIVE_INFINITY;
     socket.onopen = () => {
       this.#send({ subscribe: [...this.#topics] });
       this.#asked.clear();
@@ -109,6 +112,7 @@ export class Link {
       if (typeof message?.error === "string") this.#ends.refused(message.error);
       if (typeof message?.topic !== "string") return;
       this.#retryMs = RETRY_FIRST_MS;
+      if (message.topic === "presence") this.#presentUntil = message.online && message.expires_ms ? performance.now() + message.expires_ms : Number.POSITIVE_INFINITY;
       this.#ends.message(message.topic, message);
       this.#ends.phase(true, null);
     };
@@ -134,6 +138,10 @@ export class Link {
   // An unplugged cable closes no socket: there is only silence. But a machine at rest may be silent, too, so it is probed.
   async #watch() {
     const socket = this.#socket;
+    if (socket && performance.now() > this.#presentUntil) {
+      socket.close();
+      return this.#lost();
+    }
     if (!socket || this.#probing || Date.now() - this.#heardAt < SILENCE_MS) return;
     this.#probing = true;
     const alive = socket.readyState === WebSocket.OPEN && (await answers(this.#ends.health));

@@ -7,6 +7,7 @@ import { rename } from "../editor/rename.js";
 import { counts, showFindings } from "../findings.js";
 import { bytes, programName, shortHash } from "../format.js";
 import { icon } from "../icons.js";
+import { orderParts } from "../order.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
 
 /** @typedef {import("../types.d.ts").ProgramInfo} ProgramInfo */
@@ -104,7 +105,7 @@ function entry(app, program) {
     h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
     h("p", { class: "muted title", title: program.title }, program.title || "no title"),
     h("p", { class: "muted title", title: `SHA-256 ${program.hash}` }, facts.filter(Boolean).join(" · ")),
-    h("div", { class: "row stored-tools" }, tool("Edit", "edit", onEdit), tool("Rename", "rename", () => rename(app, program)), tool("Save a copy of", "save", () => void download(app, number)), tool("Delete", "trash", () => void remove(app, program)), h("span", { class: "spring" }), load),
+    h("div", { class: "row stored-tools" }, tool("Run parts of", "play", () => orderParts(app, program)), tool("Edit", "edit", onEdit), tool("Rename", "rename", () => rename(app, program)), tool("Save a copy of", "save", () => void download(app, number)), tool("Delete", "trash", () => void remove(app, program)), h("span", { class: "spring" }), load),
   );
 }
 

@@ -4,6 +4,7 @@ import { button, h, setAttr, setText } from "../dom.js";
 import { explain } from "../explain.js";
 import { programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
+import { partsSaid } from "../order.js";
 import { announcement, asked, brief, look, sentence } from "../sentence.js";
 
 /** A longer state is set in smaller letters. */
@@ -81,12 +82,14 @@ function showQuestion() {
  * @param {import("../model.js").CoordinateSystem} system
  * @param {import("../types.d.ts").ProgramInfo[] | null} programs
  */
-function details({ state, modal, info, interlock, startLock, lease }, programs) {
+function details({ state, modal, info, interlock, startLock, lease, runState }, programs) {
   const parts = [];
   if (state?.program !== null && state?.program !== undefined) {
     const title = programs?.find((program) => program.number === state.program)?.title;
     parts.push(title ? `${programName(state.program)} ${brief(title, TITLE_CHARS)}` : programName(state.program));
   }
+  const ordered = partsSaid(runState?.run);
+  if (ordered) parts.push(ordered);
   if (modal?.work_offset) parts.push(modal.work_offset);
   if (modal && info.spindle !== null) parts.push(modal.tool === null ? "tool unknown" : modal.tool > 0 ? `T${modal.tool}` : "no tool");
   if (state?.single_block) parts.push("single block");

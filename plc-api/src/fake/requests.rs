@@ -82,9 +82,11 @@ impl FakePort {
             MachineRequest::LastRun(_) => Ok(Answer::LastRun(None)),
             MachineRequest::Journal { .. } => Ok(Answer::Journal(Vec::new())),
             MachineRequest::Programs => Ok(Answer::Programs(Vec::new())),
-            MachineRequest::CommandStatus(_) | MachineRequest::Explain(_) | MachineRequest::LineState(..) => {
-                unsupported()
-            }
+            MachineRequest::CommandStatus(_)
+            | MachineRequest::Explain(_)
+            | MachineRequest::LineState(..)
+            | MachineRequest::Run { .. }
+            | MachineRequest::Runs(_) => unsupported(),
         }
     }
 
@@ -180,6 +182,10 @@ impl FakePort {
         };
         match changed {
             Registered::Nothing => return Ok(()),
+            Registered::Refreshed => {
+                self.tell(id, HandlerResult::accepted(presence.instance.clone()));
+                return Ok(());
+            }
             Registered::Offline => {}
             Registered::Online { took_over, .. } => {
                 if let Some((old, text)) = took_over {
@@ -226,6 +232,7 @@ impl Inner {
             variables: None,
             lease: None,
             hash: None,
+            run_id: None,
         }
     }
 

@@ -170,6 +170,10 @@ impl System {
                 self.idle = (Execution::Ready, None);
             }
             Command::Start | Command::StartFrom(_) => self.begin(),
+            Command::Run(order) => {
+                self.shown.program = order.program.or(self.shown.program);
+                self.begin();
+            }
             Command::Hold => self.hold((Execution::FeedHold, None)),
             Command::Resume => self.run().paused = None,
             Command::Stop if self.run.is_some() => return Ok(Some(CancelReason::Stop)),
@@ -267,7 +271,7 @@ impl System {
 
     /// Refuses to start or move while a lock is on.
     fn judge_locks(&self, verb: Verb) -> Result<(), Refusal> {
-        let begins = matches!(verb, Verb::Start | Verb::Mdi);
+        let begins = matches!(verb, Verb::Start | Verb::Run | Verb::Mdi);
         let moves = begins || matches!(verb, Verb::Resume | Verb::Jog | Verb::Home);
         let (what, lock) = if begins && self.start_lock.is_on() {
             ("the start lock", &self.start_lock)

@@ -54,6 +54,21 @@ impl Link {
             .is_some_and(|message| matches!(&message.payload, Payload::Presence(presence) if presence.online))
     }
 
+    /// The machine counts as offline until it is heard again: what is known of it may be out of date.
+    pub(super) fn set_offline(&self) {
+        let Some(last) = self.hub.read(&Topic::Presence) else {
+            return;
+        };
+        if let Payload::Presence(presence) = &last.payload {
+            let mut absent = presence.clone();
+            absent.online = false;
+            self.hub.publish(Message {
+                payload: Payload::Presence(absent),
+                ..(*last).clone()
+            });
+        }
+    }
+
     async fn until_present(&self) {
         let topics = vec![Topic::Presence, Topic::Birth];
         let mut messages = self.hub.subscribe(Filter::Topics(topics));

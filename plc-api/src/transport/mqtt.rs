@@ -5,6 +5,7 @@
 //! twice does no harm.
 
 mod address;
+mod age;
 mod outbox;
 mod session;
 
@@ -13,6 +14,7 @@ use std::time::Duration;
 
 use rumqttc::{TlsConfiguration, Transport};
 use rustls::ClientConfig;
+use tokio::sync::{Notify, oneshot};
 
 use crate::error::Error;
 use crate::lock::lock;
@@ -27,7 +29,8 @@ use crate::types::topic::{CsTopic, Topic};
 use crate::wire::mqtt::{Until, encode};
 
 use address::Address;
-use outbox::Outbox;
+use age::MachineAge;
+use outbox::{Outbox, Outcome};
 
 pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 
@@ -63,6 +66,8 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
         address,
         transport,
         client_id: unique_name("plc"),
+        presence_expires: options.presence_expires,
+        is_connected: Notify::new(),
         state: Mutex::default(),
     });
     Ok((port.await?, user))
@@ -79,6 +84,8 @@ struct Shared {
     address: Address,
     transport: Transport,
     client_id: String,
+    presence_expires: Duration,
+    is_connected: Notify,
     state: Mutex<ConnectionState>,
 }
 
@@ -94,6 +101,12 @@ struct ConnectionState {
     online: bool,
     /// The will has changed: it takes effect with the next connection.
     reconnect: bool,
+    /// The presence that is said again and again.
+    said: Option<(String, HandlerPresence)>,
+    /// Connections so far, and the one over which it was said last.
+    connections: u64,
+    said_over: u64,
+    machine: MachineAge,
 }
 
 impl Client for Shared {
@@ -130,6 +143,9 @@ impl Shared {
         let is_new = state.will != will;
         if !presence.online {
             state.online &= is_new;
+            state
+                .said
+                .take_if(|(id, said)| id == handler_id && said.instance == presence.instance);
             return Ok(());
         }
         if is_new && state.online {
@@ -137,6 +153,12 @@ impl Shared {
             return Err(Refusal::new(RefusalCode::NotSupported, text));
         }
         state.online = true;
+        let said = HandlerPresence {
+            take_over: false,
+            ..presence.clone()
+        };
+        state.said = Some((handler_id.to_owned(), said));
+        state.said_over = state.connections + u64::from(is_new);
         if is_new {
             state.will = will;
             state.reconnect = true;
@@ -146,9 +168,28 @@ impl Shared {
         Ok(())
     }
 
-    async fn ask(&self, request: Request) -> Result<Answer, Refusal> {
+    /// Has the presence of the handler said again.
+    fn refresh(&self) -> Option<oneshot::Receiver<Outcome>> {
+        let mut state = lock(&self.state);
+        let (id, mut presence) = state.said.clone()?;
+        if state.connections > state.said_over {
+            state.said_over = state.connections;
+            presence.connection = Some(state.connections);
+            state.said = Some((id.clone(), presence.clone()));
+        }
+        let outgoing = encode(Request::Handler(id, presence), &self.client_id, |_, _| None).ok()?;
+        state.outbox.put(outgoing).ok()
+    }
+
+    async fn ask(&self, mut request: Request) -> Result<Answer, Refusal> {
         if let Request::Handlers = request {
             return Ok(Answer::Handlers(self.link.hub.handlers()));
+        }
+        if let Request::Handler(_, presence) = &mut request
+            && presence.online
+        {
+            let expires_ms = u64::try_from(self.presence_expires.as_millis()).unwrap_or(u64::MAX);
+            presence.expires_ms.get_or_insert(expires_ms);
         }
         let m_of = |cs, seq| match &self.link.hub.read(&Topic::cs(cs, CsTopic::Pending))?.payload {
             Payload::Pending(pending) => {

@@ -10,6 +10,7 @@ use super::Timestamp;
 use super::data::VariableValues;
 use super::lease::Lease;
 use super::line_start::{Approach, LineStart};
+use super::run::{PARTS_MAX, RunOrder};
 
 pub use super::verb::Verb;
 
@@ -29,6 +30,10 @@ pub enum Command {
     /// From a line, with what is in force there: a start with `from_line`.
     #[cfg_attr(feature = "schema", schemars(skip))]
     StartFrom(LineStart),
+    /// Loads a program, if one is named, and starts it; again after each `PROGRAM_COMPLETED` until all parts are done. Never
+    /// after an alarm, a stop, a reset, a lost lease or a restart.
+    #[cfg_attr(feature = "schema", schemars(skip))]
+    Run(RunOrder),
     /// Feed hold.
     Hold,
     /// Goes on after a pause.
@@ -78,7 +83,7 @@ pub enum Command {
     /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
     Home {
         /// Axis letters; empty: all axes.
-        #[cfg_attr(feature = "schema", schemars(default, length(min = 1)))]
+        #[cfg_attr(feature = "schema", schemars(with = "Option<Vec<char>>", length(min = 1)))]
         axes: Vec<char>,
     },
 }
@@ -91,9 +96,10 @@ const JOG_DISTANCE_MAX: f64 = 1_000_000.0;
 
 impl Command {
     /// Verbs with arguments or without, as [`Command::parse`] takes them.
-    pub const VERBS: [&'static str; 12] = [
+    pub const VERBS: [&'static str; 13] = [
         "load",
         "start",
+        "run",
         "hold",
         "resume",
         "back_trace",
@@ -111,6 +117,7 @@ impl Command {
         match self {
             Command::Load { .. } => Verb::Load,
             Command::Start | Command::StartFrom(_) => Verb::Start,
+            Command::Run(_) => Verb::Run,
             Command::Hold => Verb::Hold,
             Command::Resume => Verb::Resume,
             Command::BackTrace { .. } => Verb::BackTrace,
@@ -145,6 +152,7 @@ impl Command {
             }
             Command::JogEnd { refresh_id } => json!({"refresh_id": refresh_id, "end": true}),
             Command::StartFrom(from) => json!(from),
+            Command::Run(order) => json!(order),
             Command::Home { axes } if !axes.is_empty() => json!({ "axes": axes }),
             Command::BackTrace { on } => json!({ "on": on }),
             Command::Start
@@ -171,6 +179,7 @@ impl Command {
             "jog" => &["axis", "velocity", "distance", "refresh_id", "end"],
             "home" => &["axes"],
             "start" => &["from_line", "program", "occurrence", "approach"],
+            "run" => &["program", "parts"],
             _ => &[],
         })
     }
@@ -196,6 +205,7 @@ impl Command {
                 Ok(Command::Load { program })
             }
             "start" => start(args),
+            "run" => run(args),
             "hold" => Ok(Command::Hold),
             "resume" => Ok(Command::Resume),
             "stop" => Ok(Command::Stop),
@@ -255,6 +265,26 @@ fn check_names(verb: &str, known: &[&str], args: &Value) -> Result<(), String> {
 fn axis(value: &Value) -> Option<char> {
     let mut letters = value.as_str()?.chars();
     letters.next().filter(|_| letters.next().is_none())
+}
+
+/// A run of one part or more.
+fn run(args: &Value) -> Result<Command, String> {
+    let given = |key: &str| args.get(key).filter(|value| !value.is_null());
+    let program = given("program").map(|value| {
+        let number = value.as_u64().and_then(|number| u16::try_from(number).ok());
+        number.ok_or_else(|| {
+            "run: \"program\" is a program number, 1 to 9999; without it, the loaded one".to_owned()
+        })
+    });
+    let parts = given("parts").map_or(Some(1), |value| {
+        let parts = value.as_u64().and_then(|parts| u32::try_from(parts).ok());
+        parts.filter(|parts| (1..=PARTS_MAX).contains(parts))
+    });
+    Ok(Command::Run(RunOrder {
+        program: program.transpose()?,
+        parts: parts
+            .ok_or_else(|| format!("run: \"parts\" is how many times it is run, 1 to {PARTS_MAX}"))?,
+    }))
 }
 
 /// From the head, or from a line.
@@ -432,6 +462,9 @@ pub struct CommandReply {
     /// The program that is loaded or started, by its hash; of `load` and `start` only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hash: Option<String>,
+    /// The run that was begun; of `start` and `run` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run_id: Option<String>,
 }
 
 #[cfg(test)]
@@ -465,6 +498,11 @@ mod tests {
                 refresh_id: "a".into(),
             },
             Command::StartFrom(LineStart::line(12)),
+            Command::Run(RunOrder::program(7)),
+            Command::Run(RunOrder {
+                program: None,
+                parts: PARTS_MAX,
+            }),
             Command::StartFrom(LineStart {
                 from_line: 3,
                 program: Some(1000),
@@ -526,6 +564,25 @@ mod tests {
             Command::parse("start", &json!({"from_line": null})),
             Ok(Command::Start)
         );
+    }
+
+    #[test]
+    fn a_run_of_no_parts_or_of_no_program_is_refused_in_words() {
+        for (args, what) in [
+            (json!({"parts": 0}), "1 to 1000000"),
+            (json!({"parts": 1_000_001}), "1 to 1000000"),
+            (json!({"parts": 1.5}), "parts"),
+            (json!({"program": 70_000}), "1 to 9999"),
+            (json!({"program": "one"}), "1 to 9999"),
+        ] {
+            let refusal = Command::parse("run", &args).unwrap_err();
+            assert!(refusal.contains(what), "{args}: {refusal}");
+        }
+        let one = RunOrder {
+            program: None,
+            parts: 1,
+        };
+        assert_eq!(Command::parse("run", &json!({})), Ok(Command::Run(one)));
     }
 
     #[test]

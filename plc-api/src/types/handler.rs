@@ -1,12 +1,19 @@
 //! Handlers: which M codes they serve, which of several processes is there, and what they do again.
 
 use std::collections::BTreeSet;
+use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
 use super::m_code::{MCodeDeclaration, ServedMCode, check_all};
 use super::refusal::{Refusal, RefusalCode};
+
+/// Age at which a presence that is not said again counts as gone, ms.
+pub const EXPIRES_MS: RangeInclusive<u64> = 300..=3_600_000;
+
+/// Presences within the time of one, so that two may be lost.
+pub const REFRESHES: u32 = 3;
 
 /// Characters of the id of an instance.
 pub const INSTANCE_MAX: usize = 64;
@@ -54,6 +61,14 @@ pub struct HandlerPresence {
     /// What it says of the M codes: their names, and the parameters that they take.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub m_codes: Vec<MCodeDeclaration>,
+    /// With `online`: it says its presence again well within this time, at best at a third of it, ms, 300 to 3,600,000. When it
+    /// does not, it counts as gone, as if its last will had come. Absent: its last will alone says that it has gone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expires_ms: Option<u64>,
+    /// With `expires_ms`: counts the connections of this instance. A presence that is the same as before is no news; over a new
+    /// connection it is, and unclaimed outputs are published again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub connection: Option<u64>,
 }
 
 impl HandlerPresence {
@@ -100,11 +115,16 @@ impl HandlerPresence {
         all
     }
 
-    /// Whether its instance has a right name, and what it says of its M codes can be.
+    /// Whether its instance has a right name, its age a right limit, and what it says of its M codes can be.
     ///
     /// # Errors
     /// `invalid`: what to write.
     pub fn check(&self) -> Result<(), Refusal> {
+        let (least, most) = (*EXPIRES_MS.start(), *EXPIRES_MS.end());
+        if let Some(wrong) = self.expires_ms.filter(|ms| !EXPIRES_MS.contains(ms)) {
+            let text = format!("expires_ms {wrong}: write {least} to {most}");
+            return Err(Refusal::new(RefusalCode::Invalid, text));
+        }
         let is_right = |instance: &String| {
             !instance.is_empty()
                 && instance.chars().nth(INSTANCE_MAX).is_none()

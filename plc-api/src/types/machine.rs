@@ -22,6 +22,10 @@ pub struct Presence {
     /// The external MQTT broker that it is connected to; absent with the embedded one, and while it has no connection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub broker: Option<BrokerInUse>,
+    /// It is published again at a third of this time, ms; a client that has been connected and has not heard it for as long may
+    /// take the runtime for gone. Absent: it is not published again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expires_ms: Option<u64>,
 }
 
 /// An external MQTT broker to which the runtime is connected.

@@ -21,6 +21,7 @@ pub mod program;
 pub mod question;
 pub mod refusal;
 pub mod request;
+pub mod run;
 pub mod state;
 pub mod topic;
 pub mod upload;

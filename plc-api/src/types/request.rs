@@ -17,6 +17,7 @@ use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
 use super::planned::{self, PathQuery};
 use super::program::{ProgramCheck, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
+use super::run;
 use super::state::{LockSet, SpindleDirection};
 use super::upload::{ProgramCondition, ProgramUpload};
 
@@ -331,6 +332,15 @@ requests! {
         AlarmHistory -> Vec<AlarmRecord>;
         /// What is in force at a line of the loaded program, and what a start from there does.
         LineState(cs: CoordinateSystemNumber, from: LineStart) -> line_start::LineState;
+        /// A run, by its id; with a wait it is told when it has ended, or when the time is over.
+        Run {
+            /// Its id.
+            id: String,
+            /// How long its end is waited for, s, at most 60.
+            wait_s: u32,
+        } -> run::Run;
+        /// Runs that have ended, and what was produced.
+        Runs(query: run::RunQuery) -> run::Runs;
         /// Programs of the store.
         Programs -> Vec<ProgramInfo>;
         /// What a name means that people see: a diagnostic, an alarm, a code, a word of a state or a refusal, a key.
@@ -486,6 +496,10 @@ answers! {
     Rehearsed(planned::Rehearsal),
     /// What is in force at a line.
     LineState(line_start::LineState),
+    /// A run.
+    Run(run::Run),
+    /// Runs that have ended.
+    Runs(run::Runs),
 }
 
 impl TryFrom<Answer> for () {

@@ -11,6 +11,7 @@ use super::lease::LeaseState;
 use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
 use super::output::{Cancel, HandshakeResult, OutputNotice, Pending};
 use super::question::Validate;
+use super::run::RunState;
 use super::state::{
     Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
 };
@@ -71,6 +72,7 @@ pub enum Payload {
     Tool(Tool),
     Override(Overrides),
     Lease(LeaseState),
+    Run(RunState),
 }
 
 /// Topics of one coordinate system: each with its path, variant and type of its payload, and what it says. A state has a
@@ -89,7 +91,7 @@ macro_rules! cs_topics {
 
         impl CsTopic {
             /// Topics whose last value is kept and retained, with their paths.
-            pub const STATES: [(CsTopic, &'static str); 16] = [$((CsTopic::$state, $path),)*];
+            pub const STATES: [(CsTopic, &'static str); 17] = [$((CsTopic::$state, $path),)*];
 
             /// Path below the coordinate system's.
             fn path(self) -> String {
@@ -188,6 +190,8 @@ cs_topics! {
             "Overrides, percent.";
         Lease "lease/state" "lease" Lease(LeaseState)
             "Who holds the control lease; all null while nobody does.";
+        Run "run" "run" Run(RunState)
+            "The run of the loaded program that goes on, or the last one that ended: parts, how it ended, waits and alarms.";
     }
     events {
         Output "output" Output(OutputNotice)

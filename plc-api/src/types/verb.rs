@@ -11,6 +11,8 @@ pub enum Verb {
     Load,
     /// From the head, as a new run.
     Start,
+    /// Loads a program, if one is named, and runs it as many times as parts are ordered.
+    Run,
     /// Feed hold.
     Hold,
     /// Goes on after a pause.
@@ -43,7 +45,7 @@ impl Verb {
     pub fn moves(self) -> bool {
         matches!(
             self,
-            Verb::Start | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Home | Verb::Jog
+            Verb::Start | Verb::Run | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Home | Verb::Jog
         )
     }
 }

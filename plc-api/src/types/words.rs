@@ -5,6 +5,7 @@ use super::execution::{Execution, Reason};
 use super::explained::Explained;
 use super::output::{CancelReason, HandshakeStatus, OutputState};
 use super::refusal::RefusalCode;
+use super::run::RunEndedHow;
 use super::state::Transition;
 
 /// All words that people see.
@@ -17,6 +18,7 @@ pub fn words() -> impl Iterator<Item = &'static Explained> {
         OutputState::EXPLAINED,
         HandshakeStatus::EXPLAINED,
         CancelReason::EXPLAINED,
+        RunEndedHow::EXPLAINED,
         CommandStatus::EXPLAINED,
     ];
     all.into_iter().flatten()

@@ -26,6 +26,8 @@ pub enum AnswerForm {
         /// Whether the request waits for its effect.
         wait: bool,
     },
+    /// The reply of a command that has begun a run, which is a new thing.
+    Begun,
     /// The reply to a request for the control lease.
     Lease,
     /// The result of a claim or reset, with what it names that the machine does not say itself.
@@ -87,6 +89,8 @@ pub enum Reply {
     Bytes(PlannedPath),
     /// Status and JSON of what was stored, and its hash.
     Stored(u16, String, String),
+    /// 201: JSON of the reply, and where what is new can be read.
+    Created(String, String),
     /// 202: a command is accepted; where to ask for the rest is named by its id. A load and a start say which program.
     Accepted(String, Option<String>),
 }
@@ -169,6 +173,13 @@ impl AnswerForm {
                     Ok(Reply::Accepted(reply.command_id, reply.hash))
                 }
             },
+            (AnswerForm::Begun, Answer::Command(reply)) => match reply.status {
+                CommandStatus::Rejected | CommandStatus::Failed => Err(Problem::of_reply(&reply).into()),
+                CommandStatus::Done | CommandStatus::Accepted => {
+                    let route = format!("/runs/{}", reply.run_id.as_deref().unwrap_or_default());
+                    Ok(Reply::Created(json!(reply).to_string(), route))
+                }
+            },
             (AnswerForm::Lease, Answer::Command(reply)) if reply.status == CommandStatus::Rejected => {
                 Err(Problem::of_reply(&reply).into())
             }
@@ -229,9 +240,12 @@ impl AnswerForm {
                     variables: None,
                     lease: None,
                     hash,
+                    run_id: None,
                 })
             }
-            AnswerForm::Command { .. } | AnswerForm::Lease => Answer::Command(read(body)?),
+            AnswerForm::Command { .. } | AnswerForm::Begun | AnswerForm::Lease => {
+                Answer::Command(read(body)?)
+            }
             AnswerForm::Handshake { .. } => Answer::Handshake(read(body)?),
             AnswerForm::Variables { .. } => Answer::Variables(read::<VariableValues>(body)?.numbers()),
             AnswerForm::Text => Answer::ProgramText(body.to_owned()),

@@ -18,6 +18,7 @@ pub mod rest;
 pub mod right;
 pub mod route;
 pub mod row;
+mod row_macros;
 pub mod states;
 pub mod tag;
 pub mod websocket;

@@ -15,11 +15,15 @@ use crate::types::lease::{LeaseRelease, LeaseRequest};
 use crate::types::line_start::Approach;
 use crate::types::planned::{PATH_TOLERANCE_MM, PathQuery};
 use crate::types::request::{Input, Request};
+use crate::types::run::{RUN_WAIT_MAX_S, RUNS_AT_ONCE_MAX, RunQuery};
 use crate::types::state::{LockSet, Switch};
 use crate::types::upload::ProgramUpload;
 
 /// Optional block skips: numbers from 1 to this.
 const SKIP_MAX: u8 = 31;
+
+/// Runs where no number is named.
+const RUNS: u32 = 100;
 
 /// Body of a command without arguments.
 #[derive(Deserialize)]
@@ -300,6 +304,25 @@ pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
 pub(super) fn area(incoming: &IncomingRequest<'_>) -> Result<VariableArea, Fault> {
     let cs = incoming.optional_number("cs")?;
     Ok(cs.map_or(VariableArea::Global, VariableArea::CoordinateSystem))
+}
+
+/// How long is waited, s.
+pub(super) fn read_seconds(incoming: &IncomingRequest<'_>) -> Result<u32, Fault> {
+    let Some(wait) = &incoming.query.wait else {
+        return Ok(0);
+    };
+    let seconds = wait.parse().ok().filter(|seconds| *seconds <= RUN_WAIT_MAX_S);
+    seconds.ok_or_else(|| Fault::Invalid(format!("wait={wait:.16}: write seconds, 0 to {RUN_WAIT_MAX_S}")))
+}
+
+/// Which runs are asked for.
+pub(super) fn read_runs(incoming: &IncomingRequest<'_>) -> RunQuery {
+    let QueryValues { from, count, cs, .. } = incoming.query;
+    RunQuery {
+        cs,
+        from,
+        count: count.unwrap_or(RUNS).clamp(1, RUNS_AT_ONCE_MAX),
+    }
 }
 
 /// Which part of a planned path is asked for.

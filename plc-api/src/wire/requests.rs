@@ -7,14 +7,15 @@ use super::answer::{
 };
 use super::payloads::{
     CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, StartArgs, VariableGet, VariableSet, VariableWrite,
-    break_lease, command_answer, handshake, lease, of_area, read_command, read_input, read_path,
-    read_variables, release, remove_program, store_program, switch, upload, variables, with_filter,
-    write_input, write_variables,
+    break_lease, command_answer, handshake, lease, of_area, read_command, read_input, read_path, read_runs,
+    read_seconds, read_variables, release, remove_program, store_program, switch, upload, variables,
+    with_filter, write_input, write_variables,
 };
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set, SetInput};
 use super::route::{Content, Headers, Query, Route};
 use super::row::Fault;
 use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, ParsedRequest, QueryValues, RequestParts, Row, Topic};
+use super::row_macros::{about_an_output, carried, written};
 use crate::types::command::{Command, CommandReply};
 use crate::types::data::{Number, ToolChange, ToolTable, VariableValues, WorkOffsetTable};
 use crate::types::explained::Explanation;
@@ -28,6 +29,7 @@ use crate::types::planned::{PathQuery, Rehearsal};
 use crate::types::program::ProgramCheck;
 use crate::types::question::{self, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use crate::types::run::{Run, RunOrder, RunQuery, Runs};
 use crate::types::state::{LockSet, Switch, Tool};
 use crate::types::upload::ProgramUpload;
 
@@ -50,59 +52,6 @@ pub(super) const COMMAND: &[&str] = &[
     "fence",
 ];
 
-/// Writes a request of this row; another one is given back.
-macro_rules! written {
-    ($request:pat => $parts:expr) => {
-        |request| match request {
-            $request => Ok($parts),
-            other => Err(other),
-        }
-    };
-}
-
-/// The row of a request whose values are a number or a name in its path, or its JSON body.
-macro_rules! carried {
-    ($right:ident, $request:ident) => {
-        Row::new(
-            $right,
-            |_| Ok(Request::$request),
-            written!(Request::$request => RequestParts::default()),
-        )
-    };
-    ($right:ident, $request:ident($($value:ident: $kind:ident),*)) => {
-        Row::new(
-            $right,
-            |incoming| Ok(Request::$request($(carried!(@read incoming, $value, $kind)),*)),
-            written!(Request::$request($($value),*) => {
-                let parts = RequestParts::default();
-                $(let parts = carried!(@write parts, $value, $kind);)*
-                parts
-            }),
-        )
-    };
-    (@read $incoming:ident, $value:ident, number) => { $incoming.number(stringify!($value))? };
-    (@read $incoming:ident, $value:ident, name) => { $incoming.text(stringify!($value)).to_owned() };
-    (@read $incoming:ident, $value:ident, json) => { $incoming.json()? };
-    (@write $parts:ident, $value:ident, json) => { $parts.json(&$value) };
-    (@write $parts:ident, $value:ident, $level:ident) => { $parts.with(stringify!($value), $value) };
-}
-
-/// The row of what is said of an output: a route names it by its sequence number, and a topic by its M number.
-macro_rules! about_an_output {
-    ($request:ident($type:ty) $level:literal $right:ident $(-> $answer:ty)? => $summary:literal) => {
-        Row {
-            routes: &[Route::post::<$type>(concat!("/cs/{cs}/m_codes/{seq}/", $level), $summary)$(.gives::<$answer>())?],
-            topic: Some(Topic::new::<$type>(concat!("cs/{cs}/m_code/{m}/", $level), $summary)),
-            answer: handshake,
-            ..Row::new(
-                $right,
-                |incoming| Ok(Request::$request(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
-                written!(Request::$request(cs, m, said) => RequestParts::of_output(cs, m, said.seq, &said)),
-            )
-        }
-    };
-}
-
 const fn command<T: HasForm>(pattern: &'static str, summary: &'static str) -> Route {
     Route::post::<T>(pattern, summary)
         .gives::<CommandReply>()
@@ -120,7 +69,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 41] = [
+pub static ROWS: [Row; 44] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -205,6 +154,29 @@ pub static ROWS: [Row; 41] = [
         )
     },
     Row {
+        routes: &[Route::post::<RunOrder>(
+            "/cs/{cs}/runs",
+            "Loads a program, if one is named, and runs it once for each part; each part after the first begins after \
+             PROGRAM_COMPLETED alone.",
+        )
+        .gives_new::<CommandReply>()
+        .refusals(&[422])
+        .headers(Headers::Command)],
+        answer: |_| AnswerForm::Begun,
+        ..Row::new(Operate, |incoming| {
+                let args = incoming.json()?;
+                let command = Command::parse("run", &args).map_err(Fault::Invalid)?;
+                let (cs, meta) = (incoming.cs()?, incoming.meta()?);
+                Ok(Request::Command { cs, command, meta, wait: true })
+            },
+            written!(Request::Command { cs, command: Command::Run(order), meta, .. } => {
+                    let args = json!(order);
+                    let parts = RequestParts::of(cs).with("verb", "run").json(&args);
+                    parts.payload(&CommandArgs { args }).meta(meta)
+                }),
+        )
+    },
+    Row {
         routes: &[
             command::<Command>("/cs/{cs}/{verb=load}", "Loads a program of the store."),
             command::<StartArgs>("/cs/{cs}/{verb=start}", "Starts the loaded program, from its head or from a line."),
@@ -221,7 +193,7 @@ pub static ROWS: [Row; 41] = [
         topic: Some(
             Topic::new::<CommandArgs>(
                 "cs/{cs}/command/{verb}",
-                "Commands a coordinate system: load, start, hold, resume, stop, reset, abort, alarm_acknowledge, mdi, jog, home \
+                "Commands a coordinate system: load, start, run, hold, resume, stop, reset, abort, alarm_acknowledge, mdi, jog, home \
                  or back_trace.",
             )
             .envelope(COMMAND),
@@ -241,6 +213,30 @@ pub static ROWS: [Row; 41] = [
                     let (verb, args) = (json!(command.verb()), command.args());
                     let parts = RequestParts::of(cs).with("verb", verb.as_str().unwrap_or_default()).json(&args);
                     parts.payload(&CommandArgs { args }).meta(meta).waiting(wait)
+                }),
+        )
+    },
+    Row {
+        routes: &[Route::get("/runs/{id}", "A run: how far it is, how it ended, its alarms, waits and times; with wait=60 when it has ended, or after 60 s.")
+            .gives::<Run>()
+            .query(Query::Seconds)],
+        answer: json_of::<Run>,
+        ..Row::new(Read, |incoming| Ok(Request::Run { id: incoming.text("id").to_owned(), wait_s: read_seconds(&incoming)? }),
+            written!(Request::Run { id, wait_s } => {
+                    let parts = RequestParts::default().with("id", id);
+                    if wait_s == 0 { parts } else { parts.query("wait", wait_s) }
+                }),
+        )
+    },
+    Row {
+        routes: &[Route::get("/runs", "Runs that have ended, the newest first, and the production counters of each program.")
+            .gives::<Runs>()
+            .query(Query::Runs)],
+        answer: json_of::<Runs>,
+        ..Row::new(Read, |incoming| Ok(Request::Runs(read_runs(&incoming))),
+            written!(Request::Runs(RunQuery { cs, from, count }) => {
+                    let parts = RequestParts::default().query("from", from).query("count", count);
+                    match cs { Some(cs) => parts.query("cs", cs), None => parts }
                 }),
         )
     },

@@ -29,6 +29,10 @@ pub enum Query {
     Journal,
     /// `wait`: answer when it is done.
     Wait,
+    /// `wait`: how many seconds at most.
+    Seconds,
+    /// `cs`, `from` and `count`: which runs.
+    Runs,
     /// `dialect`: of the program that is stored.
     Dialect,
     /// `cs`: the coordinate system that runs a program.
@@ -131,6 +135,11 @@ impl Route {
     #[must_use]
     pub const fn gives<T: HasForm>(self) -> Self {
         self.answered(200, Content::Json(Form::of::<T>()))
+    }
+
+    /// Answered with JSON of this form, and where what is new can be read.
+    pub(super) const fn gives_new<T: HasForm>(self) -> Self {
+        self.answered(201, Content::Json(Form::of::<T>()))
     }
 
     /// Answered with this status and content.

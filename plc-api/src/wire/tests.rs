@@ -20,6 +20,7 @@ use crate::types::output::{
 use crate::types::planned::PathQuery;
 use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use crate::types::run::{PARTS_MAX, RunOrder, RunQuery};
 use crate::types::state::{LockSet, SpindleDirection};
 use crate::types::upload::{Hashes, ProgramCondition, ProgramUpload};
 use crate::types::{BootId, Timestamp};
@@ -74,6 +75,8 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::PlannedPath(..)
         | Request::Rehearsal(..)
         | Request::LineState(..)
+        | Request::Run { .. }
+        | Request::Runs(_)
         | Request::Explain(_)
         | Request::AlarmHistory => &[Rest],
     }
@@ -132,6 +135,8 @@ fn command() -> impl Strategy<Value = Command> {
         any::<u16>().prop_map(|program| Command::Load { program }),
         Just(Command::Start),
         any::<u32>().prop_map(|line| Command::StartFrom(LineStart::line(line.max(1)))),
+        (proptest::option::of(any::<u16>()), 1..=PARTS_MAX)
+            .prop_map(|(program, parts)| Command::Run(RunOrder { program, parts })),
         Just(Command::Hold),
         Just(Command::Resume),
         any::<bool>().prop_map(|on| Command::BackTrace { on }),
@@ -318,7 +323,7 @@ fn of_programs() -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..12);
+    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..14);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::CheckProgram(number),
@@ -331,6 +336,8 @@ fn of_machine() -> impl Strategy<Value = Request> {
         8 => Request::PlannedPath(number, PathQuery { cs, tolerance: online.then_some(0.25), from: number.into(), count: cs.map(Into::into) }),
         9 => Request::Rehearsal(number, cs),
         10 => Request::LineState(cs.unwrap_or(1), LineStart { program: online.then_some(number), ..LineStart::line(u32::from(number) + 1) }),
+        11 => Request::Run { id: text + "/ %?", wait_s: u32::from(number % 61) },
+        12 => Request::Runs(RunQuery { cs, from: number.into(), count: u32::from(number % 1000) + 1 }),
         _ => Request::Handlers,
     })
 }
@@ -338,7 +345,11 @@ fn of_machine() -> impl Strategy<Value = Request> {
 #[rustfmt::skip]
 fn of_commands(transport: Transport) -> impl Strategy<Value = Request> {
     let commands = (1..=255_u8, command(), meta(transport), any::<bool>());
-    let commands = commands.prop_map(move |(cs, command, meta, wait)| Request::Command { cs, command, meta, wait: wait && transport == Rest });
+    let commands = commands.prop_map(move |(cs, command, meta, wait)| {
+        // an order of a run is always waited for
+        let wait = (wait || matches!(command, Command::Run(_))) && transport == Rest;
+        Request::Command { cs, command, meta, wait }
+    });
     let leases = (1..=255_u8, proptest::option::of(text()), any::<u64>(), meta(transport), 0..3);
     let leases = leases.prop_map(move |(cs, holder, fence, meta, which)| {
         let (request, mut meta) = match which {

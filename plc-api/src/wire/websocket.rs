@@ -57,6 +57,10 @@ pub struct AnnouncedHandler {
     redelivery: Option<Redelivery>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     m_codes: Vec<MCodeDeclaration>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    expires_ms: Option<u64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    connection: Option<u64>,
 }
 
 /// A client that is heard, and within which time it will be heard again.
@@ -100,6 +104,8 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
                 take_over: presence.take_over,
                 redelivery: presence.redelivery,
                 m_codes: presence.m_codes,
+                expires_ms: presence.expires_ms,
+                connection: presence.connection,
             });
         }
         Request::Heartbeat(id, ClientHeartbeat { ttl_ms, cs }) => {
@@ -135,6 +141,8 @@ impl ClientFrame {
                 take_over: handler.take_over,
                 redelivery: handler.redelivery,
                 m_codes: handler.m_codes,
+                expires_ms: handler.expires_ms,
+                connection: handler.connection,
             };
             Request::Handler(handler.id, presence)
         });

@@ -20,6 +20,7 @@ mod opened;
 mod origin;
 mod places;
 mod position;
+mod presence_ages;
 mod problem;
 mod rest;
 mod server;

@@ -31,6 +31,8 @@ pub struct Machine {
     pub servo_period_us: u64,
     /// How late a servo cycle may begin in motion, ms.
     pub servo_late_ms: u64,
+    /// How old a presence of the runtime may become, ms.
+    pub presence_expires_ms: u64,
     /// Folder of what is kept; `None`: nothing is kept.
     pub data_dir: Option<PathBuf>,
     /// Motors, ascending by number.

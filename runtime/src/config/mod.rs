@@ -115,6 +115,10 @@ pub struct MachineConfig {
     /// `SERVO_LATE`).
     #[schemars(range(min = 25, max = 60_000), extend("x-unit" = "ms"))]
     pub servo_late_ms: u64,
+    /// How old a presence of the runtime may become: it is published again at a third of this time. A client that has not heard
+    /// it for as long takes the machine for gone.
+    #[schemars(range(min = 300, max = 3_600_000), extend("x-unit" = "ms"))]
+    pub presence_expires_ms: u64,
     /// Folder of programs and of all else that is kept.
     pub data_dir: PathBuf,
     /// File of what the sequence side serves, for `tandem check`, `tandem explain` and editors, which know M codes and parameters by
@@ -129,6 +133,7 @@ impl Default for MachineConfig {
             name: "mill-1".into(),
             servo_period_us: 1000,
             servo_late_ms: 100,
+            presence_expires_ms: 30_000,
             data_dir: "tandem-data".into(),
             served: None,
         }

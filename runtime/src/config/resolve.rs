@@ -136,6 +136,7 @@ impl Config {
             name: self.machine.name.clone(),
             servo_period_us: self.machine.servo_period_us,
             servo_late_ms: self.machine.servo_late_ms,
+            presence_expires_ms: self.machine.presence_expires_ms,
             data_dir: Some(self.base_dir.join(&self.machine.data_dir)),
             motors: motors.into_values().collect(),
             coordinate_systems,
@@ -356,6 +357,7 @@ impl MachineConfig {
         let schema = schema_for!(Self);
         checked.check_range(&schema, "servo_period_us", self.servo_period_us as f64);
         checked.check_range(&schema, "servo_late_ms", self.servo_late_ms as f64);
+        checked.check_range(&schema, "presence_expires_ms", self.presence_expires_ms as f64);
         if self.data_dir.as_os_str().is_empty() {
             checked.problem("data_dir", "data_dir = \"\": write the name of a folder");
         }

@@ -5,12 +5,14 @@ use std::sync::Arc;
 use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
 use plc_api::types::line_start::LineStart;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
+use plc_api::types::run::RunOrder;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::upload::{Hashes, ProgramCondition};
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
 use super::line_search::LineEntry;
+use super::parts::Parts;
 use super::pending_commands::{Awaiting, Deferred};
 use super::run::{Kind, Run};
 use super::run_state::{Cause, End, Phase, RunEvent};
@@ -20,10 +22,10 @@ use plc_api::execution::{Situation, word};
 
 /// A command that nothing refuses, and what it needs.
 #[derive(Default)]
-struct Prepared {
+pub(super) struct Prepared {
     /// What the operator should know.
     note: String,
-    run: Option<Run>,
+    pub run: Option<Run>,
     /// Where the run begins, unless at the head.
     entry: Option<LineEntry>,
     /// What is loaded or started.
@@ -62,7 +64,7 @@ impl CoordinateSystem {
         !self.commands.deferred.is_empty() && !self.is_in_transition()
     }
 
-    fn is_in_transition(&self) -> bool {
+    pub(super) fn is_in_transition(&self) -> bool {
         self.state.transition().is_some() || self.commands.validation.is_some()
     }
 
@@ -77,6 +79,7 @@ impl CoordinateSystem {
                     meta: command.meta,
                     note: said.text.clone(),
                     program: None,
+                    run_id: said.run_id,
                     reply: Some(command.reply),
                 });
                 return;
@@ -126,32 +129,44 @@ impl CoordinateSystem {
         } = command;
         let texts = [text].into_iter().chain(notes).filter(|text| !text.is_empty());
         let note = texts.collect::<Vec<_>>().join("; ");
-        self.commands.last_id = Some(meta.command_id.clone());
-        let event = Event::Command {
-            verb,
-            command_id: meta.command_id.clone(),
-            client_id: meta.client_id.clone(),
-            program: program.as_ref().map(|program| program.number),
-            program_hash: program.as_ref().map(|program| program.sum().to_owned()),
-        };
-        self.context.record(event);
+        self.note_command(verb, &meta, program.as_deref());
+        self.give_up_parts(verb);
+        let run_id = run.as_ref().filter(|run| matches!(run.kind, Kind::Program));
+        let run_id = run_id.map(|run| run.id.clone());
         let accepted = self.context.reply_to(&meta, CommandStatus::Accepted, "ok", &note);
-        let accepted = self.context.said(&meta, accepted, program.as_deref());
+        let accepted = self
+            .context
+            .said(&meta, accepted, program.as_deref(), run_id.as_deref());
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
             // The caller may be gone; the command is carried out all the same.
             let _ = reply.send(Ok(Answer::Command(accepted)));
+        }
+        if let (Command::Run(order), Some(run_id)) = (&command, &run_id) {
+            self.commands.parts = Some(Parts::new(*order, run_id, &meta));
         }
         self.commands.awaiting.push(Awaiting {
             meta,
             verb,
             note,
             program,
+            run_id,
             reply,
         });
         if self.take_effect(&command, run, entry) {
             self.complete(&|awaiting| awaiting.verb == verb);
         }
+    }
+
+    fn note_command(&mut self, verb: Verb, meta: &CommandMeta, program: Option<&StoredProgram>) {
+        self.commands.last_id = Some(meta.command_id.clone());
+        self.context.record(Event::Command {
+            verb,
+            command_id: meta.command_id.clone(),
+            client_id: meta.client_id.clone(),
+            program: program.map(|program| program.number),
+            program_hash: program.map(|program| program.sum().to_owned()),
+        });
     }
 
     pub(super) fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
@@ -180,7 +195,7 @@ impl CoordinateSystem {
         if verb.moves() {
             self.judge_interlock()?;
         }
-        if matches!(verb, Verb::Start | Verb::Mdi) && self.inputs.start_lock.is_on() {
+        if matches!(verb, Verb::Start | Verb::Run | Verb::Mdi) && self.inputs.start_lock.is_on() {
             let why = self.inputs.start_lock.text();
             return Err(Refusal::new(
                 RefusalCode::StartLocked,
@@ -226,6 +241,7 @@ impl CoordinateSystem {
         }
         let program = match command.command {
             Command::Load { program } => Some(program),
+            Command::Run(order) => order.program.or(self.commands.program),
             _ => self.commands.program,
         };
         self.context.record(Event::Refused {
@@ -242,7 +258,7 @@ impl CoordinateSystem {
         let number = self.commands.program;
         if !matches!(
             command,
-            Command::Load { .. } | Command::Start | Command::StartFrom(_)
+            Command::Load { .. } | Command::Start | Command::StartFrom(_) | Command::Run(_)
         ) {
             let main = self.main_program();
             judge_program(meta, number, main.as_ref().map(|main| main.sum()))?;
@@ -264,6 +280,7 @@ impl CoordinateSystem {
             }
             Command::Start => self.prepare_start(meta, None),
             Command::StartFrom(from) => self.prepare_start(meta, Some(from)),
+            Command::Run(order) => self.prepare_run(*order, meta),
             Command::BackTrace { on } => {
                 self.judge_back_trace(*on)?;
                 Ok(Prepared::default())
@@ -283,7 +300,27 @@ impl CoordinateSystem {
         }
     }
 
-    fn prepare_start(&self, meta: &CommandMeta, from: Option<&LineStart>) -> Result<Prepared, Refusal> {
+    /// Of a run the program is loaded anew.
+    fn prepare_run(&self, order: RunOrder, meta: &CommandMeta) -> Result<Prepared, Refusal> {
+        let number = order.program.or(self.commands.program).ok_or_else(|| {
+            let text = "run is not allowed: no program is loaded; name one";
+            Refusal::new(RefusalCode::NotAllowed, text)
+        })?;
+        let main = self.context.stored(number)?;
+        judge_program(meta, Some(number), Some(main.sum()))?;
+        Ok(Prepared {
+            note: self.context.check_called(&main)?,
+            run: Some(self.new_run(Kind::Program, Arc::clone(&main))),
+            entry: None,
+            program: Some(main),
+        })
+    }
+
+    pub(super) fn prepare_start(
+        &self,
+        meta: &CommandMeta,
+        from: Option<&LineStart>,
+    ) -> Result<Prepared, Refusal> {
         let number = self.commands.program;
         let main = self.context.stored(number.unwrap_or_default())?;
         judge_program(meta, number, Some(main.sum()))?;
@@ -301,15 +338,15 @@ impl CoordinateSystem {
     /// Carries a command out. True when its effect is reached at once.
     fn take_effect(&mut self, command: &Command, run: Option<Run>, entry: Option<LineEntry>) -> bool {
         if let Some(run) = run {
+            if matches!(command, Command::Run(_)) {
+                self.load(run.main.number);
+            }
             self.start(run, entry);
-            return matches!(command, Command::Start | Command::StartFrom(_));
+            return matches!(command, Command::Start | Command::StartFrom(_) | Command::Run(_));
         }
         match command {
             Command::Load { program } => {
-                self.commands.program = Some(*program);
-                self.commands.texts = self.context.texts_of(*program);
-                self.drive(RunEvent::Loaded);
-                self.go_to_head();
+                self.load(*program);
                 true
             }
             Command::Hold => self.hold(Cause::Operator),
@@ -337,13 +374,20 @@ impl CoordinateSystem {
         }
     }
 
+    fn load(&mut self, program: u16) {
+        self.commands.program = Some(program);
+        self.commands.texts = self.context.texts_of(program);
+        self.drive(RunEvent::Loaded);
+        self.go_to_head();
+    }
+
     /// The program loaded is at its head.
     fn go_to_head(&self) {
         self.context.view.at_head(self.commands.program);
         self.publish_place();
     }
 
-    fn start(&mut self, mut run: Run, entry: Option<LineEntry>) {
+    pub(super) fn start(&mut self, mut run: Run, entry: Option<LineEntry>) {
         let number = run.main.number;
         let mut phase = Phase::Interpret;
         if matches!(run.kind, Kind::Program) {
@@ -372,6 +416,7 @@ impl CoordinateSystem {
             run_id: run.id.clone(),
             program_hash: (number != 0).then(|| run.main.sum().to_owned()),
             from_line: run.arrival.as_ref().map(|arrival| arrival.target.line),
+            parts: self.commands.parts.as_ref().map(|parts| parts.ordered),
         };
         self.context.record(event);
         self.inputs.take_over_skip(1);

@@ -86,9 +86,14 @@ impl Context {
         meta: &CommandMeta,
         reply: CommandReply,
         program: Option<&StoredProgram>,
+        run_id: Option<&str>,
     ) -> CommandReply {
-        let hash = program.map(|program| program.sum().to_owned());
-        self.shared.reply(&meta.client_id, CommandReply { hash, ..reply })
+        let reply = CommandReply {
+            hash: program.map(|program| program.sum().to_owned()),
+            run_id: run_id.map(str::to_owned),
+            ..reply
+        };
+        self.shared.reply(&meta.client_id, reply)
     }
 
     /// Refuses a command.

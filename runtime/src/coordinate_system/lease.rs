@@ -130,9 +130,14 @@ impl ControlLease {
 /// True for what starts motion, or what the next start starts.
 pub(super) fn needs_lease(verb: Verb) -> bool {
     match verb {
-        Verb::Load | Verb::Start | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Jog | Verb::Home => {
-            true
-        }
+        Verb::Load
+        | Verb::Start
+        | Verb::Run
+        | Verb::Resume
+        | Verb::BackTrace
+        | Verb::Mdi
+        | Verb::Jog
+        | Verb::Home => true,
         Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset | Verb::AlarmAcknowledge => false,
     }
 }

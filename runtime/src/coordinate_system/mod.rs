@@ -18,6 +18,7 @@ mod mailbox;
 mod manual;
 mod open_outputs;
 mod outputs;
+mod parts;
 mod pending_commands;
 mod pipeline;
 mod preparation;
@@ -184,8 +185,9 @@ impl CoordinateSystem {
         if share.commands {
             self.carry_out_deferred();
         }
+        self.begin_next_part();
         self.follow_override();
-        let busy = self.prepare(share) || self.has_command_to_judge();
+        let busy = self.prepare(share) || self.has_command_to_judge() || self.part_is_due();
         self.hold_without_bus();
         self.publish_changes();
         busy
@@ -324,6 +326,7 @@ impl CoordinateSystem {
             self.past.jogs.remember(&run.kind);
             self.on_run_given_up(&run, why.at_rest());
         }
+        self.end_parts_by(why);
         self.carry_out_effects();
     }
 

@@ -12,6 +12,7 @@ use tandem_syntax::diagnostics::HANDLER_REFUSES;
 use tokio::sync::oneshot;
 
 use super::context::Context;
+use super::parts::Parts;
 use super::programs::{Texts, place_of};
 use crate::program_store::StoredProgram;
 
@@ -52,6 +53,8 @@ pub(super) struct Awaiting {
     pub note: String,
     /// What is loaded or started.
     pub program: Option<Arc<StoredProgram>>,
+    /// The run that is begun.
+    pub run_id: Option<String>,
     pub reply: Option<Reply>,
 }
 
@@ -171,6 +174,8 @@ pub(super) struct Commands {
     pub program: Option<u16>,
     /// It and those that it calls, as they were when it was loaded.
     pub texts: Texts,
+    /// Parts of the run that are still to be made.
+    pub parts: Option<Parts>,
 }
 
 impl Commands {
@@ -218,7 +223,12 @@ impl Commands {
                 text
             };
             let said = context.reply_to(&awaiting.meta, status, code, text);
-            let said = context.said(&awaiting.meta, said, awaiting.program.as_deref());
+            let said = context.said(
+                &awaiting.meta,
+                said,
+                awaiting.program.as_deref(),
+                awaiting.run_id.as_deref(),
+            );
             if let Some(reply) = awaiting.reply {
                 // The caller may be gone; the reply is published, too.
                 let _ = reply.send(Ok(Answer::Command(said)));

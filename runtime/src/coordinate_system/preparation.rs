@@ -306,6 +306,9 @@ impl CoordinateSystem {
         self.past.manual_goes_on |= matches!(run.kind, Kind::Manual);
         let end = RunEnd::Completed { outcome: into };
         self.context.record(Event::End(end));
+        if matches!(run.kind, Kind::Program) {
+            self.count_part();
+        }
         self.complete(&Awaiting::is_of_run);
     }
 }

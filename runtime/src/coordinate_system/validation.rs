@@ -31,6 +31,7 @@ impl CoordinateSystem {
     pub(super) fn validate_first(&mut self, command: Deferred) -> Option<Deferred> {
         let program = match command.command {
             Command::Load { program } => Some(program),
+            Command::Run(order) => order.program.or(self.commands.program),
             Command::Start | Command::StartFrom(_) => (self.commands.program)
                 .filter(|program| !self.context.stand_as(*program, &self.commands.texts)),
             _ => None,

@@ -139,6 +139,7 @@ impl Data {
                 .collect(),
             last_runs,
             health: Arc::clone(&shared.health),
+            runs: Arc::clone(&shared.runs),
         };
         let state = StateWriterThread::start(folder.clone(), self.store, self.image, source);
         Ok(Keepers {

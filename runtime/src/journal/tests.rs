@@ -129,6 +129,7 @@ fn of_programs() -> Vec<(Event, &'static str)> {
                 run_id: "1-1".to_owned(),
                 program_hash: Some("b2".to_owned()),
                 from_line: None,
+                parts: None,
             },
             r#""event":"start","program":60,"program_hash":"b2","run_id":"1-1""#,
         ),

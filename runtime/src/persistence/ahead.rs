@@ -99,6 +99,7 @@ mod tests {
                 run_id: format!("1-{run}"),
                 program_hash: None,
                 from_line: None,
+                parts: None,
             },
         }
     }
@@ -131,6 +132,7 @@ mod tests {
                 run_id: "x".repeat(SLOT_BYTES),
                 program_hash: None,
                 from_line: None,
+                parts: None,
             },
             ..line(1)
         };

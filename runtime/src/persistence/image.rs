@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
+use plc_api::types::run::RUNS_KEPT;
 use serde::{Deserialize, Serialize};
 use tandem_model::lost::LOST;
 use tandem_model::variables::VariableArray;
@@ -21,6 +22,17 @@ pub(crate) struct KeptRun {
     /// Number of the line; 0: it was kept by a version without numbers.
     #[serde(rename = "journal_line", default)]
     pub line: u64,
+}
+
+/// Beginning of the names of runs that have ended. A name has the place of the run in the ring of those that are kept.
+pub(crate) const RUN_KEYS: &str = "run/";
+
+/// Name of the production counters.
+pub(crate) const PRODUCTION_KEY: &str = "production";
+
+/// Name of a run that has ended, by its number.
+pub(crate) fn run_key(n: u64) -> String {
+    format!("{RUN_KEYS}{}", n % RUNS_KEPT as u64)
 }
 
 /// Last runs by coordinate system.

@@ -405,6 +405,7 @@ mod tests {
                 run_id: format!("1-{n}"),
                 program_hash: None,
                 from_line: None,
+                parts: None,
             },
             ..line(0)
         };

@@ -9,11 +9,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::{ToolData, ToolTable, WorkOffsetTable};
+use plc_api::types::run::{Production, Run};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tandem_model::lost::LOST;
 
-use super::image::{Image, KeptRun, LastRuns, Page};
+use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, RUN_KEYS};
+use crate::runs::KeptRuns;
 use crate::tables::{Kept, KeptOffset, LOST_VALUE, Tables, keep, tool_key, value_key, work_offset_key};
 
 /// Kept data that belongs to no table.
@@ -25,6 +27,7 @@ pub(crate) struct Restored {
     pub last_runs: LastRuns,
     /// Coordinate systems whose last run is lost.
     pub lost_runs: BTreeSet<CoordinateSystemNumber>,
+    pub runs: KeptRuns,
 }
 
 /// A kept value.
@@ -41,6 +44,7 @@ pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
         restore_page(tables, *area, *place, page);
     }
     restore_tools(tables, image);
+    restored.runs = restore_runs(tables, image);
     for cs in tables.coordinate_systems() {
         restore_work_offsets(tables, cs, image);
         match read::<u16>(image, &value_key("tool", cs)) {
@@ -63,6 +67,31 @@ pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
         }
     }
     restored
+}
+
+/// A run that is damaged is missing in the history, and no more.
+fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
+    let value = |key: &str| match read(image, key) {
+        Read::Value(kept) => Some(kept),
+        Read::Never | Read::Lost => None,
+    };
+    let open = tables.coordinate_systems();
+    let open = open.filter_map(
+        |cs| match read::<Option<Run>>(image, &value_key("open_run", cs)) {
+            Read::Value(run) => run,
+            Read::Never | Read::Lost => None,
+        },
+    );
+    let production = match read::<Vec<Production>>(image, PRODUCTION_KEY) {
+        Read::Value(production) => production,
+        Read::Never | Read::Lost => Vec::new(),
+    };
+    let ended = image.values.keys().filter(|name| name.starts_with(RUN_KEYS));
+    KeptRuns {
+        ended: ended.filter_map(|name| value(name)).collect(),
+        open: open.collect(),
+        production,
+    }
 }
 
 fn restore_page(tables: &Tables, area: u8, place: u16, page: &Page) {

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use plc_api::hub::Hub;
 use plc_api::types::data::LastRun;
 use plc_api::types::message::Payload;
@@ -16,13 +17,14 @@ use tandem_model::variables::VariableArray;
 use tokio::sync::oneshot::{self, error::RecvError};
 
 use super::generation::Generation;
-use super::image::{Image, KeptRun, LastRuns, Page, pages};
+use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, pages, run_key};
 use super::judge::{STORE_FILE, judge};
 use super::store::Store;
 use crate::clock::Clock;
 use crate::coordinate_system::View;
 use crate::disk::{Health, Part};
 use crate::journal::Journal;
+use crate::runs::RunBook;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 use crate::threads::{self, Thread};
 
@@ -155,6 +157,7 @@ pub(crate) struct Source {
     /// As they were kept.
     pub last_runs: LastRuns,
     pub health: Arc<Health>,
+    pub runs: Arc<Mutex<RunBook>>,
 }
 
 impl Source {
@@ -181,7 +184,30 @@ impl Source {
                 keep(&mut change.values, value_key("tool", *cs), &tool.id);
             }
         }
+        self.changed_runs(kept, &mut change);
         change
+    }
+
+    /// Runs that go on, and those that have ended since the last look: the newest that are not kept.
+    fn changed_runs(&self, kept: &Image, change: &mut Image) {
+        let runs = self.runs.lock();
+        for (cs, _) in &self.views {
+            let (key, open) = (value_key("open_run", *cs), runs.open(*cs));
+            if open.is_some() || kept.has(&key) {
+                keep(&mut change.values, key, &open);
+            }
+        }
+        for ended in runs.ended() {
+            let key = run_key(ended.n);
+            keep(&mut change.values, key.clone(), ended);
+            if change.values.get(&key) == kept.values.get(&key) {
+                break;
+            }
+        }
+        let production = runs.production();
+        if !production.is_empty() {
+            keep(&mut change.values, PRODUCTION_KEY.to_owned(), &production);
+        }
     }
 
     fn payload(&self, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<Payload> {

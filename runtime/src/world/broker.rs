@@ -417,7 +417,7 @@ impl Wire for ModelWire {
         true
     }
 
-    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String) -> bool {
+    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String, _expiry_s: Option<u32>) -> bool {
         self.up(Message {
             topic,
             payload: payload.into_bytes(),

@@ -129,6 +129,7 @@ impl Handler {
             1,
             true,
             presence(online, &self.codes, self.instance()),
+            None,
         );
     }
 
@@ -287,6 +288,7 @@ impl Handler {
                 1,
                 outgoing.retain,
                 outgoing.payload,
+                None,
             );
         }
     }

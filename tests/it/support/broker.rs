@@ -94,7 +94,7 @@ impl Mosquitto {
 }
 
 /// A free port, below those that the system gives to clients, so that none of them has it before the broker.
-fn free_port() -> u16 {
+pub fn free_port() -> u16 {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     let own = u16::try_from(std::process::id() % 300).expect("less than 300") * 64;
     (0..64)

@@ -6,6 +6,7 @@ pub mod formula;
 pub mod http;
 pub mod machine;
 pub mod mqtt;
+pub mod nats;
 pub mod schemas;
 pub mod served;
 pub mod simulated;

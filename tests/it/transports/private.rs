@@ -65,6 +65,7 @@ fn options(machine: &Machine, user: Option<(&str, &str)>) -> MqttOptions {
             ca_file: Some(machine.path("cert.pem")),
             ..TlsFiles::default()
         },
+        ..MqttOptions::default()
     }
 }
 

@@ -121,6 +121,7 @@ impl Plant {
             username: Some(user.to_owned()),
             password: self.tokens.get(user).cloned(),
             tls,
+            ..MqttOptions::default()
         }
     }
 

@@ -16,7 +16,7 @@ A handler is an async function that serves an M code: the NC program waits until
 """
 
 from .connection import Credentials
-from .coordinate_system import CoordinateSystem, RunEnd
+from .coordinate_system import CoordinateSystem
 from .declared import Param
 from .errors import (
     AddressError,
@@ -48,6 +48,11 @@ from .messages import (
     Progress,
     Question,
     Redelivery,
+    Run,
+    RunAlarm,
+    RunEnded,
+    RunState,
+    RunWait,
     State,
     WaitingOn,
 )
@@ -89,7 +94,11 @@ __all__ = [
     "Question",
     "Redelivery",
     "Refused",
-    "RunEnd",
+    "Run",
+    "RunAlarm",
+    "RunEnded",
+    "RunState",
+    "RunWait",
     "SequenceProgram",
     "Serving",
     "State",

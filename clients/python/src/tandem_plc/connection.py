@@ -10,7 +10,7 @@ import random
 import secrets
 import ssl
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from .address import Address
@@ -25,6 +25,8 @@ log = logging.getLogger("tandem_plc")
 
 ANSWER_TIMEOUT_S = 5.0
 PRESENT_TIMEOUT_S = 10.0
+PRESENCE_EXPIRES_S = 15.0
+"""The machine takes handlers for lost when it has not heard of them for so long; it is told at a third of it."""
 OUTBOX_MAX = 1_024
 """Requests that wait for their end; more are refused."""
 
@@ -86,6 +88,10 @@ class Connection:
         self._trouble = "no broker has answered"
         self._refused: asyncio.Future[ConnectError] | None = None
         self._news = asyncio.Event()
+        self.connections = 0
+        """Connections so far."""
+        self._heard_at = 0.0
+        """When the machine was heard last; each connection begins anew."""
 
     @property
     def boot_id(self) -> str | None:
@@ -168,11 +174,14 @@ class Connection:
             await link.open(host, port)
             is_open = True
             self._link = link
+            self.connections += 1
+            self._heard_at = asyncio.get_running_loop().time()
             link.subscribe([f"{self.address.root}/{path}" for path in self._filters()])
             log.info("connected to %s:%d", host, port)
             while not link.lost.done():
                 await asyncio.wait({link.lost}, timeout=1.0)
                 link.keep_alive()
+                self._look_at_age()
             self._trouble = link.lost.result()
             log.warning("%s:%d: %s", host, port, self._trouble)
         except ConnectError as error:
@@ -212,7 +221,16 @@ class Connection:
 
     # --- what comes in
 
-    def _received(self, topic: str, payload: bytes) -> None:
+    def _look_at_age(self) -> None:
+        """A machine that has not said in time that it is there counts as offline: no last will may tell of it."""
+        presence: Presence | None = self.hub.last("presence")
+        if presence is None or not presence.online or presence.expires_ms is None:
+            return
+        if asyncio.get_running_loop().time() - self._heard_at >= presence.expires_ms / 1000:
+            log.warning("the machine has not said in time that it is still there: it counts as offline")
+            self._take("presence", replace(presence, online=False))
+
+    def _received(self, topic: str, payload: bytes, retained: bool) -> None:
         path = topic.removeprefix(f"{self.address.root}/")
         form = form_of(path)
         if form is None:
@@ -225,6 +243,11 @@ class Connection:
         except (ValueError, RecursionError) as error:  # DecodeError is one
             log.warning("a message on %s is not of its form: %s", topic, error)
             return
+        if isinstance(message, Presence) and not retained:
+            self._heard_at = asyncio.get_running_loop().time()
+        self._take(path, message)
+
+    def _take(self, path: str, message: Any) -> None:
         self.hub.publish(path, message)
         if isinstance(message, HandshakeResult):
             self._on_result(path, message)
@@ -331,11 +354,11 @@ class Connection:
             if request in self._requests:
                 self._requests.remove(request)
 
-    def post(self, path: str, payload: dict[str, Any]) -> None:
+    def post(self, path: str, payload: dict[str, Any], *, retain: bool = False) -> None:
         """Send a message whose fate does not matter; it is dropped where there is no connection."""
         if self._link is not None and self._is_present:
             text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
-            self._link.publish(f"{self.address.root}/{path}", text)
+            self._link.publish(f"{self.address.root}/{path}", text, retain=retain)
 
     def _send_all(self) -> None:
         for request in list(self._requests):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from .errors import Alarm, CommandFailed, NotConnected, Refused
@@ -18,6 +17,7 @@ from .messages import (
     Pending,
     PendingOutput,
     Position,
+    Run,
     State,
     Tool,
 )
@@ -29,22 +29,6 @@ M = TypeVar("M")
 
 COMMAND_TIMEOUT_S = 5.0
 """How long a command may take until its effect, where it does not move."""
-
-
-@dataclass(frozen=True)
-class RunEnd:
-    """How a run has ended."""
-
-    run_id: str
-    execution: Execution
-    """``PROGRAM_COMPLETED``, or ``STOPPED``."""
-    reason: str | None
-    """Of a run that was stopped: why, such as ``ALARM`` or ``STOP``."""
-
-    @property
-    def completed(self) -> bool:
-        """True when the program has come to its end."""
-        return self.execution is Execution.PROGRAM_COMPLETED
 
 
 class CoordinateSystem:
@@ -159,27 +143,27 @@ class CoordinateSystem:
             raise CommandFailed(verb, reply.code, reply.text)
         return reply
 
-    async def run(self, program: int | None = None) -> RunEnd:
-        """Load a program where one is named, start it, and wait until its run has ended.
+    async def run(self, program: int | None = None, *, parts: int = 1) -> Run:
+        """Load a program where one is named, run it once for each part, and wait until the run has ended.
+
+        A part after the first begins after PROGRAM_COMPLETED alone; the interlock and the start lock hold it back.
 
         Raises:
-            CommandFailed: the run was lost, since the machine has been started anew.
+            CommandFailed: a later run has taken its place before this one was heard to end.
         """
-        if program is not None:
-            await self.load(program)
-        async with self._following("state") as states:
-            reply = await self.start()
-            run_id: str | None = None
+        args: dict[str, Any] = {"parts": parts} if program is None else {"program": program, "parts": parts}
+        async with self._following("run") as states:
+            reply = await self.command("run", args)
+            is_seen = False
             async for state in states:
-                if run_id is None:
-                    if state.last_command_id != reply.command_id:
-                        continue
-                    run_id = state.run_id or ""
-                if state.run_id != run_id:
-                    raise CommandFailed("start", "lost", f"run {run_id} is not the one of the machine any more")
-                if state.execution in (Execution.PROGRAM_COMPLETED, Execution.STOPPED):
-                    return RunEnd(run_id, state.execution, state.reason)
-        raise CommandFailed("start", "lost", "the connection was closed")
+                run: Run | None = state.run
+                is_it = run is not None and run.id == reply.run_id
+                if run is not None and is_it and run.end is not None:
+                    return run
+                if is_seen and not is_it:
+                    raise CommandFailed("run", "lost", f"run {reply.run_id} is not the one of the machine any more")
+                is_seen |= is_it
+        raise CommandFailed("run", "lost", "the connection was closed")
 
     # --- the control lease
 

@@ -46,7 +46,7 @@ class Link:
     def __init__(
         self,
         options: Options,
-        on_message: Callable[[str, bytes], None],
+        on_message: Callable[[str, bytes, bool], None],
         on_acknowledged: Callable[[int], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
@@ -193,7 +193,7 @@ class Link:
             log.warning("a message of %d bytes on %s is passed over", len(message.payload), message.topic)
             return
         try:
-            self._on_message(message.topic, bytes(message.payload))
+            self._on_message(message.topic, bytes(message.payload), message.retain)
         except Exception:
             log.exception("a message on %s could not be used", message.topic)
 

@@ -191,6 +191,73 @@ class HandlerResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RunEnded:
+    """How a run has ended."""
+
+    at: str
+    how: str
+    """``completed``, ``stopped``, ``aborted``, ``reset``, ``alarm``, ``lease_lost``, ``replaced``, ``refused``, ``restarted``."""
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunWait:
+    """The waits of a run for one M code."""
+
+    m: int
+    count: int
+    total_s: float
+    longest_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunAlarm:
+    """An alarm of a run."""
+
+    number: int
+    text: str
+    line: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A run of the loaded program."""
+
+    id: str
+    cs: int
+    program: int
+    parts: int
+    """Parts that were ordered."""
+    parts_done: int
+    began: str
+    took_s: float
+    """From its begin to the end of its last part."""
+    waits: tuple[RunWait, ...]
+    """M codes for which the program waited, the longest first."""
+    alarms: tuple[RunAlarm, ...]
+    hash: str | None = None
+    from_line: int | None = None
+    end: RunEnded | None = None
+    """``None``: it goes on."""
+    last_part_s: float | None = None
+    waits_for: str | None = None
+    """Why the next part does not begin yet."""
+
+    @property
+    def completed(self) -> bool:
+        """True when all parts are completed."""
+        return self.end is not None and self.end.how == "completed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunState:
+    """The run that goes on, or the last one that ended."""
+
+    boot_id: str
+    run: Run | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Lease:
     """The control lease."""
 
@@ -212,6 +279,8 @@ class CommandReply:
     hash: str | None = None
     variables: dict[str, Any] | None = None
     lease: Lease | None = None
+    run_id: str | None = None
+    """The run that was begun."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,6 +291,8 @@ class Presence:
     online: bool
     version: str
     started_at: str
+    expires_ms: int | None = None
+    """It is published again at a third of this time; ``None``: it is not."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
-from .connection import Connection
+from .connection import PRESENCE_EXPIRES_S, Connection
 from .declared import Declared
 from .errors import CODE_OF_ERROR, CODE_OF_EXCEPTION, Alarm, NoAnswer, NotConnected, Refused, TakenOver, TandemError
 from .messages import (
@@ -39,6 +39,8 @@ _CLEAN_UP_S = 5.0
 _REFUSALS_MAX = 10
 """Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s."""
 _INSTANCE_TRIES = 4
+_REFRESHES = 3
+"""Presences within the time of one, so that two may be lost."""
 _STRICTNESS = [Redelivery.REDO, Redelivery.VERIFY, Redelivery.ASK]
 
 OutputId = tuple[str, int, int]
@@ -120,10 +122,16 @@ class Runner:
         while not self._ended.done():
             changed: asyncio.Future[Any] = asyncio.ensure_future(self._must_announce.wait())
             either: set[asyncio.Future[Any]] = {changed, self._ended}
-            await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait(
+                either, timeout=PRESENCE_EXPIRES_S / _REFRESHES, return_when=asyncio.FIRST_COMPLETED
+            )
             changed.cancel()
             if self._ended.done():
                 break
+            if not done:
+                if self._has_announced:
+                    self._connection.post(self._presence_path(), self._online(), retain=True)
+                continue
             self._must_announce.clear()
             try:
                 await self._announce()
@@ -173,6 +181,8 @@ class Runner:
             ],
             "instance": self._connection.instance,
             "take_over": self._take_over,
+            "expires_ms": round(PRESENCE_EXPIRES_S * 1000),
+            "connection": self._connection.connections,
             # what is stricter than this is kept here: such an output is not claimed
             "redelivery": min((entry.redelivery for entry in self._handlers.values()), key=_STRICTNESS.index).value
             if self._handlers

@@ -1,14 +1,16 @@
 //! The connection to the broker, with reconnection.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rumqttc::{
-    AsyncClient, Event, EventLoop, LastWill, MqttOptions, Outgoing as Sent, Packet, QoS, SubscribeFilter,
+    AsyncClient, Event, EventLoop, LastWill, MqttOptions, Outgoing as Sent, Packet, Publish, QoS,
+    SubscribeFilter,
 };
 
 use serde_json::json;
 
 use crate::lock::lock;
+use crate::types::handler::REFRESHES;
 use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
 use crate::types::topic::{CsTopic, Topic};
@@ -23,6 +25,9 @@ const PACKET_MAX: usize = 1 << 20;
 const LIBRARY_QUEUE: usize = 64;
 
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
+
+/// How long a new age of the machine may stay unseen.
+const WATCH: Duration = Duration::from_millis(100);
 
 /// Topics of a machine below its root, other than `reply`.
 const FILTERS: [&str; 17] = [
@@ -57,10 +62,13 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
         tokio::select! {
             () = receive(&shared, &client, &mut events, &mut connected) => {}
             () = send(&shared, &client) => {}
+            () = say_presence(&shared) => {}
+            () = watch_machine(&shared) => {}
         }
         let must_reconnect = {
             let mut state = lock(&shared.state);
             state.connected = false;
+            state.machine.pause();
             std::mem::take(&mut state.reconnect)
         };
         if connected {
@@ -109,13 +117,16 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 }
                 let mut state = lock(&shared.state);
                 state.connected = true;
+                state.connections += 1;
+                state.machine.begin_anew(Instant::now());
                 state.trouble = None;
                 drop(state);
                 shared.link.wake.notify_one();
+                shared.is_connected.notify_one();
                 tracing::info!(address = %shared.link.address, "connected");
             }
             Ok(Event::Incoming(Packet::Publish(publish))) => {
-                on_publish(shared, &publish.topic, &publish.payload);
+                on_publish(shared, &publish);
             }
             Ok(Event::Incoming(Packet::PubAck(ack))) => {
                 lock(&shared.state).outbox.on_acknowledgement(ack.pkid);
@@ -173,8 +184,38 @@ async fn send(shared: &Shared, client: &AsyncClient) {
     }
 }
 
+/// Says the presence of the handler again and again, before it is too old; on a new connection at once.
+async fn say_presence(shared: &Shared) {
+    let every = shared.presence_expires / REFRESHES;
+    shared.is_connected.notified().await;
+    loop {
+        let begun = Instant::now();
+        if let Some(end) = shared.refresh() {
+            shared.link.wake.notify_one();
+            if let Ok(Ok(Err(refusal))) = tokio::time::timeout(every, end).await {
+                tracing::warn!(%refusal, "the machine does not take it that the handler is still there");
+            }
+        }
+        tokio::time::sleep(every.saturating_sub(begun.elapsed())).await;
+    }
+}
+
+/// Takes the machine for offline when its presence is too old.
+async fn watch_machine(shared: &Shared) {
+    loop {
+        let end = lock(&shared.state).machine.end();
+        let now = Instant::now();
+        tokio::time::sleep(end.map_or(WATCH, |end| end.saturating_duration_since(now).min(WATCH))).await;
+        if lock(&shared.state).machine.take_end(Instant::now()) {
+            tracing::warn!(address = %shared.link.address, "the machine has not said its presence again in time: it counts as offline");
+            shared.link.set_offline();
+        }
+    }
+}
+
 /// Passes a message to the hub and to the requests that wait for it.
-fn on_publish(shared: &Shared, path: &str, payload: &[u8]) {
+fn on_publish(shared: &Shared, publish: &Publish) {
+    let (path, payload) = (&*publish.topic, &*publish.payload);
     let Some(topic) = path
         .strip_prefix(&shared.address.root)
         .and_then(|path| path.strip_prefix('/'))
@@ -194,6 +235,11 @@ fn on_publish(shared: &Shared, path: &str, payload: &[u8]) {
             return;
         }
     };
+    if let Payload::Presence(presence) = &message.payload {
+        lock(&shared.state)
+            .machine
+            .hear(presence, publish.retain, Instant::now());
+    }
     shared.link.hub.publish(message.clone());
     let cs = match &message.topic {
         Topic::CoordinateSystem(cs, _) => *cs,

@@ -11,7 +11,6 @@ use tokio_tungstenite::tungstenite::{self, Message as Frame};
 use tokio_tungstenite::{Connector, MaybeTlsStream, WebSocketStream, connect_async_tls_with_config};
 
 use crate::lock::lock;
-use crate::types::message::{Message, Payload};
 use crate::types::request::{Refusal, Request};
 use crate::types::topic::Topic;
 use crate::wire::websocket::{ClientFrame, ServerFrame, encode};
@@ -35,7 +34,8 @@ pub(super) async fn keep_connected(shared: Arc<Shared>) {
                     tracing::warn!(%error, address = %shared.link.address, "connection lost");
                     lock(&shared.state).trouble = Some(error.to_string());
                 }
-                set_offline(&shared);
+                // until the next connection `pending` may be out of date
+                shared.link.set_offline();
             }
             Err(error) => lock(&shared.state).trouble = Some(error.to_string()),
         }
@@ -117,21 +117,6 @@ fn unsent(shared: &Shared) -> Vec<ClientFrame> {
     let mut frames: Vec<_> = frames.collect();
     frames.append(&mut state.validated);
     frames
-}
-
-/// Until the next connection the machine counts as offline: `pending` may be out of date.
-fn set_offline(shared: &Shared) {
-    let Some(last) = shared.link.hub.read(&Topic::Presence) else {
-        return;
-    };
-    if let Payload::Presence(presence) = &last.payload {
-        let mut absent = presence.clone();
-        absent.online = false;
-        shared.link.hub.publish(Message {
-            payload: Payload::Presence(absent),
-            ..(*last).clone()
-        });
-    }
 }
 
 /// Passes a message to the hub.

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use plc_api::types::planned::PATH_TOLERANCE_MM;
+use plc_api::types::run::RUN_WAIT_MAX_S;
 use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Headers, Query, Route};
 
@@ -147,8 +148,10 @@ fn parameters(route: &Route) -> Vec<Value> {
     if is_command || is_release {
         parameters.push(json!({"name": "Lease-Fence", "in": "header", "required": is_release, "schema": {"type": "integer", "minimum": 0}, "description": "Number of the control lease under which it is sent."}));
     }
-    if is_command {
+    if route.query == Query::Wait {
         parameters.push(json!({"name": "wait", "in": "query", "schema": {"type": "string", "enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
+    }
+    if is_command {
         let tag = "\"?([0-9]+|[0-9A-Fa-f]{64}|boot:[0-9A-Za-z]{1,64})\"?";
         let pattern = format!("^{tag}(, *{tag}){{0,2}}$");
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": pattern}, "description": "Revision of the state that the sender has seen, the hash of the program that it means, boot: and the boot_id that it has seen, or several of them, which must all hold then."}));
@@ -160,13 +163,24 @@ fn parameters(route: &Route) -> Vec<Value> {
     if route.query == Query::Journal {
         parameters.extend(of_journal());
     }
+    if route.query == Query::Seconds {
+        parameters.push(json!({"name": "wait", "in": "query", "schema": {"type": "integer", "minimum": 0, "maximum": RUN_WAIT_MAX_S}, "description": "How many seconds its end is waited for at most; without it the answer comes at once."}));
+    }
+    if route.query == Query::Runs {
+        parameters.push(json!({"name": "cs", "in": "query", "schema": {"type": "integer", "minimum": 1, "maximum": 255}, "description": "Of this coordinate system alone."}));
+    }
     if matches!(route.query, Query::Path | Query::RunBy) {
         parameters.push(json!({"name": "cs", "in": "query", "schema": {"type": "integer", "minimum": 1, "maximum": 255}, "description": "The coordinate system that runs it; without it the first one in which it is loaded, or the first one of all."}));
     }
     if route.query == Query::Path {
         parameters.push(json!({"name": "tolerance", "in": "query", "schema": {"type": "number", "minimum": PATH_TOLERANCE_MM}, "description": "How far a point of the path may be from the lines, mm: levels of detail that are finer than needed are left out."}));
     }
-    if route.method == "GET" && matches!(route.query, Query::Range | Query::Journal | Query::Path) {
+    if route.method == "GET"
+        && matches!(
+            route.query,
+            Query::Range | Query::Journal | Query::Path | Query::Runs
+        )
+    {
         for (name, minimum) in [("from", 0), ("count", 1)] {
             parameters.push(
                 json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
@@ -300,6 +314,9 @@ fn response_headers(route: &Route, status: u16) -> Option<Value> {
     };
     let is_path = matches!(route.query, Query::Path);
     match status {
+        201 if route.headers == Headers::Command => {
+            Some(json!({"Location": {"schema": {"type": "string"}, "description": "Where it can be read."}}))
+        }
         202 => Some(
             json!({"Location": {"schema": {"type": "string"}, "description": "Where to ask how far the command is."}}),
         ),

@@ -22,8 +22,15 @@ pub(super) fn declarations(schemas: &Schemas) -> String {
         }
         text.push('\n');
         if schema["properties"].is_object() {
+            let fields = fields(schema);
+            let short = format!("export interface {name} {{ {}; }}", fields.join("; "));
+            if short.len() <= WIDTH && !fields.is_empty() {
+                text.push_str(&short);
+                text.push('\n');
+                continue;
+            }
             write!(text, "export interface {name} {{").unwrap();
-            push_filled(&mut text, fields(schema));
+            push_filled(&mut text, fields);
             text.push_str("}\n");
         } else {
             writeln!(text, "export type {name} = {};", type_of(schema)).unwrap();

@@ -1,6 +1,6 @@
 //! Passes what came in over MQTT to the port, in the order of arrival, without waiting for its answers.
 
-use std::future::poll_fn;
+use std::future::{pending, poll_fn};
 use std::sync::Arc;
 use std::task::Poll;
 
@@ -9,13 +9,14 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandReply, CommandStatus};
 use plc_api::types::handler::{HandlerResult, is_own_instance};
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::{Claim, HandshakeResult, HandshakeStatus, OutputAct, Reset};
+use plc_api::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct, Reset};
 use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::{Inbound, sender};
 use plc_api::wire::problem::code_word;
 use plc_api::wire::row::{ParsedRequest, connection_name};
 use tokio::sync::{Semaphore, mpsc};
+use tokio::time::Instant;
 use tracing::warn;
 
 use super::{Publisher, message};
@@ -23,6 +24,7 @@ use crate::access::rules;
 use crate::broker::Sessions;
 use crate::machine::{Caller, Machine};
 use crate::metrics::{Metrics, add};
+use crate::presence_ages::PresenceAges;
 
 /// Requests without an answer yet; more are refused, except hold, stop and abort.
 const UNANSWERED_MAX: usize = 256;
@@ -42,6 +44,7 @@ pub(super) struct Dispatch {
     results: mpsc::Sender<Message>,
     /// Clients of the embedded broker.
     clients: Option<Arc<Sessions>>,
+    ages: PresenceAges,
 }
 
 impl Dispatch {
@@ -59,15 +62,22 @@ impl Dispatch {
             urgent: Arc::new(Semaphore::new(URGENT_MAX)),
             results,
             clients,
+            ages: PresenceAges::default(),
         };
         (dispatch, told)
     }
 
     /// Carries out what came in, and returns the reply to a command that never becomes a request. Each request has reached
     /// the port before the next one is made, so that the port sees them in order; a slow answer delays nothing.
-    pub(super) async fn take(&self, publisher: Publisher, inbound: Inbound) -> Option<Message> {
+    /// `retain`: it came with the retain flag.
+    pub(super) async fn take(
+        &mut self,
+        publisher: Publisher,
+        inbound: Inbound,
+        retain: bool,
+    ) -> Option<Message> {
         match inbound {
-            Inbound::Ask { request, urgent } => self.ask(publisher, request, urgent).await,
+            Inbound::Ask { request, urgent } => self.ask(publisher, request, urgent, retain).await,
             Inbound::Reject {
                 cs,
                 client_id,
@@ -99,7 +109,13 @@ impl Dispatch {
         )
     }
 
-    async fn ask(&self, publisher: Publisher, mut parsed: ParsedRequest, urgent: bool) -> Option<Message> {
+    async fn ask(
+        &mut self,
+        publisher: Publisher,
+        mut parsed: ParsedRequest,
+        urgent: bool,
+        retain: bool,
+    ) -> Option<Message> {
         if let Some(client_id) = publisher.client_id() {
             parsed.identify(&connection(client_id));
         }
@@ -130,18 +146,14 @@ impl Dispatch {
             }
             Publisher::Unknown { name, .. } => Machine::judge_last_will(&name, parsed),
         };
-        let authorized = match judged {
-            Ok(authorized) => authorized,
-            Err(refusal) => {
-                let Some((id, instance)) = announced else {
-                    return self.refuse(to_tell, refusal).await;
-                };
-                self.drop_message(&format!("MQTT request refused: {refusal}"));
-                let result = HandlerResult::refused(instance, &refusal);
-                let topic = Topic::HandlerResult(id);
-                return Some(message(&self.machine, topic, Payload::HandlerResult(result)));
-            }
+        let authorized = match (judged, announced) {
+            (Ok(authorized), _) => authorized,
+            (Err(refusal), Some((id, instance))) => return Some(self.refuse_handler(id, instance, &refusal)),
+            (Err(refusal), None) => return self.refuse(to_tell, refusal).await,
         };
+        if let Request::Handler(id, presence) = authorized.request() {
+            self.ages.hear(id, presence, retain, Instant::now());
+        }
         let (machine, results) = (self.machine.clone(), self.results.clone());
         let output = output_of(authorized.request());
         // the port itself replies to a sender with a name, refusals included
@@ -165,6 +177,51 @@ impl Dispatch {
             tokio::spawn(asking);
         }
         None
+    }
+
+    fn refuse_handler(&self, id: String, instance: Option<String>, refusal: &Refusal) -> Message {
+        self.drop_message(&format!("MQTT request refused: {refusal}"));
+        let result = HandlerResult::refused(instance, refusal);
+        let topic = Topic::HandlerResult(id);
+        message(&self.machine, topic, Payload::HandlerResult(result))
+    }
+
+    /// The connection is new.
+    pub(super) fn on_connected(&mut self) {
+        self.ages.begin_anew(Instant::now());
+    }
+
+    /// The connection is lost.
+    pub(super) fn on_lost(&mut self) {
+        self.ages.pause();
+    }
+
+    /// Waits until the presence of a handler is too old, while there is a connection. Cancel-safe.
+    pub(super) async fn presence_ended(&self) {
+        match self.ages.next_end() {
+            Some(end) => tokio::time::sleep_until(end).await,
+            None => pending().await,
+        }
+    }
+
+    /// The handlers whose presence is too old have gone. Returns what their last wills would have said, by path.
+    pub(super) async fn end_presences(&mut self) -> Vec<(String, String)> {
+        let mut said = Vec::new();
+        for (id, instance) in self.ages.take_ended(Instant::now()) {
+            warn!("handler {id:?} has not said its presence again in time: it counts as gone");
+            let gone = Machine::gone(id.clone(), instance.clone(), ServerTransport::Mqtt);
+            // a runtime that stops refuses it
+            let _ = self.machine.carry_out(gone).await;
+            let known = self.machine.read(&Topic::HandlerPresence(id.clone())).await;
+            let is_known = known.as_deref().is_some_and(|known| {
+                matches!(&known.payload, Payload::HandlerPresence(shown) if !shown.online && shown.instance == instance)
+            });
+            if is_known {
+                let gone = serde_json::to_string(&HandlerPresence::gone(instance));
+                said.push((Topic::HandlerPresence(id).path(), gone.unwrap_or_default()));
+            }
+        }
+        said
     }
 
     /// Before a handler comes: one of its name that is known by its connection alone has gone with it, also without a last
@@ -231,6 +288,7 @@ impl Dispatch {
             variables: None,
             lease: None,
             hash: None,
+            run_id: None,
         };
         message(&self.machine, Topic::Reply(client_id), Payload::Reply(reply))
     }

@@ -74,6 +74,7 @@ enum Wakeup {
     Mqtt(Result<Event, Lost>),
     Message(Option<Arc<Message>>),
     PositionsDue,
+    PresenceEnded,
     Refused(Refused),
     Result(Box<Message>),
     Stop,
@@ -115,6 +116,7 @@ impl<C: Connect> Link<C> {
                 return;
             };
             self.parts.metrics.broker.lose();
+            self.dispatch.on_lost();
             self.report_bus(false);
             if begun.elapsed() >= STABLE {
                 backoff.reset();
@@ -211,6 +213,10 @@ impl<C: Connect> Link<C> {
 
     /// What is ready first; of several each comes first in its turn, so that none waits behind another.
     async fn next_wakeup(&mut self, wire: Option<&mut C::Wire>) -> Wakeup {
+        let presence_ended = async {
+            self.dispatch.presence_ended().await;
+            Wakeup::PresenceEnded
+        };
         let event = async {
             match wire {
                 Some(wire) => Wakeup::Mqtt(wire.next().await),
@@ -239,12 +245,13 @@ impl<C: Connect> Link<C> {
                 None => std::future::pending().await,
             }
         };
-        let mut sources: [Pin<&mut (dyn Future<Output = Wakeup> + Send)>; 5] = [
+        let mut sources: [Pin<&mut (dyn Future<Output = Wakeup> + Send)>; 6] = [
             pin!(event),
             pin!(message),
             pin!(positions_due),
             pin!(refused),
             pin!(result),
+            pin!(presence_ended),
         ];
         self.turn = (self.turn + 1) % sources.len();
         sources.rotate_left(self.turn);
@@ -271,6 +278,11 @@ impl<C: Connect> Link<C> {
             // the port has closed: nothing more to publish, but the connection stays until the stop
             Wakeup::Message(None) => self.subscription = None,
             Wakeup::PositionsDue => self.put_positions().await,
+            Wakeup::PresenceEnded => {
+                for (path, gone) in self.dispatch.end_presences().await {
+                    self.outbox.retain(path, gone);
+                }
+            }
             Wakeup::Refused((topic, payload)) => {
                 // with the retain flag it asks for nothing, whoever has published it
                 let publisher = Publisher::Unknown {
@@ -316,6 +328,7 @@ impl<C: Connect> Link<C> {
             );
         }
         self.outbox.on_connected();
+        self.dispatch.on_connected();
         metrics
             .broker
             .take(self.parts.at.address(self.node).map(|address| BrokerInUse {
@@ -342,12 +355,13 @@ impl<C: Connect> Link<C> {
     fn publish(&mut self, session: &Session<C::Wire>) {
         let Parts { root, metrics, .. } = &self.parts;
         self.outbox.send(|parcel| {
-            let (path, retain, qos, payload) = match parcel {
+            let (path, retain, qos, payload, expiry_s) = match parcel {
                 Parcel::Message(message) => {
                     let topic = &message.topic;
-                    (topic.path(), topic.is_retained(), topic.qos(), message.to_json())
+                    let (retain, qos, expiry_s) = (topic.is_retained(), topic.qos(), expiry_s(message));
+                    (topic.path(), retain, qos, message.to_json(), expiry_s)
                 }
-                Parcel::Clear(path) => (path.clone(), true, 1, String::new()),
+                Parcel::Retained(path, payload) => (path.clone(), true, 1, payload.clone(), None),
             };
             let topic = format!("{root}{path}");
             let fits = payload.len() <= MESSAGE_MAX && wire::fits(&topic, &payload, session.packet_max);
@@ -360,7 +374,7 @@ impl<C: Connect> Link<C> {
                 );
                 return Handed::Never;
             }
-            if session.wire.publish(topic, qos, retain, payload) {
+            if session.wire.publish(topic, qos, retain, payload, expiry_s) {
                 add(&metrics.mqtt_published, 1);
                 Handed::Over
             } else {
@@ -409,7 +423,7 @@ impl<C: Connect> Link<C> {
             && is_inbound(path)
             && (publish.retain || is_to_clear(path, version))
         {
-            self.outbox.clear(path.to_owned());
+            self.outbox.retain(path.to_owned(), String::new());
         }
         self.take(publisher, &publish.topic, &publish.payload, publish.retain)
             .await;
@@ -422,7 +436,7 @@ impl<C: Connect> Link<C> {
         add(&self.parts.metrics.mqtt_received, 1);
         if let Some(reply) = self
             .dispatch
-            .take(publisher, decode(path, payload, retained))
+            .take(publisher, decode(path, payload, retained), retained)
             .await
         {
             self.outbox.put(Arc::new(reply));
@@ -441,6 +455,7 @@ impl<C: Connect> Link<C> {
         };
         presence.online = false;
         presence.broker = None;
+        presence.expires_ms = None;
         message(machine, Topic::Presence, Payload::Presence(presence))
     }
 
@@ -464,6 +479,15 @@ impl<C: Connect> Link<C> {
             while !matches!(session.wire.next().await, Ok(Event::Disconnected) | Err(_)) {}
         }
     }
+}
+
+/// When the broker forgets a message, s: a presence that is not said again.
+fn expiry_s(message: &Message) -> Option<u32> {
+    let Payload::Presence(presence) = &message.payload else {
+        return None;
+    };
+    let expires_ms = presence.expires_ms.filter(|_| presence.online)?;
+    u32::try_from(expires_ms.div_ceil(1000)).ok()
 }
 
 /// Over 3.1.1 a live message does not keep its retain flag, so every command is cleared.

@@ -13,8 +13,8 @@ use plc_api::types::topic::{CsTopic, Topic};
 pub(super) enum Parcel {
     /// A message of the port.
     Message(Arc<Message>),
-    /// An empty retained message, which clears the topic of this path.
-    Clear(String),
+    /// A retained message on a path that is a client's; an empty one clears it.
+    Retained(String, String),
 }
 
 /// The result of publishing a parcel.
@@ -32,7 +32,7 @@ impl Entry for Parcel {
     fn topic(&self) -> Option<&Topic> {
         match self {
             Parcel::Message(message) => Some(&message.topic),
-            Parcel::Clear(_) => None,
+            Parcel::Retained(..) => None,
         }
     }
 }
@@ -68,9 +68,9 @@ impl Outbox {
         self.queue.put(Parcel::Message(message));
     }
 
-    /// Clears a retained topic at the broker.
-    pub(super) fn clear(&mut self, path: String) {
-        self.queue.put(Parcel::Clear(path));
+    /// Replaces what the broker retains for a client; an empty payload clears it.
+    pub(super) fn retain(&mut self, path: String, payload: String) {
+        self.queue.put(Parcel::Retained(path, payload));
     }
 
     /// Publishes in order, until the client library is full.

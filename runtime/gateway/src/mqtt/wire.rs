@@ -70,8 +70,9 @@ pub trait Wire: Send + 'static {
     /// Subscribes for delivery at least once and, over MQTT 5, with Retain As Published. False when there is no room.
     fn subscribe(&self, filters: impl Iterator<Item = String>) -> bool;
 
-    /// Publishes with quality of service 0 or 1. False when there is no room.
-    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String) -> bool;
+    /// Publishes with quality of service 0 or 1; over MQTT 5 the broker forgets it after `expiry_s`, s. False when there is no
+    /// room.
+    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String, expiry_s: Option<u32>) -> bool;
 
     /// Sends DISCONNECT, after which [`Event::Disconnected`] comes. False when there is no room.
     fn disconnect(&self) -> bool;
@@ -218,11 +219,20 @@ impl Wire for BrokerWire {
         }
     }
 
-    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String) -> bool {
+    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String, expiry_s: Option<u32>) -> bool {
         match &self.client {
             Client::V5(client) => {
                 let qos = qos_5(qos).unwrap_or(QoS5::AtLeastOnce);
-                client.try_publish(topic, qos, retain, payload).is_ok()
+                let Some(expiry_s) = expiry_s else {
+                    return client.try_publish(topic, qos, retain, payload).is_ok();
+                };
+                let properties = mqtt5::PublishProperties {
+                    message_expiry_interval: Some(expiry_s),
+                    ..mqtt5::PublishProperties::default()
+                };
+                client
+                    .try_publish_with_properties(topic, qos, retain, payload, properties)
+                    .is_ok()
             }
             Client::V3(client) => {
                 let qos = rumqttc::qos(qos).unwrap_or(QoS::AtLeastOnce);

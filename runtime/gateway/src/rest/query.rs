@@ -37,6 +37,11 @@ queries! {
     #[serde(deny_unknown_fields)]
     RunBy { cs: Option<CoordinateSystemNumber> } => QueryValues { cs, ..QueryValues::default() };
     #[serde(deny_unknown_fields)]
+    Seconds { wait: Option<String> } => QueryValues { wait, ..QueryValues::default() };
+    #[serde(deny_unknown_fields)]
+    Runs { cs: Option<CoordinateSystemNumber>, from: u32, count: Option<u32> } =>
+        QueryValues { cs, from, count, ..QueryValues::default() };
+    #[serde(deny_unknown_fields)]
     Path { cs: Option<CoordinateSystemNumber>, tolerance: Option<f64>, from: u32, count: Option<u32> } =>
         QueryValues { cs, tolerance, from, count, ..QueryValues::default() };
     #[serde(deny_unknown_fields)]
@@ -59,6 +64,8 @@ pub(super) fn read(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
         route::Query::Journal => read_as::<Lines>(uri),
         route::Query::Wait => read_as::<Wait>(uri),
         route::Query::Dialect => read_as::<Upload>(uri),
+        route::Query::Seconds => read_as::<Seconds>(uri),
+        route::Query::Runs => read_as::<Runs>(uri),
         route::Query::RunBy => read_as::<RunBy>(uri),
         route::Query::Path => read_as::<Path>(uri),
     }

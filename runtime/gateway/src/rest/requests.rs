@@ -247,13 +247,18 @@ fn response(reply: Reply) -> Response {
                 &path.tag,
             )
         }
+        Reply::Created(text, route) => at(json(201, text), &route),
         Reply::Accepted(id, hash) => {
-            let mut response =
-                json_response(StatusCode::ACCEPTED, Reply::accepted_body(&id, hash.as_deref()));
-            if let Ok(location) = HeaderValue::try_from(format!("{API}/commands/{}", percent_encoded(&id))) {
-                response.headers_mut().insert(header::LOCATION, location);
-            }
-            response
+            let response = json_response(StatusCode::ACCEPTED, Reply::accepted_body(&id, hash.as_deref()));
+            at(response, &format!("/commands/{}", percent_encoded(&id)))
         }
     }
+}
+
+/// With the route below the API where the rest is.
+fn at(mut response: Response, route: &str) -> Response {
+    if let Ok(location) = HeaderValue::try_from(format!("{API}{route}")) {
+        response.headers_mut().insert(header::LOCATION, location);
+    }
+    response
 }

@@ -95,6 +95,7 @@ impl StubPort {
                 started_at: Timestamp("2026-01-01T00:00:00Z".into()),
                 broker: None,
                 version: "0.1.0".into(),
+                expires_ms: None,
             }),
         );
         stub.say(
@@ -248,6 +249,7 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
         variables: None,
         lease: None,
         hash: None,
+        run_id: None,
     }
 }
 

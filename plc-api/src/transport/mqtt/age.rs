@@ -1,0 +1,90 @@
+//! How old the presence of the machine is: one that is too old counts as offline, as if its last will had come, which a
+//! broker's node that dies never publishes. Pure: the time is a parameter.
+
+use std::time::{Duration, Instant};
+
+use crate::types::machine::Presence;
+
+/// When the machine was heard last. The age counts only while there is a connection, with each of which it begins anew.
+#[derive(Debug, Default)]
+pub(super) struct MachineAge {
+    expires: Option<Duration>,
+    heard: Option<Instant>,
+}
+
+impl MachineAge {
+    /// The connection is new.
+    pub(super) fn begin_anew(&mut self, now: Instant) {
+        self.heard = Some(now);
+    }
+
+    /// The connection is lost.
+    pub(super) fn pause(&mut self) {
+        self.heard = None;
+    }
+
+    /// The machine says its presence. A retained one shows that it was there, not that it is: it renews nothing.
+    pub(super) fn hear(&mut self, presence: &Presence, retained: bool, now: Instant) {
+        let expires_ms = presence.expires_ms.filter(|_| presence.online);
+        self.expires = expires_ms.map(Duration::from_millis);
+        if !retained || self.heard.is_none() {
+            self.heard = Some(now);
+        }
+    }
+
+    /// When the presence is too old, unless it is said again.
+    pub(super) fn end(&self) -> Option<Instant> {
+        Some(self.heard? + self.expires?)
+    }
+
+    /// Takes it that the presence is too old: once, until the machine is heard again.
+    pub(super) fn take_end(&mut self, now: Instant) -> bool {
+        let has_ended = self.end().is_some_and(|end| end <= now);
+        if has_ended {
+            self.expires = None;
+        }
+        has_ended
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn presence(expires_ms: Option<u64>) -> Presence {
+        Presence {
+            online: true,
+            expires_ms,
+            ..Presence::default()
+        }
+    }
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn a_machine_is_offline_once_when_its_presence_is_too_old_and_may_come_again() {
+        let (mut age, begin) = (MachineAge::default(), Instant::now());
+        age.begin_anew(begin);
+        age.hear(&presence(Some(900)), true, begin + ms(10));
+        assert!(!age.take_end(begin + ms(899)), "counted from the connection");
+        assert!(age.take_end(begin + ms(900)));
+        assert!(!age.take_end(begin + ms(5000)), "once");
+        age.hear(&presence(Some(900)), false, begin + ms(6000));
+        assert!(!age.take_end(begin + ms(6899)) && age.take_end(begin + ms(6900)));
+    }
+
+    #[test]
+    fn an_outage_ends_nothing_nor_does_a_machine_that_does_not_say_it_again() {
+        let (mut age, begin) = (MachineAge::default(), Instant::now());
+        age.begin_anew(begin);
+        age.hear(&presence(Some(900)), false, begin);
+        age.pause();
+        assert!(!age.take_end(begin + ms(60_000)));
+        age.begin_anew(begin + ms(60_000));
+        assert!(!age.take_end(begin + ms(60_899)) && age.take_end(begin + ms(60_900)));
+        age.hear(&presence(None), false, begin);
+        assert_eq!(age.end(), None, "as of an earlier version");
+    }
+}

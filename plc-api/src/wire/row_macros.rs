@@ -1,0 +1,56 @@
+//! How rows of requests are written down.
+
+/// Writes a request of this row; another one is given back.
+macro_rules! written {
+    ($request:pat => $parts:expr) => {
+        |request| match request {
+            $request => Ok($parts),
+            other => Err(other),
+        }
+    };
+}
+
+/// The row of a request whose values are a number or a name in its path, or its JSON body.
+macro_rules! carried {
+    ($right:ident, $request:ident) => {
+        Row::new(
+            $right,
+            |_| Ok(Request::$request),
+            written!(Request::$request => RequestParts::default()),
+        )
+    };
+    ($right:ident, $request:ident($($value:ident: $kind:ident),*)) => {
+        Row::new(
+            $right,
+            |incoming| Ok(Request::$request($(carried!(@read incoming, $value, $kind)),*)),
+            written!(Request::$request($($value),*) => {
+                let parts = RequestParts::default();
+                $(let parts = carried!(@write parts, $value, $kind);)*
+                parts
+            }),
+        )
+    };
+    (@read $incoming:ident, $value:ident, number) => { $incoming.number(stringify!($value))? };
+    (@read $incoming:ident, $value:ident, name) => { $incoming.text(stringify!($value)).to_owned() };
+    (@read $incoming:ident, $value:ident, json) => { $incoming.json()? };
+    (@write $parts:ident, $value:ident, json) => { $parts.json(&$value) };
+    (@write $parts:ident, $value:ident, $level:ident) => { $parts.with(stringify!($value), $value) };
+}
+
+/// The row of what is said of an output: a route names it by its sequence number, and a topic by its M number.
+macro_rules! about_an_output {
+    ($request:ident($type:ty) $level:literal $right:ident $(-> $answer:ty)? => $summary:literal) => {
+        Row {
+            routes: &[Route::post::<$type>(concat!("/cs/{cs}/m_codes/{seq}/", $level), $summary)$(.gives::<$answer>())?],
+            topic: Some(Topic::new::<$type>(concat!("cs/{cs}/m_code/{m}/", $level), $summary)),
+            answer: handshake,
+            ..Row::new(
+                $right,
+                |incoming| Ok(Request::$request(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
+                written!(Request::$request(cs, m, said) => RequestParts::of_output(cs, m, said.seq, &said)),
+            )
+        }
+    };
+}
+
+pub(super) use {about_an_output, carried, written};

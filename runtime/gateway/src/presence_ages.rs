@@ -1,0 +1,173 @@
+//! How old the presences are that handlers say again and again: one that is too old counts as gone, as if its last will had
+//! come, which a broker's node that dies never publishes.
+//!
+//! Pure: the time is a parameter. The age counts from the arrival, and only while the receiver is connected: with each
+//! connection it begins anew. A retained presence shows that a handler was there, not that it is: it renews nothing.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use plc_api::handler_registry::HANDLERS_MAX;
+use plc_api::types::output::HandlerPresence;
+use tokio::time::Instant;
+
+/// Presences that are watched. Reason: of each handler the instance that is there, and one that wants its place.
+const WATCHED_MAX: usize = 2 * HANDLERS_MAX;
+
+/// A handler and its instance.
+pub(crate) type Named = (String, Option<String>);
+
+/// Presences that expire.
+#[derive(Debug, Default)]
+pub(crate) struct PresenceAges {
+    ages: BTreeMap<Named, Age>,
+    /// There is no connection: no age counts.
+    is_paused: bool,
+}
+
+#[derive(Debug)]
+struct Age {
+    expires: Duration,
+    heard: Instant,
+    /// A presence with the retain flag on this connection is one that was published before it.
+    may_be_retained: bool,
+}
+
+impl PresenceAges {
+    /// A handler says its presence.
+    pub(crate) fn hear(&mut self, id: &str, presence: &HandlerPresence, retain: bool, now: Instant) {
+        let named = (id.to_owned(), presence.instance.clone());
+        let Some(expires_ms) = presence.expires_ms.filter(|_| presence.online) else {
+            self.ages.remove(&named);
+            return;
+        };
+        let expires = Duration::from_millis(expires_ms);
+        let has_room = self.ages.len() < WATCHED_MAX;
+        match self.ages.get_mut(&named) {
+            Some(age) if retain && age.may_be_retained => age.may_be_retained = false,
+            Some(age) => *age = Age::new(expires, now),
+            None if has_room => {
+                self.ages.insert(named, Age::new(expires, now));
+            }
+            None => {}
+        }
+    }
+
+    /// The receiver is connected anew: what it did not hear, nobody could say to it.
+    pub(crate) fn begin_anew(&mut self, now: Instant) {
+        self.is_paused = false;
+        for age in self.ages.values_mut() {
+            age.heard = now;
+            age.may_be_retained = true;
+        }
+    }
+
+    /// The connection is lost.
+    pub(crate) fn pause(&mut self) {
+        self.is_paused = true;
+    }
+
+    /// When the first of them is too old, unless it is heard.
+    pub(crate) fn next_end(&self) -> Option<Instant> {
+        let ages = self.ages.values().filter(|_| !self.is_paused);
+        ages.map(Age::end).min()
+    }
+
+    /// Takes those that are too old.
+    pub(crate) fn take_ended(&mut self, now: Instant) -> Vec<Named> {
+        let is_paused = self.is_paused;
+        let ended = self.ages.extract_if(.., |_, age| !is_paused && age.end() <= now);
+        ended.map(|(named, _)| named).collect()
+    }
+}
+
+impl Age {
+    fn new(expires: Duration, heard: Instant) -> Self {
+        Self {
+            expires,
+            heard,
+            may_be_retained: false,
+        }
+    }
+
+    fn end(&self) -> Instant {
+        self.heard + self.expires
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn presence(expires_ms: Option<u64>) -> HandlerPresence {
+        HandlerPresence {
+            online: true,
+            instance: Some("a".to_owned()),
+            expires_ms,
+            ..HandlerPresence::default()
+        }
+    }
+
+    fn cell() -> Vec<Named> {
+        vec![("cell".to_owned(), Some("a".to_owned()))]
+    }
+
+    const fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn a_presence_ends_at_its_age_unless_it_is_said_again_or_taken_back() {
+        let (mut ages, begin) = (PresenceAges::default(), Instant::now());
+        ages.hear("cell", &presence(Some(900)), false, begin);
+        ages.hear("old", &presence(None), false, begin);
+        ages.hear("cell", &presence(Some(900)), false, begin + ms(300));
+        assert_eq!(ages.next_end(), Some(begin + ms(1200)));
+        assert_eq!(ages.take_ended(begin + ms(1199)), []);
+        assert_eq!(ages.take_ended(begin + ms(1200)), cell());
+        assert_eq!(ages.next_end(), None, "without an age there is no end");
+        ages.hear("cell", &presence(Some(900)), false, begin);
+        let gone = HandlerPresence::gone(Some("a".to_owned()));
+        ages.hear("cell", &gone, false, begin);
+        assert_eq!(ages.next_end(), None);
+    }
+
+    #[test]
+    fn an_outage_ends_nothing_and_a_retained_presence_renews_nothing() {
+        let (mut ages, begin) = (PresenceAges::default(), Instant::now());
+        ages.hear("cell", &presence(Some(900)), false, begin);
+        ages.pause();
+        assert_eq!(
+            (ages.next_end(), ages.take_ended(begin + ms(30_000))),
+            (None, vec![])
+        );
+        let connected = begin + ms(60_000);
+        ages.begin_anew(connected);
+        assert_eq!(ages.take_ended(connected + ms(899)), []);
+        ages.hear("cell", &presence(Some(900)), true, connected + ms(500));
+        assert_eq!(
+            ages.next_end(),
+            Some(connected + ms(900)),
+            "it was kept by the broker"
+        );
+        ages.hear("cell", &presence(Some(900)), true, connected + ms(800));
+        assert_eq!(ages.next_end(), Some(connected + ms(1700)), "it was said again");
+    }
+
+    #[test]
+    fn a_handler_first_heard_of_by_a_retained_presence_has_its_time_to_say_it_again() {
+        let (mut ages, begin) = (PresenceAges::default(), Instant::now());
+        ages.begin_anew(begin);
+        ages.hear("cell", &presence(Some(900)), true, begin + ms(5));
+        assert_eq!(ages.take_ended(begin + ms(905)), cell());
+    }
+
+    #[test]
+    fn the_presences_that_are_watched_are_bounded() {
+        let (mut ages, begin) = (PresenceAges::default(), Instant::now());
+        for n in 0..WATCHED_MAX + 5 {
+            ages.hear(&n.to_string(), &presence(Some(900)), false, begin);
+        }
+        assert_eq!(ages.take_ended(begin + ms(900)).len(), WATCHED_MAX);
+    }
+}

@@ -1,0 +1,188 @@
+use std::time::Duration;
+
+use plc_api::types::command::Command;
+use plc_api::types::run::{Run, RunEndedHow, RunOrder};
+use plc_api::{CoordinateSystem, Execution, Plc};
+
+use crate::journal::Event;
+use crate::test::{Bench, kept_journal};
+
+/// A part takes 3 s and more.
+const PART: &str = "G90 G01 X10 F600\nX0 F600\nG04 X1\nM30\n";
+
+fn order(parts: u32) -> RunOrder {
+    RunOrder {
+        program: Some(50),
+        parts,
+    }
+}
+
+fn s(s: u64) -> Duration {
+    Duration::from_secs(s)
+}
+
+async fn run_of(cs: &CoordinateSystem) -> Run {
+    cs.newest_run().await.unwrap().unwrap()
+}
+
+async fn end_of(cs: &CoordinateSystem) -> (RunEndedHow, u32) {
+    let run = run_of(cs).await;
+    (run.end.unwrap().how, run.parts_done)
+}
+
+/// Waits until a run waits for something.
+async fn waits_for(plc: &Plc, cs: &CoordinateSystem) -> String {
+    loop {
+        if let Some(text) = run_of(cs).await.waits_for {
+            return text;
+        }
+        plc.sleep(Duration::from_millis(100)).await;
+    }
+}
+
+#[test]
+fn each_part_begins_after_the_completion_of_the_one_before_and_all_are_one_run() {
+    let (journal, lines) = kept_journal();
+    let bench = Bench::new().journal(journal).subprogram(50, PART);
+    let play = bench.play(async |scene, _| {
+        let mill = scene.cs(1);
+        let ordered = mill.order(order(3)).await.unwrap();
+        let end = ordered.ended().await.unwrap();
+        assert_eq!((end.parts, end.parts_done), (3, 3));
+        assert_eq!(end.end.unwrap().how, RunEndedHow::Completed);
+        assert_eq!(mill.state().await.unwrap().execution, Execution::ProgramCompleted);
+        scene.plc().sleep(s(60)).await;
+        let made = mill.runs(0, 10).await.unwrap();
+        assert_eq!((made.runs.len(), made.production[0].parts), (1, 3));
+        assert_eq!(made.runs[0].id, ordered.id());
+        assert_eq!(end.id, ordered.id());
+    });
+    play.unwrap();
+    let lines = lines.lock().unwrap();
+    let told: Vec<_> = lines
+        .iter()
+        .filter_map(|line| match &line.event {
+            Event::Start { run_id, .. } => Some(("start", run_id.clone())),
+            Event::End(_) => Some(("end", String::new())),
+            _ => None,
+        })
+        .collect();
+    let words: Vec<_> = told.iter().map(|(word, _)| *word).collect();
+    assert_eq!(words, ["start", "end", "start", "end", "start", "end"]);
+    assert!(told[0].1 == told[2].1 && told[0].1 == told[4].1, "{told:?}");
+}
+
+#[test]
+fn the_next_part_waits_for_the_end_of_the_start_lock_and_of_the_interlock() {
+    let bench = Bench::new().subprogram(50, PART);
+    let play = bench.play(async |scene, _| {
+        let (plc, mill) = (scene.plc(), scene.cs(1));
+        mill.order(order(3)).await.unwrap();
+        mill.set_start_lock(true, "load a blank").await.unwrap();
+        let why = waits_for(plc, &mill).await;
+        assert!(why.contains("load a blank"), "{why}");
+        plc.sleep(s(100)).await;
+        assert_eq!(run_of(&mill).await.parts_done, 1);
+        mill.set_start_lock(false, "").await.unwrap();
+        plc.sleep(s(1)).await;
+        assert_eq!(mill.state().await.unwrap().execution, Execution::Active);
+        mill.wait_until(Execution::ProgramCompleted).await.unwrap();
+        plc.sleep(s(60)).await;
+        assert_eq!(end_of(&mill).await, (RunEndedHow::Completed, 3));
+    });
+    play.unwrap();
+}
+
+#[test]
+fn no_part_begins_after_a_stop_an_alarm_or_a_reset() {
+    for (how, wanted) in [
+        ("stop", RunEndedHow::Stopped),
+        ("abort", RunEndedHow::Aborted),
+        ("alarm", RunEndedHow::Alarm),
+        ("reset", RunEndedHow::Reset),
+    ] {
+        for between in [false, true] {
+            let bench = Bench::new().subprogram(50, PART);
+            let play = bench.play(async move |scene, _| {
+                let (plc, mill) = (scene.plc(), scene.cs(1));
+                mill.order(order(3)).await.unwrap();
+                if between {
+                    mill.set_start_lock(true, "not yet").await.unwrap();
+                    waits_for(plc, &mill).await;
+                } else {
+                    plc.sleep(s(1)).await;
+                }
+                match how {
+                    "stop" => mill.stop().await.unwrap(),
+                    "abort" => mill.abort().await.unwrap(),
+                    "alarm" => plc.raise_alarm(plc_api::Alarm::user(7, "door")).await.unwrap(),
+                    _ => {
+                        mill.hold().await.unwrap();
+                        mill.reset().await.unwrap();
+                    }
+                }
+                mill.set_start_lock(false, "").await.unwrap();
+                plc.sleep(s(60)).await;
+                let done = u32::from(between);
+                assert_eq!(end_of(&mill).await, (wanted, done), "{how} {between}");
+                let state = mill.state().await.unwrap().execution;
+                assert_ne!(state, Execution::Active, "{how} {between}");
+            });
+            play.unwrap();
+        }
+    }
+}
+
+#[test]
+fn another_command_takes_the_place_of_parts_that_have_not_begun() {
+    let bench = Bench::new().subprogram(50, PART);
+    let play = bench.play(async |scene, _| {
+        let (plc, mill) = (scene.plc(), scene.cs(1));
+        for command in [Command::Load { program: 50 }, Command::Home { axes: vec!['X'] }] {
+            mill.order(order(2)).await.unwrap();
+            mill.set_start_lock(true, "not yet").await.unwrap();
+            waits_for(plc, &mill).await;
+            mill.command(command).await.unwrap();
+            mill.set_start_lock(false, "").await.unwrap();
+            plc.sleep(s(60)).await;
+            assert_eq!(end_of(&mill).await, (RunEndedHow::Replaced, 1));
+            assert_eq!(mill.state().await.unwrap().execution, Execution::Ready);
+        }
+    });
+    play.unwrap();
+}
+
+#[test]
+fn no_part_begins_when_the_lease_of_the_order_has_ended() {
+    let bench = Bench::new().subprogram(50, PART);
+    let play = bench.play(async |scene, _| {
+        let (plc, mill) = (scene.plc(), scene.cs(1));
+        let lease = mill.take_lease(s(600)).await.unwrap();
+        lease.coordinate_system().order(order(3)).await.unwrap();
+        mill.set_start_lock(true, "not yet").await.unwrap();
+        waits_for(plc, &mill).await;
+        lease.release().await.unwrap();
+        mill.set_start_lock(false, "").await.unwrap();
+        plc.sleep(s(60)).await;
+        assert_eq!(end_of(&mill).await, (RunEndedHow::LeaseLost, 1));
+    });
+    play.unwrap();
+}
+
+#[test]
+fn a_run_without_a_program_or_of_one_with_errors_is_refused() {
+    let bench = Bench::new().subprogram(50, PART).subprogram(60, "G01 Q\nM30\n");
+    let play = bench.play(async |scene, _| {
+        let mill = scene.cs(2);
+        let none = RunOrder {
+            program: None,
+            parts: 1,
+        };
+        let refusal = mill.order(none).await.unwrap_err().to_string();
+        assert!(refusal.contains("no program is loaded"), "{refusal}");
+        let refusal = mill.run(60).await.unwrap_err().to_string();
+        assert!(refusal.contains("60"), "{refusal}");
+        assert_eq!(mill.newest_run().await.unwrap(), None);
+    });
+    play.unwrap();
+}

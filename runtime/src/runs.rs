@@ -1,0 +1,343 @@
+//! Runs as things: which go on, which have ended and how, and what was produced. Pure: it learns all from the journal's events.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::time::SystemTime;
+
+use plc_api::handshake::Now;
+use plc_api::types::output::Timing;
+use plc_api::types::run::{
+    Production, RUNS_AT_ONCE_MAX, RUNS_KEPT, Run, RunAlarm, RunEnded, RunEndedHow, RunQuery, RunState,
+    RunWait, Runs,
+};
+use plc_api::types::state::Reason;
+use plc_api::types::{CoordinateSystemNumber, Timestamp};
+use serde::{Deserialize, Serialize};
+
+use crate::journal::{Event, RaisedAlarm, RunEnd};
+
+/// Alarms and M codes that a run tells of.
+const ALARMS_MAX: usize = 10;
+const WAITS_MAX: usize = 20;
+
+/// A run that has ended, and its number over all starts of the runtime.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct EndedRun {
+    pub n: u64,
+    #[serde(flatten)]
+    pub run: Run,
+}
+
+/// What is kept of runs over starts of the runtime.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct KeptRuns {
+    pub ended: Vec<EndedRun>,
+    /// Those that went on when the runtime ended.
+    pub open: Vec<Run>,
+    pub production: Vec<Production>,
+}
+
+/// All runs.
+#[derive(Debug, Default)]
+pub(crate) struct RunBook {
+    open: BTreeMap<CoordinateSystemNumber, OpenRun>,
+    /// The oldest first.
+    ended: VecDeque<EndedRun>,
+    production: BTreeMap<(CoordinateSystemNumber, u16), Production>,
+}
+
+/// A run that goes on.
+#[derive(Debug)]
+struct OpenRun {
+    run: Run,
+    began_s: f64,
+    part_began_s: f64,
+    /// M number of each open output that the program waits for, and since when, by its sequence number.
+    waiting: BTreeMap<u64, (u16, f64)>,
+    waits: BTreeMap<u16, RunWait>,
+}
+
+impl RunBook {
+    /// Goes on with what was kept. A run that had not ended was ended by the end of the runtime.
+    pub fn restore(&mut self, kept: KeptRuns, time: SystemTime) {
+        let mut ended = kept.ended;
+        ended.sort_by_key(|ended| ended.n);
+        self.ended.extend(ended);
+        self.production = kept
+            .production
+            .into_iter()
+            .map(|of| ((of.cs, of.program), of))
+            .collect();
+        for run in kept.open {
+            let is_known = self.ended.iter().rev().any(|ended| ended.run.id == run.id);
+            if !is_known {
+                self.close(run, RunEndedHow::Restarted, String::new(), time);
+            }
+        }
+    }
+
+    /// True for an event that it learns from.
+    pub fn learns_from(event: &Event) -> bool {
+        matches!(
+            event,
+            Event::Start { .. }
+                | Event::Output(_)
+                | Event::Reset { .. }
+                | Event::Alarm(_)
+                | Event::PartsWait { .. }
+                | Event::PartsEnded { .. }
+                | Event::End(_)
+        )
+    }
+
+    /// Learns from an event. True when there is something to publish.
+    pub fn on(&mut self, cs: CoordinateSystemNumber, event: &Event, now: Now) -> bool {
+        if let Event::Start { program: 1.., .. } = event {
+            self.begin(cs, event, now);
+            return true;
+        }
+        let Some(open) = self.open.get_mut(&cs) else {
+            return false;
+        };
+        match event {
+            Event::Output(notice) => {
+                if notice.timing == Timing::AfterMotion {
+                    open.waiting.insert(notice.seq, (notice.m, now.monotonic_s));
+                }
+                false
+            }
+            Event::Reset { seq, .. } => {
+                open.end_wait(*seq, now.monotonic_s);
+                false
+            }
+            Event::Alarm(alarm) => {
+                open.take_alarm(alarm);
+                true
+            }
+            Event::PartsWait { text } => {
+                open.run.waits_for = Some(text.clone());
+                true
+            }
+            Event::PartsEnded { how, text } => {
+                self.end(cs, *how, text.clone(), now);
+                true
+            }
+            Event::End(end) => {
+                self.on_end(cs, *end, now);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    fn begin(&mut self, cs: CoordinateSystemNumber, event: &Event, now: Now) {
+        let Event::Start {
+            program,
+            run_id,
+            program_hash,
+            from_line,
+            parts,
+        } = event
+        else {
+            return;
+        };
+        if let Some(open) = self.open.get_mut(&cs).filter(|open| open.run.id == *run_id) {
+            open.part_began_s = now.monotonic_s;
+            open.run.waits_for = None;
+            return;
+        }
+        let run = Run {
+            id: run_id.clone(),
+            cs,
+            program: *program,
+            hash: program_hash.clone(),
+            from_line: *from_line,
+            parts: parts.unwrap_or(1),
+            parts_done: 0,
+            began: Timestamp::from_system_time(now.time),
+            end: None,
+            took_s: 0.0,
+            last_part_s: None,
+            waits: Vec::new(),
+            alarms: Vec::new(),
+            waits_for: None,
+        };
+        let open = OpenRun {
+            run,
+            began_s: now.monotonic_s,
+            part_began_s: now.monotonic_s,
+            waiting: BTreeMap::new(),
+            waits: BTreeMap::new(),
+        };
+        self.open.insert(cs, open);
+    }
+
+    fn on_end(&mut self, cs: CoordinateSystemNumber, end: RunEnd, now: Now) {
+        let Some(open) = self.open.get_mut(&cs) else {
+            return;
+        };
+        open.end_part(now.monotonic_s);
+        let how = match end {
+            RunEnd::Completed { .. } => {
+                let took_s = now.monotonic_s - open.part_began_s;
+                open.run.parts_done += 1;
+                open.run.last_part_s = Some(took_s);
+                let (program, is_last) = (open.run.program, open.run.parts_done >= open.run.parts);
+                let produced = self.produced(cs, program);
+                produced.parts += 1;
+                produced.parts_s += took_s;
+                produced.last = Some(Timestamp::from_system_time(now.time));
+                if !is_last {
+                    return;
+                }
+                RunEndedHow::Completed
+            }
+            RunEnd::CutShort { reason, .. } => match reason {
+                Some(Reason::Stop) => RunEndedHow::Stopped,
+                Some(Reason::Aborted) => RunEndedHow::Aborted,
+                Some(Reason::Alarm) => RunEndedHow::Alarm,
+                _ => RunEndedHow::Reset,
+            },
+        };
+        self.end(cs, how, String::new(), now);
+    }
+
+    fn end(&mut self, cs: CoordinateSystemNumber, how: RunEndedHow, text: String, now: Now) {
+        if let Some(open) = self.open.remove(&cs) {
+            self.close(open.run, how, text, now.time);
+        }
+    }
+
+    fn close(&mut self, mut run: Run, how: RunEndedHow, text: String, time: SystemTime) {
+        if how != RunEndedHow::Completed {
+            self.produced(run.cs, run.program).cut_short += 1;
+        }
+        run.waits_for = None;
+        run.end = Some(RunEnded {
+            at: Timestamp::from_system_time(time),
+            how,
+            text,
+        });
+        let n = self.ended.back().map_or(0, |last| last.n) + 1;
+        self.ended.push_back(EndedRun { n, run });
+        if self.ended.len() > RUNS_KEPT {
+            self.ended.pop_front();
+        }
+    }
+
+    fn produced(&mut self, cs: CoordinateSystemNumber, program: u16) -> &mut Production {
+        self.production.entry((cs, program)).or_insert(Production {
+            cs,
+            program,
+            parts: 0,
+            cut_short: 0,
+            parts_s: 0.0,
+            last: None,
+        })
+    }
+
+    /// A run by its id, as it is now.
+    pub fn run(&self, id: &str, now_s: f64) -> Option<Run> {
+        let mut open = self.open.values();
+        if let Some(open) = open.find(|open| open.run.id == id) {
+            let mut run = open.run.clone();
+            if run.waits_for.is_none() {
+                run.took_s = now_s - open.began_s;
+            }
+            return Some(run);
+        }
+        let ended = self.ended.iter().rev().find(|ended| ended.run.id == id);
+        ended.map(|ended| ended.run.clone())
+    }
+
+    /// The run that goes on, or the last one that ended.
+    pub fn state(&self, cs: CoordinateSystemNumber) -> RunState {
+        let open = self.open.get(&cs).map(|open| &open.run);
+        let mut ended = self.ended.iter().rev().map(|ended| &ended.run);
+        RunState {
+            run: open.or_else(|| ended.find(|run| run.cs == cs)).cloned(),
+        }
+    }
+
+    /// Runs that have ended, the newest first.
+    pub fn runs(&self, query: RunQuery) -> Runs {
+        let is_asked = |cs: CoordinateSystemNumber| query.cs.is_none_or(|asked| asked == cs);
+        let (from, count) = (
+            query.from as usize,
+            query.count.clamp(1, RUNS_AT_ONCE_MAX) as usize,
+        );
+        let ended = self.ended.iter().rev().map(|ended| &ended.run);
+        let asked = ended.filter(|run| is_asked(run.cs)).skip(from).take(count);
+        let production = self.production.values().filter(|of| is_asked(of.cs));
+        Runs {
+            runs: asked.cloned().collect(),
+            production: production.cloned().collect(),
+        }
+    }
+
+    /// Runs that have ended, the newest first.
+    pub fn ended(&self) -> impl Iterator<Item = &EndedRun> {
+        self.ended.iter().rev()
+    }
+
+    /// The run that goes on in a coordinate system.
+    pub fn open(&self, cs: CoordinateSystemNumber) -> Option<&Run> {
+        self.open.get(&cs).map(|open| &open.run)
+    }
+
+    /// Counters of all programs.
+    pub fn production(&self) -> Vec<Production> {
+        self.production.values().cloned().collect()
+    }
+}
+
+impl OpenRun {
+    fn end_wait(&mut self, seq: u64, now_s: f64) {
+        let Some((m, since_s)) = self.waiting.remove(&seq) else {
+            return;
+        };
+        let took_s = now_s - since_s;
+        let wait = self.waits.entry(m).or_insert(RunWait {
+            m,
+            count: 0,
+            total_s: 0.0,
+            longest_s: 0.0,
+        });
+        wait.count += 1;
+        wait.total_s += took_s;
+        wait.longest_s = wait.longest_s.max(took_s);
+    }
+
+    /// Waits that go on end with the part.
+    fn end_part(&mut self, now_s: f64) {
+        let waiting: Vec<u64> = self.waiting.keys().copied().collect();
+        for seq in waiting {
+            self.end_wait(seq, now_s);
+        }
+        self.run.took_s = now_s - self.began_s;
+        let mut waits: Vec<RunWait> = self.waits.values().cloned().collect();
+        waits.sort_by(|one, other| other.total_s.total_cmp(&one.total_s));
+        waits.truncate(WAITS_MAX);
+        self.run.waits = waits;
+    }
+
+    fn take_alarm(&mut self, alarm: &RaisedAlarm) {
+        if self.run.alarms.len() >= ALARMS_MAX {
+            return;
+        }
+        self.run.alarms.push(match alarm {
+            RaisedAlarm::OfThis(record) => RunAlarm {
+                number: record.number,
+                text: record.text.clone(),
+                line: record.line,
+            },
+            RaisedAlarm::OfAll { number, text } => RunAlarm {
+                number: *number,
+                text: text.clone(),
+                line: None,
+            },
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;

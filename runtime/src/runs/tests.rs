@@ -1,0 +1,222 @@
+use std::time::{Duration, UNIX_EPOCH};
+
+use plc_api::types::execution::Execution;
+use plc_api::types::machine::AlarmRecord;
+use plc_api::types::output::{OutputNotice, Params};
+
+use super::*;
+use crate::journal::ResetOutcome;
+
+fn at(s: f64) -> Now {
+    Now {
+        monotonic_s: s,
+        time: UNIX_EPOCH + Duration::from_secs_f64(s),
+    }
+}
+
+fn start(program: u16, run_id: &str, parts: Option<u32>) -> Event {
+    Event::Start {
+        program,
+        run_id: run_id.to_owned(),
+        program_hash: Some("h".to_owned()),
+        from_line: None,
+        parts,
+    }
+}
+
+fn output(seq: u64, m: u16, timing: Timing) -> Event {
+    Event::Output(Box::new(OutputNotice {
+        id: String::new(),
+        seq,
+        run_id: String::new(),
+        m,
+        params: Params::default(),
+        timing,
+        program: 1,
+        line: 1,
+        attempt: 1,
+        redelivered: false,
+    }))
+}
+
+fn reset(seq: u64) -> Event {
+    Event::Reset {
+        seq,
+        m: None,
+        handler_id: "h".to_owned(),
+        outcome: ResetOutcome::Ok,
+        force: false,
+    }
+}
+
+const COMPLETED: Event = Event::End(RunEnd::Completed {
+    outcome: Execution::ProgramCompleted,
+});
+
+fn cut_short(reason: Option<Reason>) -> Event {
+    Event::End(RunEnd::CutShort {
+        outcome: Execution::Stopped,
+        reason,
+    })
+}
+
+fn how(book: &RunBook, id: &str) -> Option<RunEndedHow> {
+    book.run(id, 0.0).unwrap().end.map(|end| end.how)
+}
+
+#[test]
+fn a_run_tells_its_parts_its_times_and_for_which_m_codes_it_waited() {
+    let mut book = RunBook::default();
+    assert!(book.on(1, &start(7, "b-1-1", Some(2)), at(10.0)));
+    book.on(1, &output(1, 6, Timing::AfterMotion), at(11.0));
+    book.on(1, &output(2, 8, Timing::WithMotion), at(11.0));
+    book.on(1, &reset(1), at(13.0));
+    book.on(1, &reset(2), at(19.0));
+    assert!(book.on(1, &COMPLETED, at(20.0)), "a part is done");
+    let half = book.run("b-1-1", 21.0).unwrap();
+    assert_eq!((half.parts, half.parts_done, half.end), (2, 1, None));
+    assert_eq!((half.took_s, half.last_part_s), (11.0, Some(10.0)));
+    assert_eq!(book.state(1).run.unwrap().parts_done, 1);
+    book.on(1, &start(7, "b-1-1", Some(2)), at(22.0));
+    book.on(1, &output(3, 6, Timing::AfterMotion), at(23.0));
+    book.on(1, &reset(3), at(24.5));
+    book.on(1, &COMPLETED, at(30.0));
+    let whole = book.run("b-1-1", 99.0).unwrap();
+    let end = whole.end.clone().unwrap();
+    assert_eq!(end.how, RunEndedHow::Completed);
+    assert_eq!(end.at, Timestamp("1970-01-01T00:00:30.000000Z".to_owned()));
+    assert_eq!((whole.parts_done, whole.took_s), (2, 20.0));
+    let wait = RunWait {
+        m: 6,
+        count: 2,
+        total_s: 3.5,
+        longest_s: 2.0,
+    };
+    assert_eq!(whole.waits, [wait], "M8 runs with the motion");
+    let made = &book.production()[0];
+    assert_eq!((made.cs, made.program, made.parts, made.cut_short), (1, 7, 2, 0));
+    assert!((made.parts_s - 18.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_run_that_is_cut_short_tells_by_what() {
+    for (reason, wanted) in [
+        (Some(Reason::Stop), RunEndedHow::Stopped),
+        (Some(Reason::Aborted), RunEndedHow::Aborted),
+        (Some(Reason::Alarm), RunEndedHow::Alarm),
+        (None, RunEndedHow::Reset),
+    ] {
+        let mut book = RunBook::default();
+        book.on(1, &start(7, "b-1-1", Some(5)), at(0.0));
+        let alarm = AlarmRecord {
+            number: 101,
+            text: "soft limit".to_owned(),
+            line: Some(3),
+            ..AlarmRecord::default()
+        };
+        book.on(1, &Event::Alarm(RaisedAlarm::OfThis(Box::new(alarm))), at(1.0));
+        book.on(1, &cut_short(reason), at(2.0));
+        let run = book.run("b-1-1", 9.0).unwrap();
+        assert_eq!(run.end.unwrap().how, wanted);
+        assert_eq!((run.alarms[0].number, run.alarms[0].line), (101, Some(3)));
+        assert_eq!((run.parts_done, run.took_s), (0, 2.0));
+        assert_eq!(book.production()[0].cut_short, 1);
+        assert!(book.open(1).is_none());
+    }
+}
+
+#[test]
+fn parts_that_do_not_begin_end_the_run_between_two_of_them() {
+    let mut book = RunBook::default();
+    book.on(1, &start(7, "b-1-1", Some(3)), at(0.0));
+    book.on(1, &COMPLETED, at(5.0));
+    let locked = Event::PartsWait {
+        text: "the start lock is on: load a blank".to_owned(),
+    };
+    assert!(book.on(1, &locked, at(5.0)));
+    let waiting = book.run("b-1-1", 60.0).unwrap();
+    assert_eq!(
+        waiting.waits_for.as_deref(),
+        Some("the start lock is on: load a blank")
+    );
+    let ended = Event::PartsEnded {
+        how: RunEndedHow::LeaseLost,
+        text: "its lease has ended".to_owned(),
+    };
+    book.on(1, &ended, at(70.0));
+    let run = book.run("b-1-1", 99.0).unwrap();
+    assert_eq!((run.parts_done, run.took_s, run.waits_for), (1, 5.0, None));
+    let end = run.end.unwrap();
+    assert_eq!(
+        (end.how, end.text.as_str()),
+        (RunEndedHow::LeaseLost, "its lease has ended")
+    );
+    assert!(!book.on(1, &ended, at(71.0)), "there is none any more");
+}
+
+#[test]
+fn runs_by_hand_are_none_and_coordinate_systems_are_apart() {
+    let mut book = RunBook::default();
+    assert!(!book.on(1, &start(0, "b-1-1", None), at(0.0)));
+    assert!(!book.on(1, &COMPLETED, at(1.0)));
+    book.on(1, &start(7, "b-1-2", None), at(2.0));
+    book.on(2, &start(8, "b-2-1", None), at(2.0));
+    book.on(2, &COMPLETED, at(3.0));
+    assert_eq!(
+        (how(&book, "b-1-2"), how(&book, "b-2-1")),
+        (None, Some(RunEndedHow::Completed))
+    );
+    assert_eq!(book.run("b-1-1", 9.0), None);
+    let query = |cs| RunQuery {
+        cs,
+        from: 0,
+        count: 10,
+    };
+    assert_eq!(book.runs(query(Some(1))).runs, []);
+    assert_eq!(book.runs(query(None)).runs[0].id, "b-2-1");
+}
+
+#[test]
+fn what_is_kept_goes_on_and_a_run_that_was_open_was_ended_by_the_restart() {
+    let mut book = RunBook::default();
+    for n in 1..=3 {
+        book.on(1, &start(7, &format!("a-1-{n}"), None), at(f64::from(n)));
+        book.on(1, &COMPLETED, at(f64::from(n) + 0.5));
+    }
+    book.on(1, &start(7, "a-1-4", Some(9)), at(4.0));
+    let kept = KeptRuns {
+        ended: book.ended().cloned().collect(),
+        open: vec![book.open(1).unwrap().clone()],
+        production: book.production(),
+    };
+    let mut later = RunBook::default();
+    later.restore(kept, UNIX_EPOCH + Duration::from_secs(100));
+    let query = RunQuery {
+        cs: None,
+        from: 1,
+        count: 2,
+    };
+    let ids: Vec<_> = later.runs(query).runs.into_iter().map(|run| run.id).collect();
+    assert_eq!(ids, ["a-1-3", "a-1-2"]);
+    let cut = later.state(1).run.unwrap();
+    assert_eq!(
+        (cut.id.as_str(), cut.end.unwrap().how),
+        ("a-1-4", RunEndedHow::Restarted)
+    );
+    let made = &later.production()[0];
+    assert_eq!((made.parts, made.cut_short), (3, 1));
+    assert!(later.open(1).is_none(), "nothing goes on by itself");
+}
+
+#[test]
+fn the_oldest_runs_are_forgotten_and_none_of_the_newest() {
+    let mut book = RunBook::default();
+    for n in 0..RUNS_KEPT + 5 {
+        book.on(1, &start(7, &n.to_string(), None), at(0.0));
+        book.on(1, &COMPLETED, at(1.0));
+    }
+    assert_eq!(book.ended().count(), RUNS_KEPT);
+    assert_eq!(book.run("4", 0.0), None);
+    assert!(book.run("5", 0.0).is_some());
+    assert_eq!(book.production()[0].parts, (RUNS_KEPT + 5) as u64);
+}

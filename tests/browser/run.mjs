@@ -1,0 +1,24 @@
+// Runs all tests of this folder, two files side by side; those alone in which a held button is refreshed against the clock.
+
+import { readdirSync } from "node:fs";
+import { run } from "node:test";
+import { spec } from "node:test/reporters";
+
+const ALONE = ["by_hand.test.mjs"];
+const FOLDER = new URL(".", import.meta.url).pathname;
+
+function runs(names, concurrency) {
+  const files = names.map((name) => `${FOLDER}${name}`);
+  return new Promise((resolve) => {
+    const tests = run({ files, concurrency });
+    tests.on("test:fail", () => {
+      process.exitCode = 1;
+    });
+    tests.on("end", resolve);
+    tests.compose(spec).pipe(process.stdout);
+  });
+}
+
+const all = readdirSync(FOLDER).filter((name) => name.endsWith(".test.mjs"));
+await runs(all.filter((name) => !ALONE.includes(name)), 2);
+await runs(ALONE, 1);

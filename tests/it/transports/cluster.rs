@@ -1,0 +1,124 @@
+//! A cluster of NATS Server: runtime, handler and HMI at three nodes, each of which dies in the middle of a program of M codes.
+//! With `TANDEM_LONG` only: it takes minutes.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use plc_api::{Alarm, AuxOutput, MqttOptions, Plc, SequenceProgram};
+use serde_json::json;
+
+use super::machine;
+use crate::support::mqtt::Bus;
+use crate::support::nats::{NODES, NatsCluster};
+use crate::support::served::Served;
+use crate::support::wait::{until, within};
+
+/// M codes of one run of the program.
+const OUTPUTS: usize = 100;
+/// The program waits for each of them.
+const PROGRAM: &str = "L0 = 0\nwhile (L0 < 100) {\nM100 VA[L0]\nL0 = L0 + 1\n}\nM30\n";
+/// How long a node is away.
+const AWAY: Duration = Duration::from_secs(2);
+/// Nodes of the runtime, of the HMI and of the handler.
+const RUNTIME: usize = 0;
+const HMI: usize = 1;
+const HANDLER: usize = 2;
+
+/// How often each output was done, by its id.
+type Done = Arc<Mutex<BTreeMap<String, u32>>>;
+
+fn count(done: &Done) -> usize {
+    done.lock().unwrap().len()
+}
+
+/// The handler of M100 at its node, and at the others when that is lost.
+async fn serve(cluster: &NatsCluster, done: &Done) -> tokio::task::JoinHandle<()> {
+    let order = [HANDLER, RUNTIME, HMI]
+        .map(|node| cluster.address(node))
+        .join(",");
+    let options = MqttOptions {
+        presence_expires: Duration::from_secs(15),
+        ..MqttOptions::default()
+    };
+    let plc = within(
+        "the handler's connection",
+        Plc::connect_with(&format!("mqtt://{order}/test-1"), options),
+    )
+    .await
+    .expect("a machine there");
+    let done = Arc::clone(done);
+    tokio::spawn(async move {
+        let handler = move |output: AuxOutput| {
+            *done.lock().unwrap().entry(output.id().to_owned()).or_default() += 1;
+            async { Ok::<(), Alarm>(()) }
+        };
+        let program = SequenceProgram::new().handler_id("tool").on(100, handler);
+        let _ = program.run(&plc).await;
+    })
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn in_a_cluster_each_output_is_done_once_whichever_node_dies_and_comes_back() {
+    if std::env::var_os("TANDEM_LONG").is_none() {
+        return;
+    }
+    let mut cluster = NatsCluster::start();
+    let addresses: Vec<_> = (0..NODES)
+        .map(|node| format!("\"mqtt://{}\"", cluster.address(node)))
+        .collect();
+    let machine = machine(&format!(
+        "[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = [{}]\n",
+        addresses.join(", ")
+    ));
+    let config = std::fs::read_to_string(machine.config()).expect("its configuration");
+    let config = config.replace("[machine]\n", "[machine]\npresence_expires_ms = 3000\n");
+    machine.write(
+        "tandem.toml",
+        &config.replace("52 = \"twice.nc\"", "52 = \"hundred.nc\""),
+    );
+    machine.write("hundred.nc", PROGRAM);
+    let served = Served::start(&machine);
+    let hmi = Bus::connect(&cluster.address(HMI), "test-1").await;
+    hmi.history.find("cs/1/state", |_| true).await;
+    hmi.history.find("cs/1/m_code/pending", |_| true).await;
+
+    let done = Done::default();
+    let handlers = serve(&cluster, &done).await;
+    served
+        .post("/cs/1/load?wait=1", &json!({"program": 52}))
+        .await
+        .expect(200);
+    served.command(1, "start").await;
+    served.execution(1, "PROGRAM_COMPLETED").await;
+    assert_eq!(count(&done), OUTPUTS);
+
+    for (round, node) in [RUNTIME, HANDLER, HMI].into_iter().enumerate() {
+        served.command(1, "start").await;
+        let begun = (round + 1) * OUTPUTS;
+        until("some outputs are done", async || {
+            (count(&done) >= begun + 20).then_some(())
+        })
+        .await;
+        cluster.kill(node);
+        // with a node away NATS Server 2.9 may answer nobody who subscribes anew; what is asked waits
+        tokio::time::sleep(AWAY).await;
+        cluster.start_again(node);
+        served.execution(1, "PROGRAM_COMPLETED").await;
+        assert_eq!(count(&done), begun + OUTPUTS, "with node {node} back");
+        until("the runtime has a node", async || {
+            let health = served.get("/health").await.expect(200).json();
+            (health["status"] == "ok").then_some(())
+        })
+        .await;
+    }
+    let twice: Vec<_> = done
+        .lock()
+        .unwrap()
+        .iter()
+        .filter(|(_, times)| **times > 1)
+        .map(|(id, _)| id.clone())
+        .collect();
+    assert_eq!(twice, [] as [String; 0], "nothing is done twice");
+    handlers.abort();
+}
