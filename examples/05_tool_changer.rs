@@ -35,9 +35,8 @@ async fn change_tool(
     println!("  magazine motor on");
     let _motor = Motor;
     while *here(&magazine) != tool {
-        output
-            .progress(format!("pocket {} of {tool}", here(&magazine)), None)
-            .await?;
+        let text = format!("pocket {} of {tool}", here(&magazine));
+        output.progress(text, None).await?;
         plc.sleep(POCKET_TIME).await;
         let next = *here(&magazine) % POCKETS + 1;
         *here(&magazine) = next;
@@ -67,11 +66,8 @@ fn machine() -> Bench {
 
 fn main() -> Result<(), TestError> {
     let run = machine().run("G00 Z50\nM100 VA5\nG00 Z0\nM30")?.completed()?;
-    println!(
-        "tool {} after {:.2} s",
-        run.system(1)?.tool,
-        run.output(100)?.took_s()?
-    );
+    let tool = run.system(1)?.tool;
+    println!("tool {tool} after {:.2} s", run.output(100)?.took_s()?);
     let stopped = machine().at_s(1.0, |scene| async move { scene.cs(1).stop().await });
     let run = stopped.run("M100 VA12\nM30")?;
     println!("{:?} after {:.2} s", run.output(100)?.ended, run.time_s);

@@ -13,6 +13,7 @@ use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{Redeliver, Redelivery, Reset, ResetResult};
 use plc_api::types::question::OperatorAnswer;
 use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use plc_api::types::run::RunOrder;
 use plc_api::types::state::SpindleDirection;
 use plc_api::wire::{ROWS, mqtt, rest};
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
@@ -82,6 +83,7 @@ fn samples(alarm: u64) -> Vec<Request> {
         Request::AnswerQuestion(1, Some(100), answer),
         command(Command::AlarmAcknowledge { id: alarm }),
         command(Command::Hold),
+        command(Command::Run(RunOrder::program(78))),
         lease(LeaseRequest::Take(LeaseTake {
             holder,
             ttl_ms,

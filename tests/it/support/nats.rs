@@ -21,7 +21,8 @@ pub struct NatsCluster {
 }
 
 impl NatsCluster {
-    /// Starts all nodes, and waits until they listen.
+    /// Starts all nodes, and waits until they listen. Consumers have one replica: with three, each filter of a subscription takes
+    /// half a second, and nothing else of its connection is answered meanwhile.
     pub fn start() -> Self {
         let folder = TempDir::new().expect("a folder");
         let ports = || std::array::from_fn::<u16, NODES, _>(|_| free_port());
@@ -33,7 +34,7 @@ impl NatsCluster {
             let store = folder.path().join(format!("store-{node}"));
             let config = format!(
                 "server_name: n{node}\nlisten: \"127.0.0.1:{}\"\njetstream {{ store_dir: \"{}\" }}\n\
-                 mqtt {{ host: \"127.0.0.1\", port: {} }}\n\
+                 mqtt {{ host: \"127.0.0.1\", port: {}, consumer_replicas: 1, consumer_memory_storage: true }}\n\
                  cluster {{ name: \"hall\", listen: \"127.0.0.1:{}\", no_advertise: true, routes: [{all_routes}] }}\n",
                 own[node],
                 store.display(),
