@@ -34,7 +34,7 @@ pub struct GatewaySettings {
     /// `[mtconnect]`; `None`: without it.
     pub mtconnect: Option<MtconnectSettings>,
     /// `[http] allow_origins`: origins whose pages may use HTTP and WebSocket, besides its own; they need tokens. At most
-    /// [`ORIGINS_MAX`].
+    /// 16.
     pub allow_origins: Vec<String>,
     /// `[hmi]`: what a machine builder has added to the HMI.
     pub hmi: HmiSettings,
