@@ -22,6 +22,7 @@ export const BIRTH = {
   ],
   motors: [1, 2, 3, 4, 5].map((number) => axes({ number })).concat({ number: 6, kind: "spindle", soft_limits: null, max_velocity: 12000 }),
   m_codes: {},
+  serves: [],
   limits: { open_outputs_max: 64, program_bytes_max: 67108864 },
 };
 
