@@ -136,7 +136,7 @@ def test_payloads_of_any_kind_end_nothing(caplog: pytest.LogCaptureFixture) -> N
     for path in ["cs/1/m_code/pending", "presence", "cs/1/m_code/6/cancel", "reply/x", "cs/x/state", "alarm/active"]:
         for payload in [b"\xff\xfe", b"{", deep, b"null", b"[]", b'{"outputs":[{}]}', b'{"seq":1e999}', b"NaN", b""]:
             with caplog.at_level(logging.CRITICAL):
-                connection._received(f"tandem/v1/m/{path}", payload)
+                connection._received(f"tandem/v1/m/{path}", payload, False)
     assert connection.hub.last("cs/1/m_code/pending") is None
 
 

@@ -25,7 +25,7 @@ def test_a_program_is_loaded_and_run(tandem_machine: Machine, in_loop: InLoop) -
             second = await mill.run()
             assert first.completed
             assert second.completed
-            assert first.run_id != second.run_id
+            assert first.id != second.id
             assert mill.state.program == 1
             birth = plc.birth
             assert birth is not None

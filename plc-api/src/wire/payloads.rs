@@ -316,12 +316,21 @@ pub(super) fn read_seconds(incoming: &IncomingRequest<'_>) -> Result<u32, Fault>
 }
 
 /// Which runs are asked for.
-pub(super) fn read_runs(incoming: &IncomingRequest<'_>) -> RunQuery {
+pub(super) fn read_runs(incoming: &IncomingRequest<'_>) -> Result<RunQuery, Fault> {
     let QueryValues { from, count, cs, .. } = incoming.query;
-    RunQuery {
+    at_least_one("count", count)?;
+    at_least_one("cs", cs.map(u32::from))?;
+    Ok(RunQuery {
         cs,
         from,
-        count: count.unwrap_or(RUNS).clamp(1, RUNS_AT_ONCE_MAX),
+        count: count.unwrap_or(RUNS).min(RUNS_AT_ONCE_MAX),
+    })
+}
+
+fn at_least_one(name: &str, value: Option<u32>) -> Result<(), Fault> {
+    match value {
+        Some(0) => Err(Fault::Invalid(format!("{name}=0: write 1 or more"))),
+        _ => Ok(()),
     }
 }
 
@@ -334,6 +343,7 @@ pub(super) fn read_path(incoming: &IncomingRequest<'_>) -> Result<PathQuery, Fau
         tolerance,
         ..
     } = incoming.query;
+    at_least_one("count", count)?;
     if let Some(tolerance) = tolerance
         && !(tolerance >= PATH_TOLERANCE_MM && tolerance.is_finite())
     {

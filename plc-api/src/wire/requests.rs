@@ -219,6 +219,7 @@ pub static ROWS: [Row; 44] = [
     Row {
         routes: &[Route::get("/runs/{id}", "A run: how far it is, how it ended, its alarms, waits and times; with wait=60 when it has ended, or after 60 s.")
             .gives::<Run>()
+            .refusals(&[400])
             .query(Query::Seconds)],
         answer: json_of::<Run>,
         ..Row::new(Read, |incoming| Ok(Request::Run { id: incoming.text("id").to_owned(), wait_s: read_seconds(&incoming)? }),
@@ -231,9 +232,10 @@ pub static ROWS: [Row; 44] = [
     Row {
         routes: &[Route::get("/runs", "Runs that have ended, the newest first, and the production counters of each program.")
             .gives::<Runs>()
+            .refusals(&[400])
             .query(Query::Runs)],
         answer: json_of::<Runs>,
-        ..Row::new(Read, |incoming| Ok(Request::Runs(read_runs(&incoming))),
+        ..Row::new(Read, |incoming| Ok(Request::Runs(read_runs(&incoming)?)),
             written!(Request::Runs(RunQuery { cs, from, count }) => {
                     let parts = RequestParts::default().query("from", from).query("count", count);
                     match cs { Some(cs) => parts.query("cs", cs), None => parts }

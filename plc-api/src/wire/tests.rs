@@ -323,7 +323,7 @@ fn of_programs() -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..14);
+    let parts = (any::<u16>(), text(), proptest::option::of(1..=255_u8), "[a-z0-9]{1,8}", any::<bool>(), 0..14);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::CheckProgram(number),

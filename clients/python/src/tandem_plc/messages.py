@@ -196,7 +196,8 @@ class RunEnded:
 
     at: str
     how: str
-    """``completed``, ``stopped``, ``aborted``, ``reset``, ``alarm``, ``lease_lost``, ``replaced``, ``refused``, ``restarted``."""
+    """``completed``, ``stopped``, ``aborted``, ``reset``, ``alarm``, ``lease_lost``, ``replaced``, ``refused`` or
+    ``restarted``."""
     text: str
 
 
