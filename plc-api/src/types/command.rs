@@ -1,5 +1,7 @@
 //! Commands to a coordinate system and their replies.
 
+mod args;
+
 use serde::{Deserialize, Serialize};
 
 use super::explained::explained;
@@ -9,8 +11,9 @@ use super::BootId;
 use super::Timestamp;
 use super::data::VariableValues;
 use super::lease::Lease;
-use super::line_start::{Approach, LineStart};
-use super::run::{PARTS_MAX, RunOrder};
+use super::line_start::LineStart;
+use super::run::RunOrder;
+use args::{axis, check_names, jog, run, start};
 
 pub use super::verb::Verb;
 
@@ -87,12 +90,6 @@ pub enum Command {
         axes: Vec<char>,
     },
 }
-
-/// Characters of a `refresh_id`.
-const REFRESH_ID_MAX: usize = 128;
-
-/// Largest distance of a jog, mm or degrees.
-const JOG_DISTANCE_MAX: f64 = 1_000_000.0;
 
 impl Command {
     /// Verbs with arguments or without, as [`Command::parse`] takes them.
@@ -243,124 +240,6 @@ impl Command {
     }
 }
 
-/// An error if arguments are no object, or have a member that the verb does not know.
-fn check_names(verb: &str, known: &[&str], args: &Value) -> Result<(), String> {
-    let args = match args {
-        Value::Null => return Ok(()),
-        Value::Object(args) => args,
-        _ => return Err(format!("{verb}: write its arguments as an object: {{...}}")),
-    };
-    let Some(unknown) = args.keys().find(|name| !known.contains(&name.as_str())) else {
-        return Ok(());
-    };
-    Err(match known {
-        [] => format!("{verb} takes no arguments; {unknown:.64?} is not known"),
-        _ => format!(
-            "{verb} has no argument {unknown:.64?}; it takes {}",
-            known.join(", ")
-        ),
-    })
-}
-
-fn axis(value: &Value) -> Option<char> {
-    let mut letters = value.as_str()?.chars();
-    letters.next().filter(|_| letters.next().is_none())
-}
-
-/// A run of one part or more.
-fn run(args: &Value) -> Result<Command, String> {
-    let given = |key: &str| args.get(key).filter(|value| !value.is_null());
-    let program = given("program").map(|value| {
-        let number = value.as_u64().and_then(|number| u16::try_from(number).ok());
-        number.ok_or_else(|| {
-            "run: \"program\" is a program number, 1 to 9999; without it, the loaded one".to_owned()
-        })
-    });
-    let parts = given("parts").map_or(Some(1), |value| {
-        let parts = value.as_u64().and_then(|parts| u32::try_from(parts).ok());
-        parts.filter(|parts| (1..=PARTS_MAX).contains(parts))
-    });
-    Ok(Command::Run(RunOrder {
-        program: program.transpose()?,
-        parts: parts
-            .ok_or_else(|| format!("run: \"parts\" is how many times it is run, 1 to {PARTS_MAX}"))?,
-    }))
-}
-
-/// From the head, or from a line.
-fn start(args: &Value) -> Result<Command, String> {
-    let given = |key: &str| args.get(key).filter(|value| !value.is_null());
-    let number = |key: &str, of: &str| match given(key) {
-        None => Ok(None),
-        Some(value) => (value.as_u64())
-            .and_then(|number| u32::try_from(number).ok().filter(|number| *number > 0))
-            .map(Some)
-            .ok_or_else(|| format!("start: \"{key}\" is {of}: a whole number from 1")),
-    };
-    let from_line = number("from_line", "the line that it begins at")?;
-    let program = number("program", "the program that has the line")?;
-    let occurrence = number("occurrence", "which time the program comes to the line")?;
-    let wrong = "start: \"approach\" is plane_first, infeed_first or direct";
-    let approach = given("approach").map(|value| Approach::deserialize(value).map_err(|_| wrong));
-    let approach = approach.transpose()?;
-    let Some(from_line) = from_line else {
-        return match (program, occurrence, approach) {
-            (None, None, None) => Ok(Command::Start),
-            _ => Err("start: program, occurrence and approach go with \"from_line\"".to_owned()),
-        };
-    };
-    let program = program.map(|number| {
-        u16::try_from(number)
-            .map_err(|_| format!("program {number} is not a program number; write 1 to 9999"))
-    });
-    Ok(Command::StartFrom(LineStart {
-        from_line,
-        program: program.transpose()?,
-        occurrence,
-        approach: approach.unwrap_or_default(),
-    }))
-}
-
-fn jog(args: &Value) -> Result<Command, String> {
-    let given = |key: &str| args.get(key).filter(|value| !value.is_null());
-    let needs_axis = "jog needs \"axis\": one letter";
-    let needs_velocity = "jog needs \"velocity\": mm/min or deg/min, not 0; its sign is the direction";
-    let refresh_id = args.get("refresh_id").and_then(Value::as_str).unwrap_or_default();
-    if refresh_id.is_empty() || refresh_id.chars().count() > REFRESH_ID_MAX {
-        let text = "jog needs \"refresh_id\", the name of this jog in its refreshes";
-        return Err(format!("{text}: 1 to {REFRESH_ID_MAX} characters"));
-    }
-    let refresh_id = refresh_id.to_owned();
-    let axis = given("axis")
-        .map(|value| axis(value).ok_or(needs_axis))
-        .transpose()?;
-    let velocity = given("velocity")
-        .map(|value| value.as_f64().ok_or(needs_velocity))
-        .transpose()?;
-    let distance = given("distance").map(|value| {
-        (value
-            .as_f64()
-            .filter(|distance| *distance > 0.0 && *distance <= JOG_DISTANCE_MAX))
-        .ok_or_else(|| format!("jog: \"distance\" is above 0 and at most {JOG_DISTANCE_MAX}"))
-    });
-    let distance = distance.transpose()?;
-    let end = given("end").map(|value| {
-        let wrong = "jog: \"end\" is true for the end of the jog that refresh_id names, or false";
-        value.as_bool().ok_or(wrong)
-    });
-    if end.transpose()? == Some(true) {
-        return Ok(Command::JogEnd { refresh_id });
-    }
-    Ok(Command::Jog {
-        axis: axis.ok_or(needs_axis)?,
-        velocity: velocity
-            .filter(|velocity| *velocity != 0.0)
-            .ok_or(needs_velocity)?,
-        distance,
-        refresh_id,
-    })
-}
-
 /// The form of a jog, and of its end, which needs no more than its name.
 #[cfg(feature = "schema")]
 fn jog_or_its_end(schema: &mut schemars::Schema) {
@@ -470,6 +349,8 @@ pub struct CommandReply {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::types::line_start::Approach;
+    use crate::types::run::PARTS_MAX;
 
     #[test]
     fn arguments_come_back_as_sent() {
