@@ -1,5 +1,7 @@
 // Sound and notifications for questions and alarms: off until an operator switches them on, which this browser remembers.
 
+import { t } from "./language.js";
+
 /** @typedef {{key: string, kind: "question" | "alarm", title: string, text: string, cs: number | null}} Event */
 /** @typedef {"sound" | "notification"} Way */
 
@@ -13,10 +15,10 @@ const VOLUME = 0.25;
 export function eventsOf({ systems, alarms, bootId }) {
   const questions = [...systems].flatMap(([cs, { pending }]) => (pending?.outputs ?? []).flatMap(({ m, seq, question }) => {
     if (!question || question.answer !== undefined) return [];
-    return [{ key: `${bootId} question ${cs} ${seq} ${question.id}`, kind: /** @type {const} */ ("question"), title: `M${m} asks`, text: question.text, cs }];
+    return [{ key: `${bootId} question ${cs} ${seq} ${question.id}`, kind: /** @type {const} */ ("question"), title: t("alerts.m_asks", { m }), text: question.text, cs }];
   }));
   const active = alarms.filter(({ severity }) => severity === "alarm");
-  return [...questions, ...active.map(({ id, number, text, cs }) => ({ key: `${bootId} alarm ${id}`, kind: /** @type {const} */ ("alarm"), title: `Alarm ${number}`, text, cs }))];
+  return [...questions, ...active.map(({ id, number, text, cs }) => ({ key: `${bootId} alarm ${id}`, kind: /** @type {const} */ ("alarm"), title: t("alerts.alarm", { number }), text, cs }))];
 }
 
 export class Alerts {
@@ -45,9 +47,9 @@ export class Alerts {
   /** Why a way cannot be had; null: it can. @param {Way} way @returns {string | null} */
   whyNot(way) {
     if (way === "sound") return null;
-    if (!isSecureContext) return "Browsers allow notifications only over TLS, or on the machine's own computer (127.0.0.1): see [tls] in the book.";
-    if (!("Notification" in globalThis)) return "This browser has no notifications.";
-    return Notification.permission === "denied" ? "This browser forbids this page to notify: allow it in the settings of the site." : null;
+    if (!isSecureContext) return t("alerts.browsers_allow_notifications_only_over");
+    if (!("Notification" in globalThis)) return t("alerts.this_browser_has_no_notifications");
+    return Notification.permission === "denied" ? t("alerts.this_browser_forbids_this_page") : null;
   }
 
   /** @param {Way} way @param {boolean} on */
@@ -56,7 +58,7 @@ export class Alerts {
     try {
       localStorage.setItem(KEYS[way], on ? "on" : "off");
     } catch {
-      return this.#app.toast("This browser keeps no settings, so this cannot be switched on.", "error");
+      return this.#app.toast(t("alerts.this_browser_keeps_no_settings"), "error");
     }
     if (on && way === "sound") this.#sound("question");
   }
@@ -80,7 +82,8 @@ export class Alerts {
   /** @param {Event} event */
   async #notify({ key, title, text, cs }) {
     const { birth } = this.#app.model;
-    const head = `${birth?.machine ?? "Machine"}${cs === null ? "" : `, CS ${cs}`}: ${title}`;
+    const machine = birth?.machine ?? t("alerts.machine");
+    const head = cs === null ? t("alerts.head", { machine, title }) : t("alerts.head_cs", { machine, cs, title });
     const options = { body: text, tag: key, icon: "icon.svg" };
     try {
       const shown = new Notification(head, options);

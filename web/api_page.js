@@ -1,11 +1,12 @@
 // A page about the interface: every route and topic of the machine's documents, with their schemas.
 
 import { fill, h } from "./dom.js";
+import { language, t } from "./language.js";
 
 /** @param {string} path @returns {Promise<any>} */
 async function load(path) {
   const response = await fetch(path);
-  if (!response.ok) throw new Error(`${path}: status ${response.status}`);
+  if (!response.ok) throw new Error(t("api_page.status", { path, status: response.status }));
   return response.json();
 }
 
@@ -52,12 +53,12 @@ function route(api, path, method, operation) {
       {},
       h("code", { class: "method" }, method.toUpperCase()),
       h("code", {}, path),
-      h("span", { class: "right" }, operation["x-right"] ?? "open"),
+      h("span", { class: "right" }, operation["x-right"] ?? t("api_page.open")),
     ),
     h("p", {}, operation.summary),
-    body ? form("Body", api, body) : null,
-    ...answers.map(([status, answer]) => form(`Answer ${status}`, api, schemaOf(answer) ?? {})),
-    h("h4", {}, "Refusals"),
+    body ? form(t("api_page.body"), api, body) : null,
+    ...answers.map(([status, answer]) => form(t("api_page.answer", { status }), api, schemaOf(answer) ?? {})),
+    h("h4", {}, t("api_page.refusals")),
     h("ul", {}, ...refusals.map(([status, refusal]) => h("li", {}, `${status} ${refusal.description}`))),
   );
 }
@@ -74,7 +75,7 @@ function topic(api, operation) {
     h(
       "summary",
       {},
-      h("code", { class: "method" }, operation.action === "send" ? "out" : "in"),
+      h("code", { class: "method" }, operation.action === "send" ? t("api_page.out") : t("api_page.in")),
       h("code", {}, channel.address),
       h("span", { class: "right" }, kind),
     ),
@@ -92,15 +93,16 @@ async function show() {
   const topics = Object.values(mqtt.operations).map((operation) => topic(mqtt, operation));
   fill(
     document.body,
-    h("h1", {}, "Interface"),
+    h("h1", {}, t("api_page.interface")),
     h("p", {}, rest.info.description),
     h("p", {}, h("a", { href: "/api/v1/openapi.json" }, "OpenAPI"), " · ", h("a", { href: "/api/v1/asyncapi.json" }, "AsyncAPI")),
     h("h2", {}, "REST"),
     ...routes,
-    h("h2", {}, "MQTT and WebSocket"),
+    h("h2", {}, t("api_page.mqtt_and_websocket")),
     h("p", {}, mqtt.info.description),
     ...topics,
   );
 }
 
-show().catch((error) => fill(document.body, h("p", {}, `The documents cannot be shown: ${error.message}`)));
+document.documentElement.lang = language;
+show().catch((error) => fill(document.body, h("p", {}, t("api_page.failed", { message: error.message }))));

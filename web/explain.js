@@ -3,18 +3,20 @@
 import { api } from "./api.js";
 import { openDialog } from "./dialog.js";
 import { button, fill, h } from "./dom.js";
+import { t } from "./language.js";
 
 /** Shows what a name means, or why that is not known. @param {string} what */
 export async function explain(what) {
   const { title, parts } = await meaning(what);
-  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, t("common.close"));
   const dialog = openDialog("explanation", title, [h("div", { class: "scroll", tabindex: 0 }, ...parts), h("div", { class: "row end" }, close)]);
 }
 
 /** A button that shows what a name means. @param {string} what */
 export function explained(what) {
-  const number = what.replace(/^alarm /, "");
-  return button({ class: "chip-button", "aria-label": `Explain ${what}`, onclick: () => void explain(what) }, h("span", { class: "chip" }, number));
+  const [, number = what] = /^alarm (.*)$/.exec(what) ?? [];
+  const name = number === what ? what : t("alerts.alarm", { number });
+  return button({ class: "chip-button", "aria-label": t("explain.explain", { what: name }), onclick: () => void explain(what) }, h("span", { class: "chip" }, number));
 }
 
 /** A button that unfolds it in a place, and folds it again. @param {string} what @param {Element} place */
@@ -25,7 +27,7 @@ export function unfolding(what, place) {
     if (open) fill(place);
     else fill(place, ...(await meaning(what)).parts);
   };
-  const one = button({ class: "chip-button", "aria-label": `Explain ${what}`, "aria-expanded": "false", onclick: () => void unfold() }, h("span", { class: "chip" }, what));
+  const one = button({ class: "chip-button", "aria-label": t("explain.explain", { what }), "aria-expanded": "false", onclick: () => void unfold() }, h("span", { class: "chip" }, what));
   return one;
 }
 
@@ -34,7 +36,7 @@ export async function meaning(what) {
   try {
     const { text, picture } = await api.explain(what);
     const [title = what, ...paragraphs] = text.split("\n\n");
-    const shown = picture ? [h("img", { src: `/pictures/${picture}`, alt: "Tool path of the example" })] : [];
+    const shown = picture ? [h("img", { src: `/pictures/${picture}`, alt: t("explain.tool_path_of_the_example") })] : [];
     return { title, parts: [...paragraphs.map(part), ...shown] };
   } catch (error) {
     return { title: what, parts: [h("p", {}, error instanceof Error ? error.message : String(error))] };

@@ -5,6 +5,7 @@ import { button, h } from "./dom.js";
 import { unfolding } from "./explain.js";
 import { programName } from "./format.js";
 import { icon } from "./icons.js";
+import { listed, t } from "./language.js";
 
 /** Findings shown; a text that is no program has thousands. */
 const SHOWN_MAX = 200;
@@ -14,11 +15,11 @@ const SHOWN_MAX = 200;
  * @param {import("./types.d.ts").ProgramDiagnostic[]} diagnostics
  */
 export function showFindings(program, diagnostics) {
-  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, t("common.close"));
   const more = diagnostics.length - SHOWN_MAX;
-  const dialog = openDialog("findings", `${programName(program)}: ${summary(diagnostics) || "nothing to say"}`, [
+  const dialog = openDialog("findings", t("findings.title", { program: programName(program), found: summary(diagnostics) || t("findings.none") }), [
     h("ol", { class: "list" }, ...diagnostics.slice(0, SHOWN_MAX).map(finding)),
-    more > 0 && h("p", { class: "muted" }, `and ${more} more`),
+    more > 0 && h("p", { class: "muted" }, t("common.and_more", { count: more })),
     h("div", { class: "row end" }, close),
   ]);
 }
@@ -31,8 +32,7 @@ export function summary(diagnostics) {
 
 /** The same of given numbers; nothing where both are 0. @param {number} errors @param {number} warnings */
 export function counts(errors, warnings) {
-  const text = (/** @type {number} */ number, /** @type {string} */ word) => `${number} ${word}${number === 1 ? "" : "s"}`;
-  return [errors > 0 && text(errors, "error"), warnings > 0 && text(warnings, "warning")].filter(Boolean).join(", ");
+  return listed([errors > 0 && t("findings.errors", { count: errors }), warnings > 0 && t("findings.warnings", { count: warnings })]);
 }
 
 /** One of them, as an entry of a list. @param {import("./types.d.ts").ProgramDiagnostic} one */
@@ -45,7 +45,7 @@ export function finding({ severity, code, line, column, message, help }) {
     h(
       "div",
       { class: "grow" },
-      h("div", { class: "row" }, h("strong", {}, `Line ${line}, column ${column}`), h("span", { class: "spring" }), unfolding(code, more)),
+      h("div", { class: "row" }, h("strong", {}, t("findings.line_column", { line, column })), h("span", { class: "spring" }), unfolding(code, more)),
       h("p", {}, message),
       help && h("p", { class: "muted" }, help),
       more,

@@ -1,4 +1,6 @@
-// Numbers and times as the screen shows them.
+// Numbers and times as the screen shows them: by the browser's locale, and those of NC text with a point.
+
+import { decimal, locale, t } from "./language.js";
 
 /** Millimetres or degrees, as they come from the machine. */
 const PLAIN_SCALE = { size: 1, decimals: 3 };
@@ -10,8 +12,26 @@ const PLAIN_SCALE = { size: 1, decimals: 3 };
  */
 export function position(value, { size, decimals } = PLAIN_SCALE) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  const text = (value / size).toFixed(decimals);
-  return Number(text) === 0 ? text.replace("-", "") : text;
+  return fixed(value / size, decimals);
+}
+
+/** A number with so many decimals. @param {number} value @param {number} decimals */
+export function fixed(value, decimals) {
+  return decimal(value, decimals, decimals);
+}
+
+/** A time in seconds with so many decimals. @param {number} value @param {number} decimals */
+export function seconds(value, decimals) {
+  return t("time.seconds", { s: fixed(value, decimals) });
+}
+
+/**
+ * A number that somebody has typed, with a point or a comma; NaN where it is none.
+ * @param {string} text
+ */
+export function readNumber(text) {
+  const typed = text.trim().replace("\u2212", "-").replace(",", ".");
+  return /^[-+]?(\d+\.?\d*|\.\d+)$/.test(typed) ? Number(typed) : Number.NaN;
 }
 
 /**
@@ -28,6 +48,11 @@ export function whole(value) {
  * @param {number} value
  */
 export function plain(value) {
+  return decimal(value, 0, 6);
+}
+
+/** The same as a program writes it. @param {number} value */
+function written(value) {
   return String(Math.round(value * 1e6) / 1e6);
 }
 
@@ -45,10 +70,10 @@ export function rounded(text) {
  */
 export function duration(ms) {
   const s = Math.max(0, Math.floor(ms / 1000));
-  if (s < 60) return `${s} s`;
+  if (s < 60) return t("time.seconds", { s });
   const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
-  if (s < 3600) return `${Math.floor(s / 60)} min ${two(s % 60)} s`;
-  return `${Math.floor(s / 3600)} h ${two(Math.floor((s % 3600) / 60))} min`;
+  if (s < 3600) return t("time.minutes", { min: Math.floor(s / 60), s: two(s % 60) });
+  return t("time.hours", { h: Math.floor(s / 3600), min: two(Math.floor((s % 3600) / 60)) });
 }
 
 /**
@@ -56,7 +81,7 @@ export function duration(ms) {
  * @param {import("./types.d.ts").Params} params
  */
 export function params(params) {
-  return Object.entries(params).map(([name, value]) => `V${name}=${plain(value)}`).join("  ");
+  return Object.entries(params).map(([name, value]) => `V${name}=${written(value)}`).join("  ");
 }
 
 /**
@@ -75,14 +100,31 @@ export function shortHash(hash) {
   return (hash ?? "").slice(0, 8);
 }
 
+/** Times of day, with so many decimals of a second. Controls count 24 hours everywhere. @type {Intl.DateTimeFormat[]} */
+const CLOCKS = [0, 1, 2, 3].map((decimals) => {
+  const digits = decimals === 0 ? {} : { fractionalSecondDigits: /** @type {1 | 2 | 3} */ (decimals) };
+  return new Intl.DateTimeFormat(locale, { hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23", numberingSystem: "latn", ...digits });
+});
+const DAY = new Intl.DateTimeFormat(locale, { year: "numeric", month: "2-digit", day: "2-digit", numberingSystem: "latn" });
+
+/** Time of day in the viewer's zone. @param {Date} date @param {number} decimals of a second, up to 3 */
+export function clockTime(date, decimals) {
+  return CLOCKS[decimals]?.format(date) ?? "–";
+}
+
 /**
  * Time of day of an RFC 3339 time, in the viewer's zone.
  * @param {string} timestamp
  */
 export function timeOfDay(timestamp) {
   const date = new Date(timestamp);
-  if (Number.isNaN(date.getTime())) return "–";
-  return [date.getHours(), date.getMinutes(), date.getSeconds()].map((n) => String(n).padStart(2, "0")).join(":");
+  return Number.isNaN(date.getTime()) ? "–" : clockTime(date, 0);
+}
+
+/** Day and time in the viewer's zone, to the millisecond. @param {string | null} timestamp */
+export function dayAndTime(timestamp) {
+  const date = new Date(timestamp ?? "");
+  return Number.isNaN(date.getTime()) ? "–" : `${DAY.format(date)} ${clockTime(date, 3)}`;
 }
 
 /**
@@ -90,6 +132,6 @@ export function timeOfDay(timestamp) {
  */
 export function bytes(bytes) {
   if (bytes < 1024) return `${bytes} B`;
-  if (bytes < 1024 * 1024) return `${(bytes / 1024).toFixed(1)} KiB`;
-  return `${(bytes / 1024 / 1024).toFixed(1)} MiB`;
+  if (bytes < 1024 * 1024) return `${fixed(bytes / 1024, 1)} KiB`;
+  return `${fixed(bytes / 1024 / 1024, 1)} MiB`;
 }

@@ -3,6 +3,7 @@
 
 import { Refusal } from "./api.js";
 import { button, setAttr } from "./dom.js";
+import { t } from "./language.js";
 import { disableFor, whyNot } from "./why_not.js";
 
 /** Time between two refreshes, ms. */
@@ -135,7 +136,7 @@ export function jogButton(app, axis, direction, chosen) {
   });
   const render = () => {
     const { distance, says } = chosen();
-    setAttr(element, "aria-label", `Jog ${axis} ${direction > 0 ? "plus" : "minus"}: ${distance > 0 ? says : "hold"}`);
+    setAttr(element, "aria-label", t(direction > 0 ? "jog.plus" : "jog.minus", { axis, way: distance > 0 ? says : t("jog.hold") }));
     setAttr(element, "data-held", isOwn());
     disableFor(element, isOwn() ? null : whyNot(app.model, "jog"));
   };

@@ -3,6 +3,7 @@
 import { Refusal } from "./api.js";
 import { button, setAttr, setText } from "./dom.js";
 import { forgetFence, ownFence } from "./fences.js";
+import { sentences, t } from "./language.js";
 import { disableFor, whyNotNow } from "./why_not.js";
 
 /** Time between two renewals, ms: a third of the duration of a lease. */
@@ -28,10 +29,10 @@ export function leaseButton(app) {
     if (ownFence(cs) !== undefined) return ask(() => app.api.giveLeaseBack(cs));
     if (!holder) return ask(() => app.api.takeLease(cs));
     const sure = await app.confirm({
-      title: `End the control of ${holder}?`,
-      text: `${holder} will no longer be able to load, start or move coordinate system ${cs}. A program that runs goes on.`,
-      yes: "End it",
-      no: "Leave it",
+      title: t("lease.end_the_control_of", { holder }),
+      text: t("lease.end_about", { holder, cs }),
+      yes: t("lease.end_it"),
+      no: t("lease.leave_it"),
     });
     if (sure) await ask(() => app.api.breakLease(cs));
   });
@@ -45,7 +46,7 @@ export function leaseButton(app) {
       // without an answer the lease may still be held: the next renewal may succeed
       if (error.problem.status === undefined) return;
       forgetFence(cs);
-      app.toast(`This screen has lost the control of coordinate system ${cs}. ${error.message}`, "error");
+      app.toast(sentences(t("lease.lost", { cs }), error.message), "error");
       app.invalidate();
     }
   };
@@ -57,10 +58,10 @@ export function leaseButton(app) {
     const cs = app.model.selected;
     const own = ownFence(cs) !== undefined;
     const other = !own && app.model.current?.lease?.holder;
-    setText(element, own ? "Give control back" : other ? `End control of ${other}` : "Take control");
+    setText(element, own ? t("lease.give_control_back") : other ? t("lease.end_control_of", { holder: other }) : t("lease.take_control"));
     setAttr(element, "data-own", own);
     const ending = other ? whyNotNow(app.model, "administrate") : whyNotNow(app.model);
-    disableFor(element, busy ? "One moment." : ending, "While control is taken, only this screen loads, starts and moves; everyone may hold and stop");
+    disableFor(element, busy ? t("lease.one_moment") : ending, t("lease.while_control_is_taken_only"));
   };
   return { element, render };
 }

@@ -3,12 +3,16 @@
 import { Refusal } from "./api.js";
 import { openDialog } from "./dialog.js";
 import { button, fill, h, setAttr, setText } from "./dom.js";
+import { sentences, t } from "./language.js";
 
 /** @typedef {"interlock" | "start_lock"} Input */
 /** @typedef {import("./types.d.ts").LockSource} LockSource */
 
-/** @type {Record<Input, {says: string, field: "interlock" | "startLock"}>} */
-const LOCKS = { interlock: { says: "Interlock", field: "interlock" }, start_lock: { says: "Start lock", field: "startLock" } };
+/** @type {Record<Input, {says: string, held: string, about: (cs: number) => string, field: "interlock" | "startLock"}>} */
+const LOCKS = {
+  interlock: { says: t("locks.interlock"), held: t("locks.interlock_held"), about: (cs) => t("locks.interlock_about", { cs }), field: "interlock" },
+  start_lock: { says: t("locks.start_lock"), held: t("locks.start_lock_held"), about: (cs) => t("locks.start_lock_about", { cs }), field: "startLock" },
+};
 
 /** The source that a set without a name means. */
 const DEFAULT = "default";
@@ -23,7 +27,7 @@ function sourcesOf(app, cs, input) {
  * @param {import("./main.js").App} app @param {number} cs @param {Input} input @param {boolean} on
  */
 export async function switchLock(app, cs, input, on) {
-  if (on) return app.api.setLock(cs, input, { value: true, text: "set at the HMI" });
+  if (on) return app.api.setLock(cs, input, { value: true, text: t("locks.set_at_the_hmi") });
   const set = sourcesOf(app, cs, input).filter(({ value }) => value);
   const free = set.filter(({ handler_id, lost }) => handler_id === null && !lost);
   for (const { source } of free.length > 0 || set.length > 0 ? free : [{ source: DEFAULT }]) {
@@ -40,25 +44,24 @@ export async function switchLock(app, cs, input, on) {
 
 /** Shows who holds a lock, with a button that clears each source by force. @param {import("./main.js").App} app @param {number} cs @param {Input} input */
 function askToForce(app, cs, input) {
-  const { says } = LOCKS[input];
-  const list = h("ul", { class: "list", tabindex: 0, "aria-label": "Sources" });
+  const { held: title, about } = LOCKS[input];
+  const list = h("ul", { class: "list", tabindex: 0, "aria-label": t("locks.sources") });
   const show = () => {
     const held = sourcesOf(app, cs, input).filter(({ value }) => value);
     fill(list, ...held.map((source) => entry(app, cs, input, source)));
     if (held.length === 0) dialog.close();
   };
-  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Keep");
-  const text = `The ${says.toLowerCase()} of coordinate system ${cs} is held by what watches the machine. Clear it by force only if you see that nothing can happen, such as to move out with a broken contact.`;
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, t("locks.keep"));
   const timer = setInterval(show, 300);
-  const dialog = openDialog("locks", `${says} is held`, [h("p", {}, text), list, h("div", { class: "row end" }, close)], () => clearInterval(timer));
+  const dialog = openDialog("locks", title, [h("p", {}, about(cs)), list, h("div", { class: "row end" }, close)], () => clearInterval(timer));
   show();
 }
 
 /** @param {import("./main.js").App} app @param {number} cs @param {Input} input @param {LockSource} one */
 function entry(app, cs, input, { source, text, handler_id, lost }) {
-  const who = handler_id === null ? "waits for the handler that watches it" : `handler ${handler_id}${lost ? ", which has gone" : ""}`;
-  const force = () => app.attempt(() => app.api.setLock(cs, input, { value: false, text: "cleared by force at the HMI", source, force: true }));
-  return h("li", { class: "row wrap lock-source" }, h("div", { class: "grow" }, h("strong", {}, source), h("p", {}, text || "no reason is given"), h("p", { class: "muted" }, who)), button({ class: "button danger", "aria-label": `Clear ${source} by force`, onclick: () => void force() }, "Clear by force"));
+  const who = handler_id === null ? t("locks.waits_for_handler") : t(lost ? "locks.handler_gone" : "locks.handler", { handler: handler_id });
+  const force = () => app.attempt(() => app.api.setLock(cs, input, { value: false, text: t("locks.cleared_by_force_at_the"), source, force: true }));
+  return h("li", { class: "row wrap lock-source" }, h("div", { class: "grow" }, h("strong", {}, source), h("p", {}, text || t("locks.no_reason_is_given")), h("p", { class: "muted" }, who)), button({ class: "button danger", "aria-label": t("locks.clear_source_by_force", { source }), onclick: () => void force() }, t("locks.clear_by_force")));
 }
 
 /** Says which sources are forced, so that nobody forgets. @param {import("./main.js").App} app */
@@ -67,8 +70,8 @@ export function forcedNote(app) {
   const render = () => {
     const cs = app.model.selected;
     const all = /** @type {Input[]} */ (Object.keys(LOCKS)).flatMap((input) => sourcesOf(app, cs, input).filter(({ forced_by }) => forced_by).map((one) => ({ input, one })));
-    const texts = all.map(({ input, one }) => `${LOCKS[input].says}: ${one.source} is ${one.value ? "set" : "cleared"} by force (${one.forced_by}), until ${one.handler_id ? `handler ${one.handler_id}` : "its handler"} writes it again.`);
-    setText(element, texts.join(" "));
+    const texts = all.map(({ input, one }) => t(one.value ? "locks.forced_on" : "locks.forced_off", { lock: LOCKS[input].says, source: one.source, user: one.forced_by ?? "", handler: one.handler_id ? t("locks.handler", { handler: one.handler_id }) : t("locks.its_handler") }));
+    setText(element, sentences(...texts));
     setAttr(element, "hidden", texts.length === 0);
   };
   return { element, render };

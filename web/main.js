@@ -6,9 +6,11 @@ import { confirm } from "./confirm.js";
 import { fill, h, setAttr, setText } from "./dom.js";
 import { startWorker } from "./install.js";
 import { Jogger } from "./jog.js";
+import { language, t } from "./language.js";
 import { machine } from "./machine.js";
 import { MACHINE_TOPICS, Model } from "./model.js";
 import { Panels } from "./panels.js";
+import { stateWord } from "./sentence.js";
 import { listenToKeys } from "./shortcuts.js";
 import { startTheme } from "./theme.js";
 import { Toasts } from "./toasts.js";
@@ -49,7 +51,7 @@ import { tellWhyNot } from "./why_not.js";
 const TICK_MS = 500;
 
 /** What the refusal of a command says that was meant for another state. */
-const MOVED_ON = "The state has changed since, so nothing was done. Look at the state, then press again.";
+const MOVED_ON = t("main.the_state_has_changed_since");
 
 const model = new Model();
 const toasts = new Toasts();
@@ -131,7 +133,7 @@ function watch(topics) {
 /** @param {any} message @param {string} topic */
 function take(message, topic) {
   if (model.take(topic, message)) {
-    toasts.show("The runtime was started again. Everything on the screen has been read anew.");
+    toasts.show(t("main.the_runtime_was_started_again"));
   }
   if (topic === "birth") {
     watch(model.topics());
@@ -217,10 +219,11 @@ function render() {
   setAttr(document.body, "data-online", String(model.online));
   setAttr(document.body, "data-far", model.far);
   setAttr(screen, "aria-labelledby", `tab-${model.selected}`);
-  setText(heading, `Machine ${model.birth?.machine ?? ""}`.trim());
+  setText(heading, t("main.machine", { machine: model.birth?.machine ?? "" }).trim());
   app.jogger.render();
   app.alerts.render();
-  document.title = `${model.birth?.machine ?? "Tandem"} – ${model.current?.state?.execution ?? "not connected"}`;
+  const state = model.current?.state;
+  document.title = `${model.birth?.machine ?? "Tandem"} – ${state ? stateWord(state.execution) : t("main.not_connected")}`;
   for (const view of shown) {
     try {
       view.render();
@@ -236,6 +239,7 @@ function invalidate() {
   requestAnimationFrame(render);
 }
 
+document.documentElement.lang = language;
 startTheme(invalidate);
 startTouch();
 startWorker();

@@ -4,6 +4,7 @@ import { diagnosticsOf } from "./api.js";
 import { button, fill, h, setAttr } from "./dom.js";
 import { finding } from "./findings.js";
 import { icon } from "./icons.js";
+import { t } from "./language.js";
 import { disableFor } from "./why_not.js";
 
 /** Lines of the history. */
@@ -12,12 +13,12 @@ const HISTORY_MAX = 50;
 /** @param {import("./main.js").App} app */
 export function mdiLine(app) {
   const input = h("input", {
-    type: "text", class: "mdi-input", "aria-label": "NC text to run at once (MDI)", placeholder: "G54 G00 X0 Y0",
+    type: "text", class: "mdi-input", "aria-label": t("mdi.nc_text_to_run_at"), placeholder: "G54 G00 X0 Y0",
     autocomplete: "off", autocapitalize: "characters", spellcheck: "false", "aria-describedby": "mdi-findings",
   });
-  const run = button({ type: "submit" }, icon("play"), "Run");
+  const run = button({ type: "submit" }, icon("play"), t("mdi.run"));
   const findings = h("ol", { id: "mdi-findings", class: "list mdi-findings", "aria-live": "polite" });
-  const element = h("form", { class: "mdi" }, h("div", { class: "row" }, h("span", { class: "label" }, "MDI"), input, run), findings);
+  const element = h("form", { class: "mdi" }, h("div", { class: "row" }, h("span", { class: "label" }, t("mdi.mdi")), input, run), findings);
   /** @type {string[]} */
   const history = [];
   /** Index in the history; its length means the line that is being typed. */

@@ -3,6 +3,7 @@
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
 import { programName } from "./format.js";
+import { t } from "./language.js";
 import { disableFor, whyNot } from "./why_not.js";
 
 /** Most parts of one run. */
@@ -13,14 +14,14 @@ export function orderParts(app, { number, title }) {
   const cs = app.model.selected;
   const name = programName(number);
   const field = h("input", { type: "number", class: "input editor-number", min: 1, max: PARTS_MAX, step: 1, value: 1, required: true, autofocus: true });
-  const start = button({ type: "submit", class: "button primary" }, "Start");
+  const start = button({ type: "submit", class: "button primary" }, t("order.start"));
   const form = h(
     "form",
     {},
-    h("p", {}, title || "no title"),
-    h("label", { class: "row" }, h("span", { class: "label" }, "Parts"), field),
-    h("p", { class: "muted note" }, `${name} is loaded in coordinate system ${cs} and started. Each further part begins when the one before is completed; a stop, an alarm or another command ends that, and the start lock holds the next part back.`),
-    h("div", { class: "row end" }, button({ onclick: () => dialog.close() }, "Cancel"), start),
+    h("p", {}, title || t("common.no_title")),
+    h("label", { class: "row" }, h("span", { class: "label" }, t("order.parts")), field),
+    h("p", { class: "muted note" }, t("order.about", { program: name, cs })),
+    h("div", { class: "row end" }, button({ onclick: () => dialog.close() }, t("common.cancel")), start),
   );
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -30,12 +31,13 @@ export function orderParts(app, { number, title }) {
     void app.attempt(() => app.api.order(cs, number, Number(field.value)));
   });
   disableFor(start, whyNot(app.model, "run"));
-  const dialog = openDialog("order", `Run ${name}`, [form]);
+  const dialog = openDialog("order", t("order.run", { program: name }), [form]);
 }
 
 /** How far a run of several parts is; empty for any other. @param {import("./types.d.ts").Run | null | undefined} run */
 export function partsSaid(run) {
   if (!run || run.end !== null || run.parts < 2) return "";
   const next = Math.min(run.parts_done + 1, run.parts);
-  return run.waits_for ? `part ${next} of ${run.parts} waits: ${run.waits_for}` : `part ${next} of ${run.parts}`;
+  const told = { part: next, parts: run.parts };
+  return run.waits_for ? t("order.part_waits", { ...told, text: run.waits_for }) : t("order.part", told);
 }

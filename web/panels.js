@@ -1,9 +1,10 @@
 // The panels at the right, one of which is shown: programs, by hand, set up.
 
 import { button, h, setAttr } from "./dom.js";
+import { t } from "./language.js";
 
 export class Panels {
-  #tabs = h("div", { class: "panel-tabs", role: "tablist", "aria-label": "Panels" });
+  #tabs = h("div", { class: "panel-tabs", role: "tablist", "aria-label": t("panels.panels") });
   element = h("section", { class: "card panels" }, this.#tabs);
   /** @type {{name: string, tab: HTMLElement, content: HTMLElement, isThere: () => boolean}[]} */
   #panels = [];

@@ -1,6 +1,7 @@
 // The state in the operator's words: one sentence that says what the machine waits for, or what to do next.
 
 import { duration, params, programName, rounded } from "./format.js";
+import { listed, sentences, t } from "./language.js";
 
 /**
  * How a state is shown.
@@ -16,7 +17,7 @@ import { duration, params, programName, rounded } from "./format.js";
  * @returns {{tone: Tone, icon: string, word: string}}
  */
 export function look(state, open = []) {
-  const word = state.execution.replaceAll("_", " ");
+  const word = stateWord(state.execution);
   switch (state.execution) {
     case "READY":
       return { tone: "ready", icon: "ready", word };
@@ -62,56 +63,81 @@ export function brief(text, chars = BRIEF_CHARS) {
 /** How long an output may be unclaimed before the sentence says so, ms. */
 const UNTAKEN_MS = 2000;
 
+/** Names of states. @type {Record<string, import("./language.js").Key>} */
+const STATES = {
+  READY: "state.READY", ACTIVE: "state.ACTIVE", WAIT: "state.WAIT", FEED_HOLD: "state.FEED_HOLD", PROGRAM_STOPPED: "state.PROGRAM_STOPPED", OPTIONAL_STOP: "state.OPTIONAL_STOP",
+  INTERRUPTED: "state.INTERRUPTED", PROGRAM_COMPLETED: "state.PROGRAM_COMPLETED", STOPPED: "state.STOPPED",
+};
+
+/** What holds and ends a run. @type {Record<string, import("./language.js").Key>} */
+const REASONS = {
+  HOLD: "reason.HOLD", HANDLER_LOST: "reason.HANDLER_LOST", SINGLE_BLOCK: "reason.SINGLE_BLOCK", INTERLOCK: "reason.INTERLOCK", BUS_LOST: "reason.BUS_LOST", SERVO_LATE: "reason.SERVO_LATE",
+  CLIENT_LOST: "reason.CLIENT_LOST", BACK_TRACE: "reason.BACK_TRACE", BACK_TRACE_END: "reason.BACK_TRACE_END", ALARM: "reason.ALARM", STOP: "reason.STOP", ABORTED: "reason.ABORTED",
+  NO_PROGRAM: "reason.NO_PROGRAM", RESTARTED: "reason.RESTARTED",
+};
+
+/** A state, such as `FEED_HOLD`, as it is shown. @param {string} execution */
+export function stateWord(execution) {
+  const key = STATES[execution];
+  return key ? t(key) : execution.replaceAll("_", " ");
+}
+
+/** A reason, such as `SINGLE_BLOCK`, in words. @param {unknown} reason */
+export function reasonWord(reason) {
+  const key = REASONS[String(reason)];
+  return key ? t(key) : String(reason).toLowerCase().replaceAll("_", " ");
+}
+
 /** @type {Record<string, string>} */
 const TRANSITIONS = {
-  STARTING: "Starting the program.",
-  HOLDING: "Feed hold: slowing down on the path.",
-  STOPPING: "Stopping: slowing down on the path.",
-  RESUMING: "Going on.",
-  RESETTING: "Resetting.",
+  STARTING: t("sentence.starting_the_program"),
+  HOLDING: t("sentence.feed_hold_slowing_down_on"),
+  STOPPING: t("sentence.stopping_slowing_down_on_the"),
+  RESUMING: t("sentence.going_on"),
+  RESETTING: t("sentence.resetting"),
 };
 
 /**
  * The sentence.
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").AlarmRecord[]} alarms active ones of the machine
- * @param {(timestamp: string) => number} ageMs
+ * @param {((timestamp: string) => number) | null} ageMs how long ago that was; null: no time is told
  * @returns {string}
  */
 export function sentence(system, alarms, ageMs) {
   const { state, place } = system;
-  if (!state) return "Waiting for the state of this coordinate system.";
+  if (!state) return t("sentence.waiting_for_the_state_of");
   if (state.transition) return TRANSITIONS[state.transition] ?? `${state.transition}.`;
   const program = programName(state.program);
   switch (state.execution) {
     case "READY":
       return state.program === null
-        ? "Ready to move by hand. No program is loaded: choose one of the list and press Load."
-        : `Program ${program} is loaded and at its head. Press Start.`;
+        ? t("sentence.ready_to_move_by_hand")
+        : t("sentence.program_is_loaded_and_at", { program });
     case "ACTIVE":
       if (state.run_kind && state.run_kind !== "program") return byHand(system, state.run_kind);
-      if (state.reason === "BACK_TRACE") return `Goes back along its path, line ${place?.line ?? "?"}. Press Hold to turn round.`;
-      return place?.line ? `Program ${programName(place.number)} runs, line ${place.line}.` : `Program ${program} runs.`;
+      if (state.reason === "BACK_TRACE") return t("sentence.goes_back_along_its_path", { line: place?.line ?? "?" });
+      return place?.line ? t("sentence.program_runs_line", { program: programName(place.number), line: place.line }) : t("sentence.program_runs", { program });
     case "WAIT":
       return waiting(system, ageMs);
     case "FEED_HOLD":
-      if (state.reason === "BUS_LOST") return `Held: the connection to the MQTT broker was lost${state.waiting_on ? ` while M${state.waiting_on.m} is open` : ""}. Look at the machine, then press Resume.`;
-      if (state.reason === "SERVO_LATE") return "Held: the servo was late, so the motors got no set points for a while. Look at the machine and at the computer's load, then press Resume.";
-      if (state.reason === "CLIENT_LOST") return "Held: a client that the machine watches is not heard any more; the warning names it. Look at it and at the machine, then press Resume.";
-      if (state.reason === "BACK_TRACE_END") return "The way back ends here. Press Resume to go forward again.";
+      if (state.reason === "BUS_LOST") return state.waiting_on ? t("sentence.bus_lost_in_m", { m: state.waiting_on.m }) : t("sentence.bus_lost");
+      if (state.reason === "SERVO_LATE") return t("sentence.held_the_servo_was_late");
+      if (state.reason === "CLIENT_LOST") return t("sentence.held_a_client_that_the");
+      if (state.reason === "BACK_TRACE_END") return t("sentence.the_way_back_ends_here");
       return state.waiting_on
-        ? `Held while M${state.waiting_on.m} is open. Press Resume to go on.`
-        : "Held by the operator. Press Resume to go on, or Stop to end the run.";
+        ? t("sentence.held_while_m_is_open", { m: state.waiting_on.m })
+        : t("sentence.held_by_the_operator_press");
     case "PROGRAM_STOPPED":
-      return "Program stop (M00). Press Resume to go on.";
+      return t("sentence.program_stop_m00_press_resume");
     case "OPTIONAL_STOP":
-      return "Optional stop (M01). Press Resume to go on.";
+      return t("sentence.optional_stop_m01_press_resume");
     case "INTERRUPTED":
       return state.reason === "SINGLE_BLOCK"
-        ? "Single block: the block is done. Press Resume for the next one."
+        ? t("sentence.single_block_the_block_is")
         : interlocked(system.interlock);
     case "PROGRAM_COMPLETED":
-      return `Program ${program} is complete. Press Start to run it again, or load another one.`;
+      return t("sentence.program_is_complete_press_start", { program });
     case "STOPPED":
       return stopped(system, alarms);
     default:
@@ -121,52 +147,51 @@ export function sentence(system, alarms, ageMs) {
 
 /** What moves without a program. @param {import("./model.js").CoordinateSystem} system @param {"mdi" | "home" | "jog"} kind */
 function byHand({ place, position }, kind) {
-  if (kind === "home") return "Axes move to their reference points.";
-  if (kind === "mdi") return `MDI runs${place?.block ? `: ${brief(place.block)}` : ""}.`;
+  if (kind === "home") return t("sentence.axes_move_to_their_reference");
+  if (kind === "mdi") return place?.block ? t("sentence.mdi_block", { block: brief(place.block) }) : t("sentence.mdi");
   const axis = Object.entries(position?.distance_to_go ?? {}).find(([, left]) => left !== 0)?.[0];
-  return `Jog: ${axis ? `axis ${axis}` : "an axis"} moves by hand.`;
+  return axis ? t("sentence.jog", { axis }) : t("sentence.jog_any");
 }
 
 /** @param {import("./types.d.ts").LockMessage | null} interlock */
 function interlocked(interlock) {
-  if (interlock && !interlock.value) return "The interlock is off again. Press Resume to go on.";
-  const why = interlock?.text ? ` (${brief(interlock.text)})` : "";
-  return `The interlock is on${why}: motion goes on when it is released and Resume is pressed.`;
+  if (interlock && !interlock.value) return t("sentence.the_interlock_is_off_again");
+  return interlock?.text ? t("sentence.interlocked_why", { text: brief(interlock.text) }) : t("sentence.interlocked");
 }
 
 /** How the run before this start ended. @param {import("./types.d.ts").LastRun | null} run */
 function cutShort(run) {
   if (!run || ["READY", "STOPPED", "PROGRAM_COMPLETED"].includes(run.execution)) return "";
-  const open = run.outputs.map((output) => `M${output.m}`).join(", ");
-  return ` The run of ${programName(run.program)} was cut short in line ${run.line}${open ? `, with ${open} open` : ""}.`;
+  const codes = listed(run.outputs.map((output) => `M${output.m}`));
+  const told = { program: programName(run.program), line: run.line };
+  return codes ? t("sentence.cut_short_in_m", { ...told, codes }) : t("sentence.cut_short", told);
 }
 
 /**
  * @param {import("./model.js").CoordinateSystem} system
- * @param {(timestamp: string) => number} ageMs
+ * @param {((timestamp: string) => number) | null} ageMs
  */
 function waiting({ state, pending }, ageMs) {
   const on = state?.waiting_on;
-  if (!state || !on) return "Waiting until every output of the run is reset.";
+  if (!state || !on) return t("sentence.waiting_until_every_output_of");
   const output = pending?.outputs.find((open) => open.seq === on.seq);
   const name = `M${on.m}${state.wait_state ? ` (${state.wait_state})` : ""}`;
-  const given = output && Object.keys(output.params).length > 0 ? `, ${params(output.params).replaceAll("  ", ", ")}` : "";
   if (state.reason === "HANDLER_LOST") {
-    if (output?.how) return `${name} is redelivered (${output.how}): waiting for its handler to come back.`;
-    return `The handler of ${name} has gone. Look at the machine, then redeliver ${name} or confirm it by hand.`;
+    if (output?.how) return t("sentence.redelivered", { name });
+    return t("sentence.handler_gone", { name });
   }
-  const since = `Waiting ${duration(ageMs(on.since))} for ${name}${given}`;
+  const what = listed([name, ...Object.entries(output?.params ?? {}).map(([letter, value]) => params({ [letter]: value }))]);
+  const waits = ageMs ? t("sentence.waits_since", { time: duration(ageMs(on.since)), what }) : t("sentence.waits", { what });
   const question = asked(state);
-  if (question) return `${name} asks: ${brief(question.text)} Answer it beside M${on.m}.`;
+  if (question) return t("sentence.asks", { name, text: brief(question.text), m: on.m });
   const progress = on.progress ?? output?.progress;
   if (output?.state === "CLAIMED") {
-    const handler = `handler ${output.handler_id ?? "unknown"}`;
-    if (!progress) return `${since}: ${handler} has it.`;
+    const told = { waits, handler: output.handler_id ?? "–" };
+    if (!progress) return t("sentence.claimed", told);
     const percent = progress.percent === undefined ? "" : ` (${Math.round(progress.percent)}\u00a0%)`;
-    return `${since}: ${handler} works: ${brief(progress.text)}${percent}.`;
+    return t("sentence.in_work", { ...told, text: `${brief(progress.text)}${percent}` });
   }
-  if (ageMs(on.since) < UNTAKEN_MS) return `${since}.`;
-  return `${since}: no handler has taken it. When its work is done, confirm it by hand.`;
+  return ageMs && ageMs(on.since) < UNTAKEN_MS ? t("sentence.just_waits", { waits }) : t("sentence.untaken", { waits });
 }
 
 /**
@@ -177,21 +202,19 @@ function stopped({ state, info, lastRun }, alarms) {
   switch (state?.reason) {
     case "ALARM": {
       const alarm = alarms.findLast((a) => a.severity === "alarm" && (a.cs === null || a.cs === info.number));
-      const what = alarm ? `Alarm ${alarm.number}: ${brief(rounded(alarm.text))}`.replace(/(?<!…)[.\s]*$/, ".") : "Stopped by an alarm.";
-      return `${what} Remove the cause, then press Reset.`;
+      const what = alarm ? t("sentence.alarm", { number: alarm.number, text: brief(rounded(alarm.text)).replace(/(?<!…)[.\s]*$/, ".") }) : t("sentence.stopped_by_alarm");
+      return sentences(what, t("sentence.remove_cause"));
     }
     case "NO_PROGRAM":
-      return "No program is loaded: choose one of the list and press Load.";
+      return t("sentence.no_program");
     case "RESTARTED":
-      return state.program === null
-        ? `The runtime was started again and nothing goes on by itself.${cutShort(lastRun)} Load a program.`
-        : `The runtime was started again and nothing goes on by itself.${cutShort(lastRun)} Press Reset to be ready with ${programName(state.program)}.`;
+      return sentences(t("sentence.restarted"), cutShort(lastRun), state.program === null ? t("sentence.load") : t("sentence.reset_for", { program: programName(state.program) }));
     case "ABORTED":
-      return "Aborted: the motors braked at once. Look at the machine, then press Reset.";
+      return t("sentence.aborted_the_motors_braked_at");
     default:
       return state?.program === null
-        ? "Stopped. Load a program."
-        : `Stopped. Press Reset to go back to the head of ${programName(state?.program)}.`;
+        ? t("sentence.stopped_load_a_program")
+        : t("sentence.stopped_press_reset_to_go", { program: programName(state?.program) });
   }
 }
 
@@ -202,7 +225,7 @@ function stopped({ state, info, lastRun }, alarms) {
  */
 export function announcement(system, alarms) {
   if (!system.state) return "";
-  const text = sentence(system, alarms, () => UNTAKEN_MS).replace(/^Waiting \d+ s for/, "Waiting for");
+  const text = sentence(system, alarms, null);
   const running = system.state.execution === "ACTIVE" && !system.state.transition;
-  return `Coordinate system ${system.info.number}: ${look(system.state).word}. ${running ? "" : text}`.trim();
+  return sentences(t("sentence.announced", { cs: system.info.number, state: look(system.state).word }), !running && text);
 }

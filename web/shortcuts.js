@@ -3,17 +3,18 @@
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
 import { openHistory } from "./history/dialog.js";
+import { t } from "./language.js";
 
 /** @type {{key: string, says: string, does: (app: import("./main.js").App) => void}[]} */
 const SHORTCUTS = [
-  { key: "?", says: "this list", does: () => showShortcuts() },
-  { key: "f", says: "read from three metres, and back", does: toggleFar },
-  { key: "h", says: "feed hold", does: (app) => app.command("hold") },
-  { key: "p", says: "programs", does: (app) => app.open("programs") },
-  { key: "b", says: "by hand", does: (app) => app.open("by-hand") },
-  { key: "s", says: "set up", does: (app) => app.open("set-up") },
-  { key: "t", says: "history: timeline, journal, past alarms", does: (app) => openHistory(app) },
-  { key: "n", says: "next coordinate system", does: next },
+  { key: "?", says: t("shortcuts.this_list"), does: () => showShortcuts() },
+  { key: "f", says: t("shortcuts.read_from_three_metres_and"), does: toggleFar },
+  { key: "h", says: t("shortcuts.feed_hold"), does: (app) => app.command("hold") },
+  { key: "p", says: t("shortcuts.programs"), does: (app) => app.open("programs") },
+  { key: "b", says: t("shortcuts.by_hand"), does: (app) => app.open("by-hand") },
+  { key: "s", says: t("shortcuts.set_up"), does: (app) => app.open("set-up") },
+  { key: "t", says: t("shortcuts.history_timeline_journal_past_alarms"), does: (app) => openHistory(app) },
+  { key: "n", says: t("shortcuts.next_coordinate_system"), does: next },
 ];
 
 /** @param {import("./main.js").App} app */
@@ -32,8 +33,8 @@ export function listenToKeys(app) {
 /** Shows them. */
 export function showShortcuts() {
   const rows = SHORTCUTS.map(({ key, says }) => h("div", { class: "shortcut" }, h("dt", {}, h("kbd", {}, key.toUpperCase())), h("dd", {}, says)));
-  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
-  const dialog = openDialog("shortcuts", "Shortcuts", [h("dl", { class: "scroll" }, ...rows), h("div", { class: "row end" }, close)]);
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, t("common.close"));
+  const dialog = openDialog("shortcuts", t("shortcuts.shortcuts"), [h("dl", { class: "scroll" }, ...rows), h("div", { class: "row end" }, close)]);
 }
 
 /** @param {import("./main.js").App} app */

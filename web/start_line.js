@@ -4,13 +4,14 @@
 import { button, fill, h, setAttr } from "./dom.js";
 import { openDialog } from "./dialog.js";
 import { params, plain, position, programName } from "./format.js";
+import { listed, t } from "./language.js";
 import { disableFor, whyNot } from "./why_not.js";
 
 /** @typedef {import("./api.js").LineStart} LineStart */
 /** @typedef {import("./types.d.ts").LineState} LineState */
 
 /** Orders of the axes, and their names. */
-const APPROACHES = { plane_first: "in the plane first, then the infeed axis", infeed_first: "the infeed axis first", direct: "all axes at once" };
+const APPROACHES = { plane_first: t("start_line.in_the_plane_first_then"), infeed_first: t("start_line.the_infeed_axis_first"), direct: t("start_line.all_axes_at_once") };
 
 /** The order chosen last. @type {keyof typeof APPROACHES} */
 let approach = "plane_first";
@@ -28,12 +29,12 @@ export function openLineStart(app, { line, program }) {
   /** @type {LineStart} */
   const from = { from_line: line, approach, ...(program === main ? {} : { program }) };
 
-  const found = h("div", { class: "scroll line-state" }, h("p", { class: "muted" }, "The program is read as far as this line…"));
+  const found = h("div", { class: "scroll line-state" }, h("p", { class: "muted" }, t("start_line.the_program_is_read_as")));
   const occurrence = h("input", { class: "input", type: "number", min: 1, step: 1, inputmode: "numeric" });
-  const which = h("label", { class: "choice", hidden: true }, "Which time the program comes there", occurrence);
-  const order = h("select", { class: "input", "aria-label": "Order of the axes" }, ...Object.entries(APPROACHES).map(([value, name]) => h("option", { value, selected: value === approach }, name)));
-  const start = button({ class: "button start", disabled: true, onclick: () => dialog.close("start") }, `Start at line ${line}`);
-  const leave = button({ autofocus: true, onclick: () => dialog.close("") }, "Leave it");
+  const which = h("label", { class: "choice", hidden: true }, t("start_line.which_time_the_program_comes"), occurrence);
+  const order = h("select", { class: "input", "aria-label": t("start_line.order_of_the_axes") }, ...Object.entries(APPROACHES).map(([value, name]) => h("option", { value, selected: value === approach }, name)));
+  const start = button({ class: "button start", disabled: true, onclick: () => dialog.close("start") }, t("start_line.title", { line }));
+  const leave = button({ autofocus: true, onclick: () => dialog.close("") }, t("lease.leave_it"));
 
   let asked = 0;
   const ask = async () => {
@@ -63,9 +64,8 @@ export function openLineStart(app, { line, program }) {
     void ask();
   });
 
-  const place = program === main ? `line ${line}` : `line ${line} of ${programName(program)}`;
-  const children = [found, h("div", { class: "row" }, which, h("label", { class: "choice" }, "The axes go there", order)), h("div", { class: "row end" }, leave, start)];
-  const dialog = openDialog("line-start", `Start at ${place}`, children, (answer) => {
+    const children = [found, h("div", { class: "row" }, which, h("label", { class: "choice" }, t("start_line.the_axes_go_there"), order)), h("div", { class: "row end" }, leave, start)];
+  const dialog = openDialog("line-start", program === main ? t("start_line.title", { line }) : t("start_line.title_of", { line, program: programName(program) }), children, (answer) => {
     if (answer === "start") void app.attempt(() => app.api.command(cs, "start", from, seen));
   });
   void ask();
@@ -75,30 +75,30 @@ export function openLineStart(app, { line, program }) {
 function tables(state) {
   const { modal } = state;
   const axes = Object.entries(state.work).map(([axis, at]) => [axis, position(at), position(state.machine[axis] ?? 0)]);
-  const calls = state.stack.map((call) => `${programName(call.program)} line ${call.line}`).join(", ");
-  const variables = Object.entries(state.variables).map(([name, value]) => `${name} = ${plain(value)}`).join(", ");
-  const approach = state.approach.map((step) => Object.entries(step).map(([axis, at]) => `${axis} ${position(at)}`).join(" ")).join(", then ");
+  const calls = listed(state.stack.map((call) => t("common.program_line", { program: programName(call.program), line: call.line })));
+  const variables = listed(Object.entries(state.variables).map(([name, value]) => `${name} = ${plain(value)}`));
+  const approach = state.approach.map((step) => Object.entries(step).map(([axis, at]) => `${axis} ${position(at)}`).join(" ")).join(t("start_line.then"));
   /** @type {[string, string][]} */
   const facts = [
-    ["Codes", Object.values(modal.g).join(" ")],
-    ["F, S", `${plain(modal.f)}, ${plain(modal.s)}`],
-    ["Tool", modal.tool === null || modal.tool === undefined ? "not known" : String(modal.tool)],
-    ["Put out before", state.restore.map(words).join(", ") || "nothing"],
-    ["Axes go (machine)", approach || "they stand there"],
+    [t("start_line.codes"), Object.values(modal.g).join(" ")],
+    ["F, S", `${plain(modal.f)} / ${plain(modal.s)}`],
+    [t("start_line.tool"), modal.tool === null || modal.tool === undefined ? t("start_line.not_known") : String(modal.tool)],
+    [t("start_line.put_out_before"), listed(state.restore.map(words)) || t("start_line.nothing")],
+    [t("start_line.axes_go_machine"), approach || t("start_line.they_stand_there")],
   ];
-  if (calls) facts.push(["Called by", calls]);
-  if (variables) facts.push(["Variables set", variables]);
+  if (calls) facts.push([t("start_line.called_by"), calls]);
+  if (variables) facts.push([t("start_line.variables_set"), variables]);
   return [
     h("p", {}, h("code", {}, state.block)),
-    table(["", "Work", "Machine"], axes),
+    table(["", t("start_line.work"), t("start_line.machine")], axes),
     h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
-    state.not_restored.length > 0 ? h("p", { class: "warning" }, `See for yourself: ${state.not_restored.map(words).join(", ")} ${state.not_restored.length > 1 ? "were" : "was"} put out before this line, and will not be again.`) : null,
+    state.not_restored.length > 0 ? h("p", { class: "warning" }, t("start_line.not_restored", { count: state.not_restored.length, codes: listed(state.not_restored.map(words)) })) : null,
   ];
 }
 
 /** @param {import("./types.d.ts").RestoredOutput} output */
 function words({ m, params: given, line }) {
-  return `${[`M${String(m).padStart(2, "0")}`, params(given)].filter(Boolean).join(" ")} (line ${line})`;
+  return t("start_line.code_in", { code: [`M${String(m).padStart(2, "0")}`, params(given)].filter(Boolean).join(" "), line });
 }
 
 /** @param {string[]} names @param {string[][]} rows */

@@ -1,11 +1,12 @@
 // The service worker. It never serves a screen that it has kept: pages come from the machine, or say that it does not answer.
 
-const OFFLINE = "offline-1";
+// The screen keeps the first in its language (install.js), the others are kept here.
+const OFFLINE = "offline-2";
 const KEPT = ["/offline.html", "/offline.css", "/icon.svg"];
 const worker = /** @type {any} */ (globalThis);
 
 worker.addEventListener("install", (/** @type {any} */ event) => {
-  event.waitUntil(caches.open(OFFLINE).then((cache) => cache.addAll(KEPT)).then(() => worker.skipWaiting()));
+  event.waitUntil(caches.open(OFFLINE).then((cache) => cache.addAll(KEPT.slice(1))).then(() => worker.skipWaiting()));
 });
 
 worker.addEventListener("activate", (/** @type {any} */ event) => {

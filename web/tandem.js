@@ -65,7 +65,7 @@ export class Tandem {
 
   /** Connects, and again whenever the connection is lost. */
   connect() {
-    if (this.#url === "") throw new Error("new Tandem({ url }): write the address of the machine, such as http://mill-1:8080");
+    if (this.#url === "") throw new TypeError("new Tandem({ url }): write the address of the machine, such as http://mill-1:8080");
     this.#link.open();
     return this;
   }

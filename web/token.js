@@ -2,6 +2,7 @@
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
+import { t } from "./language.js";
 import { machine } from "./machine.js";
 import { Refusal, storedToken, storeToken } from "./tandem.js";
 
@@ -27,18 +28,18 @@ async function isRefused() {
 /** @returns {Promise<void>} */
 function ask() {
   return new Promise((resolve) => {
-    const user = field("User", "text", "username");
+    const user = field(t("token.user"), "text", "username");
     const pin = field("PIN", "password", "current-password");
-    const shown = field("Token", "password", "off");
-    const problem = h("p", { role: "alert" }, storedToken() === null ? "" : "The machine does not know this token.");
+    const shown = field(t("token.token"), "password", "off");
+    const problem = h("p", { role: "alert" }, storedToken() === null ? "" : t("token.the_machine_does_not_know"));
     const form = h(
       "form",
       { method: "dialog" },
       h("div", { class: "row end" }, user, pin),
-      h("p", {}, "or a token of this screen:"),
-      h("div", { class: "row end" }, shown, button({ type: "submit" }, "Enter")),
+      h("p", {}, t("token.or_a_token_of_this")),
+      h("div", { class: "row end" }, shown, button({ type: "submit" }, t("token.enter"))),
     );
-    const dialog = openDialog("token", "Log in", [h("p", {}, "This machine asks who uses it."), form, problem], () => resolve());
+    const dialog = openDialog("token", t("token.log_in"), [h("p", {}, t("token.this_machine_asks_who_uses")), form, problem], () => resolve());
     form.addEventListener("submit", async (event) => {
       event.preventDefault();
       const given = shown.value.trim();

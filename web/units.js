@@ -1,5 +1,7 @@
 // Millimetres or inches on the whole screen: as the program has it in force (G20, G21), unless the operator chooses.
 
+import { t } from "./language.js";
+
 const KEY = "tandem-units";
 const MM_PER_INCH = 25.4;
 const CHOICES = /** @type {const} */ (["auto", "mm", "inch"]);
@@ -41,13 +43,13 @@ export function isRotary(model, axis) {
  * @param {import("./model.js").Model} model @param {string} axis
  */
 export function scaleOf(model, axis) {
-  if (isRotary(model, axis)) return { unit: "deg", size: 1, decimals: 3 };
+  if (isRotary(model, axis)) return { unit: t("unit.deg"), size: 1, decimals: 3 };
   return lengthScale(unitOf(model.current));
 }
 
 /** The same of any length. @param {Unit} unit */
 export function lengthScale(unit) {
-  return unit === "inch" ? { unit: "in", size: MM_PER_INCH, decimals: 4 } : { unit: "mm", size: 1, decimals: 3 };
+  return unit === "inch" ? { unit: t("unit.in"), size: MM_PER_INCH, decimals: 4 } : { unit: "mm", size: 1, decimals: 3 };
 }
 
 /** @returns {(typeof CHOICES)[number]} */

@@ -3,6 +3,7 @@
 import { openDialog } from "./dialog.js";
 import { button, h, setAttr, setText } from "./dom.js";
 import { icon } from "./icons.js";
+import { chooseLanguage, chosenLanguage, LANGUAGES, listed, t } from "./language.js";
 import { forgetToken } from "./token.js";
 import { chooseLarge, isLarge } from "./touch.js";
 import { disableFor } from "./why_not.js";
@@ -13,9 +14,9 @@ export function userButton(app) {
   const element = button({ class: "user", onclick: () => showUser(app) }, icon("user"), name);
   const render = () => {
     const { user, viewing } = app.model;
-    const role = viewing ? "view mode" : (user?.role ?? "");
-    setText(name, user?.user ? `${user.user}, ${role}` : viewing ? role : "");
-    setAttr(element, "aria-label", user?.user ? `Logged in: ${user.user}, ${role}` : `No login${viewing ? `, ${role}` : ""}`);
+    const role = viewing ? t("user.view_mode") : (user?.role ?? "");
+    setText(name, listed([user?.user, (user?.user || viewing) && role]));
+    setAttr(element, "aria-label", user?.user ? t("user.logged_in", { user: user.user, role }) : listed([t("user.no_login"), viewing && role]));
   };
   return { element, render };
 }
@@ -24,19 +25,19 @@ export function userButton(app) {
 function showUser(app) {
   const { user, viewing } = app.model;
   const says = user?.user
-    ? `${user.user} is logged in here with the role ${user.role}.`
-    : "This machine asks nobody who it is: whoever reaches it may do everything.";
+    ? t("user.who", { user: user.user, role: user.role })
+    : t("user.this_machine_asks_nobody_who");
   const view = button({ "aria-pressed": String(viewing), onclick: () => {
     app.model.viewing = !viewing;
     app.invalidate();
     dialog.close();
-  } }, viewing ? "Leave view mode" : "View mode");
-  const leave = button({ onclick: () => void logOut(app) }, "Log out");
-  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
-  const dialog = openDialog("user-dialog", "User", [
+  } }, viewing ? t("user.leave_view_mode") : t("user.enter_view_mode"));
+  const leave = button({ onclick: () => void logOut(app) }, t("user.log_out"));
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, t("common.close"));
+  const dialog = openDialog("user-dialog", t("user.user"), [
     h("p", {}, says),
-    h("p", { class: "muted" }, "In view mode this screen only looks: nothing but Hold, Stop and Abort can be pressed."),
-    h("h3", {}, "This screen"),
+    h("p", { class: "muted" }, t("user.in_view_mode_this_screen")),
+    h("h3", {}, t("user.this_screen")),
     ...settings(app),
     h("div", { class: "row end wrap" }, user?.user && leave, view, close),
   ]);
@@ -60,10 +61,19 @@ function settings({ alerts }) {
     return h("div", { class: "setting" }, one, note);
   };
   return [
-    row("Sound", "Questions and alarms are heard.", () => alerts.isOn("sound"), (on) => alerts.choose("sound", on)),
-    row("Notifications", "Questions and alarms are shown by the system, also over other windows.", () => alerts.isOn("notification"), (on) => alerts.choose("notification", on), () => alerts.whyNot("notification")),
-    row("Large targets", "For fingers and gloves; on by itself where the screen is touched.", isLarge, chooseLarge),
+    languagePicker(),
+    row(t("user.sound"), t("user.questions_and_alarms_are_heard"), () => alerts.isOn("sound"), (on) => alerts.choose("sound", on)),
+    row(t("user.notifications"), t("user.questions_and_alarms_are_shown"), () => alerts.isOn("notification"), (on) => alerts.choose("notification", on), () => alerts.whyNot("notification")),
+    row(t("user.large_targets"), t("user.for_fingers_and_gloves_on"), isLarge, chooseLarge),
   ];
+}
+
+/** The language of this screen: a choice, or what the browser prefers. */
+function languagePicker() {
+  const chosen = chosenLanguage() ?? "";
+  const choices = [["", t("user.language_of_browser")], ...Object.entries(LANGUAGES)];
+  const picker = h("select", { class: "input", onchange: () => chooseLanguage(picker.value) }, ...choices.map(([code, name]) => h("option", { value: code, lang: code || null, selected: code === chosen }, name)));
+  return h("div", { class: "setting language" }, h("label", { class: "row" }, t("user.language"), picker), h("p", { class: "muted" }, t("user.language_about")));
 }
 
 /** @param {import("./main.js").App} app */

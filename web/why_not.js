@@ -2,6 +2,7 @@
 
 import { ownFence } from "./fences.js";
 import { programName } from "./format.js";
+import { t } from "./language.js";
 
 /** @typedef {import("./types.d.ts").Verb} Verb */
 
@@ -40,10 +41,11 @@ const FORBIDDEN = {
  * @returns {string | null}
  */
 export function whyNotUser({ user, viewing }, right = "operate") {
-  if (viewing) return "This screen is in view mode: leave it at the user's button at the top.";
+  if (viewing) return t("why_not.this_screen_is_in_view");
   if (!user || !FORBIDDEN[user.role]?.has(right)) return null;
-  const may = user.role === "view" ? "may look, and not command" : right === "administrate" ? "may not change stored programs" : "may not operate the machine";
-  return `${user.user ?? "This user"} is logged in with the role ${user.role}, which ${may}.`;
+  const told = { user: user.user ?? t("why_not.this_user"), role: user.role };
+  if (user.role === "view") return t("why_not.may_look", told);
+  return right === "administrate" ? t("why_not.may_not_store", told) : t("why_not.may_not_operate", told);
 }
 
 /**
@@ -52,7 +54,7 @@ export function whyNotUser({ user, viewing }, right = "operate") {
  * @param {"operate" | "set" | "reset" | "administrate"} [right]
  */
 export function whyNotNow(model, right = "operate") {
-  if (!model.online) return "This screen is not connected to the machine.";
+  if (!model.online) return t("why_not.this_screen_is_not_connected");
   return whyNotUser(model, right);
 }
 
@@ -68,38 +70,38 @@ export function whyNot(model, verb) {
   const state = model.current?.state;
   const now = whyNotNow(model);
   if (now !== null) return now;
-  if (!state) return "The state of the machine is not known yet.";
-  if (state.transition) return "The machine is on its way to another state.";
+  if (!state) return t("added.the_state_of_the_machine");
+  if (state.transition) return t("why_not.the_machine_is_on_its");
   return whyNotInState(state, verb, states) ?? leased(model, verb) ?? locked(model, verb);
 }
 
 /** @param {import("./types.d.ts").StateMessage} state @param {Verb} verb @param {string[]} states @returns {string | null} */
 function whyNotInState(state, verb, states) {
   const { execution } = state;
-  if (states === AT_REST && execution === "STOPPED" && (state.reason === "ALARM" || state.alarm_count > 0)) return "An alarm is active: remove its cause, then press Reset.";
-  if (verb === "start" && execution === "READY" && state.program === null) return "No program is loaded: choose one of the list and press Load.";
+  if (states === AT_REST && execution === "STOPPED" && (state.reason === "ALARM" || state.alarm_count > 0)) return t("why_not.an_alarm_is_active_remove");
+  if (verb === "start" && execution === "READY" && state.program === null) return t("sentence.no_program");
   if (states.includes(execution)) return null;
-  if (verb === "start" && execution === "STOPPED") return state.program === null ? "No program is loaded: choose one of the list and press Load." : `Press Reset first, which makes ${programName(state.program)} ready.`;
-  if (verb === "resume") return execution === "WAIT" ? "The program waits for an M code, and goes on by itself." : "There is nothing to resume.";
-  if (verb === "back_trace") return "This goes back from a feed hold: press Hold first.";
-  if (verb === "reset") return "The machine moves: press Hold or Stop first.";
-  if (execution === "ACTIVE") return state.run_kind === "jog" ? "An axis is moved by hand." : "A run is on: wait for its end, or stop it.";
-  if (execution === "WAIT") return "The run waits for an M code.";
-  return "A run is paused: let it go on, or end it with Stop.";
+  if (verb === "start" && execution === "STOPPED") return state.program === null ? t("sentence.no_program") : t("why_not.press_reset_first_which_makes", { program: programName(state.program) });
+  if (verb === "resume") return execution === "WAIT" ? t("why_not.the_program_waits_for_an") : t("why_not.there_is_nothing_to_resume");
+  if (verb === "back_trace") return t("why_not.this_goes_back_from_a");
+  if (verb === "reset") return t("why_not.the_machine_moves_press_hold");
+  if (execution === "ACTIVE") return state.run_kind === "jog" ? t("why_not.an_axis_is_moved_by") : t("why_not.a_run_is_on_wait");
+  if (execution === "WAIT") return t("why_not.the_run_waits_for_an");
+  return t("why_not.a_run_is_paused_let");
 }
 
 /** @param {import("./model.js").Model} model @param {Verb} verb @returns {string | null} */
 function leased({ selected, current }, verb) {
   const holder = current?.lease?.holder;
   if (!holder || !NEEDS_LEASE.has(verb) || ownFence(selected) !== undefined) return null;
-  return `${holder} has the control of this coordinate system: wait until it is given back, or end it in By hand.`;
+  return t("why_not.leased", { holder });
 }
 
 /** @param {import("./model.js").Model} model @param {Verb} verb @returns {string | null} */
 function locked({ current }, verb) {
-  const says = (/** @type {string} */ name, /** @type {{text: string}} */ { text }) => `The ${name} is on${text ? `: ${text}` : ""}.`;
-  if (MOVES.has(verb) && current?.interlock?.value) return says("interlock", current.interlock);
-  if (BEGINS.has(verb) && current?.startLock?.value) return says("start lock", current.startLock);
+  const { interlock, startLock } = current ?? {};
+  if (MOVES.has(verb) && interlock?.value) return interlock.text ? t("why_not.interlock_why", { text: interlock.text }) : t("why_not.interlock");
+  if (BEGINS.has(verb) && startLock?.value) return startLock.text ? t("why_not.start_lock_why", { text: startLock.text }) : t("why_not.start_lock");
   return null;
 }
 

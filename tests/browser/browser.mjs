@@ -64,7 +64,7 @@ function copyAnswers() {
     const response = await fetch(resource, init);
     const path = new URL(resource, location.href).pathname;
     const sent = typeof init.body === "string" ? init.body : null;
-    if (path.startsWith("/api/v1/")) reading.push(read(init.method ?? "GET", path, sent, response.clone()).catch(() => {}));
+    if (path.startsWith("/api/v1/") && response.type !== "opaque") reading.push(read(init.method ?? "GET", path, sent, response.clone()).catch(() => {}));
     return response;
   };
   globalThis.answersRead = () => Promise.all(reading);

@@ -75,21 +75,27 @@ test("the manifest is served as one, and names an icon that is there", async () 
   assert.deepEqual(errors, []);
 });
 
-test("the service worker keeps the page for a machine that does not answer, and nothing of the screen", async () => {
+/** Waits until what the service worker shows is kept, and nothing else is. */
+async function keepsItsPage() {
   await page.evaluate(() => navigator.serviceWorker.ready);
-  await page.reload();
-  await page.getByText("Connected", { exact: true }).waitFor();
-  const kept = await page.evaluate(async () => {
+  const kept = () => page.evaluate(async () => {
     const all = [];
     for (const name of await caches.keys()) for (const { url } of await (await caches.open(name)).keys()) all.push(new URL(url).pathname);
     return all.sort();
   });
-  assert.deepEqual(kept, ["/icon.svg", "/offline.css", "/offline.html"]);
+  await until(kept, ["/icon.svg", "/offline.css", "/offline.html"]);
+}
+
+test("the service worker keeps the page for a machine that does not answer, and nothing of the screen", async () => {
+  await keepsItsPage();
+  await page.reload();
+  await page.getByText("Connected", { exact: true }).waitFor();
+  await keepsItsPage();
   assert.deepEqual(errors, []);
 });
 
 test("while the machine does not answer a reload says so; when it answers again the screen comes by itself", async () => {
-  await page.evaluate(() => navigator.serviceWorker.ready);
+  await keepsItsPage();
   await runtime.kill();
   await page.reload();
   await page.getByRole("heading", { name: "The machine does not answer" }).waitFor();

@@ -1,6 +1,8 @@
 // A button of the machine builder: runs a line of NC text, sets a variable, or switches an input.
 
 import { button, h, setAttr } from "../dom.js";
+import { listed, t } from "../language.js";
+import { stateWord } from "../sentence.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
 import { inputOf, picture, seenFrom, variableOf } from "./values.js";
 
@@ -26,8 +28,8 @@ function lineOf({ m_code, mdi }) {
 /** What it does, in words. @param {HmiButton} wanted */
 function doing(wanted) {
   const line = lineOf(wanted);
-  if (line !== null) return `Runs ${line} at once`;
-  return wanted.variable !== undefined ? `Sets ${wanted.variable} to ${wanted.value}` : `Switches ${wanted.input}`;
+  if (line !== null) return t("added.runs_at_once", { line });
+  return wanted.variable !== undefined ? t("added.sets_to", { variable: wanted.variable, value: wanted.value }) : t("added.switches", { input: wanted.input });
 }
 
 /** Why it cannot be pressed; null: it can. @param {ReturnType<typeof seenFrom>} seen @param {HmiButton} wanted */
@@ -35,16 +37,16 @@ function whyNotPressed(seen, wanted) {
   const now = lineOf(wanted) === null ? whyNotNow(/** @type {any} */ (seen), "set") : whyNot(/** @type {any} */ (seen), "mdi");
   if (now !== null) return now;
   const execution = seen.current?.state?.execution;
-  if (!execution) return "The state of the machine is not known yet.";
+  if (!execution) return t("added.the_state_of_the_machine");
   const { states = [] } = wanted;
   if (states.length === 0 || states.includes(execution)) return null;
-  return `This can be pressed in ${states.map((state) => state.replaceAll("_", " ")).join(", ")} only.`;
+  return t("added.only_in", { states: listed(states.map(stateWord)) });
 }
 
 /** @param {import("../main.js").App} app @param {HmiButton} wanted */
 async function press(app, wanted) {
   const { text, confirm } = wanted;
-  if (confirm !== undefined && !(await app.confirm({ title: text, text: confirm, yes: text, no: "Cancel" }))) return;
+  if (confirm !== undefined && !(await app.confirm({ title: text, text: confirm, yes: text, no: t("common.cancel") }))) return;
   const { selected: cs, current } = seenFrom(app.model, wanted.cs);
   const line = lineOf(wanted);
   await app.attempt(async () => {

@@ -2,6 +2,7 @@
 
 import { h, setText } from "../dom.js";
 import { duration, plain } from "../format.js";
+import { t } from "../language.js";
 import { machine } from "../machine.js";
 import { addressOf, inputOf, picture, seenFrom, variableOf } from "./values.js";
 
@@ -26,8 +27,8 @@ export function addedCard(app, wanted) {
 /** @param {import("../model.js").Model} model @param {ReturnType<typeof seenFrom>} seen @param {number} m */
 function openCode(model, { current }, m) {
   const open = current?.pending?.outputs.find((output) => output.m === m);
-  if (!open) return `M${m} is not open`;
-  return `${open.progress?.text ?? `M${m} is open`}, ${duration(model.ageMs(open.since))}`;
+  if (!open) return t("card.m_is_not_open", { m });
+  return `${open.progress?.text ?? t("card.m_is_open", { m })}, ${duration(model.ageMs(open.since))}`;
 }
 
 /** @param {ReturnType<typeof seenFrom>} seen @param {string} name */
@@ -35,7 +36,7 @@ function inputText({ current }, name) {
   const isOn = inputOf(current, name);
   const lock = name === "interlock" ? current?.interlock : name === "start_lock" ? current?.startLock : null;
   if (isOn === null) return "–";
-  return isOn ? ["on", lock?.text].filter(Boolean).join(": ") : "off";
+  return isOn ? [t("card.on"), lock?.text].filter(Boolean).join(": ") : t("card.off");
 }
 
 /** Reads the variable again and again while it is looked at. @param {HmiCard} wanted @param {() => ReturnType<typeof seenFrom>} seen @param {HTMLElement} value */
@@ -63,7 +64,7 @@ function drawn({ module = "" }, seen, value) {
       const { default: show } = await import(addressOf(module));
       await show(value, { tandem: machine, cs: () => seen().selected });
     } catch (error) {
-      setText(value, `${module} cannot be shown: ${error instanceof Error ? error.message : error}`);
+      setText(value, t("card.cannot_be_shown", { module, reason: error instanceof Error ? error.message : String(error) }));
     }
   };
   return () => {

@@ -2,6 +2,7 @@
 // its styles need no style element, which the content security policy forbids.
 
 import { h } from "../dom.js";
+import { phrases } from "../language.js";
 import { ncParser } from "./language.js";
 import { coloursOf, themeOf } from "./look.js";
 
@@ -53,6 +54,7 @@ export class Code {
         cm.highlightSelectionMatches(),
         cm.history(),
         cm.search({ top: true }),
+        cm.EditorState.phrases.of(phrases()),
         cm.lintGutter(),
         cm.StreamLanguage.define({ ...ncParser(dialect), tokenTable: coloursOf(cm) }).extension,
         themeOf(cm),

@@ -7,6 +7,7 @@ import { meaning } from "../explain.js";
 import { finding, summary } from "../findings.js";
 import { programName, shortHash, whole } from "../format.js";
 import { icon } from "../icons.js";
+import { sentences, t } from "../language.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 import { Code, codeMirror } from "./code.js";
 
@@ -46,11 +47,11 @@ class Editor {
   #dialog;
   #number;
   #note = h("p", { class: "muted note grow", role: "status" });
-  #more = h("div", { class: "meaning", hidden: true, tabindex: 0, role: "region", "aria-label": "Meaning" });
-  #findings = h("ol", { class: "list", "aria-label": "Findings", tabindex: 0, hidden: true });
+  #more = h("div", { class: "meaning", hidden: true, tabindex: 0, role: "region", "aria-label": t("editor.meaning") });
+  #findings = h("ol", { class: "list", "aria-label": t("editor.findings"), tabindex: 0, hidden: true });
   #compare;
   #steps;
-  #store = button({ type: "submit", class: "button primary" }, "Store");
+  #store = button({ type: "submit", class: "button primary" }, t("editor.store"));
 
   /** @param {import("../main.js").App} app @param {import("./code.js").CodeMirror} cm @param {Opened} opened */
   constructor(app, cm, opened) {
@@ -59,29 +60,29 @@ class Editor {
     this.#opened = { hash: "", ...opened, dialect };
     this.#text = text;
     this.#isEditable = text.length <= EDITABLE_CHARS;
-    this.#code = new Code(cm, { text, dialect, label: "Program text", readOnly: !this.#isEditable, changed: () => this.#changed(), explain: (word) => void this.#explain(word) });
+    this.#code = new Code(cm, { text, dialect, label: t("editor.program_text"), readOnly: !this.#isEditable, changed: () => this.#changed(), explain: (word) => void this.#explain(word) });
     this.#number = h("input", { type: "number", class: "input editor-number", min: 1, max: NUMBER_MAX, step: 1, value: number, required: true });
     this.#number.addEventListener("input", () => this.#describe());
-    this.#compare = button({ class: "button", "aria-pressed": "false", onclick: () => void this.#toggleCompare() }, "Compare");
-    this.#steps = h("span", { class: "row", hidden: true }, this.#step("Previous difference", false), this.#step("Next difference", true));
-    const find = button({ onclick: () => this.#code.search() }, icon("search"), "Find");
-    const explained = button({ title: "What the word at the cursor means (F1)", onclick: () => void this.#explain(this.#code.word()) }, icon("info"), "Explain");
-    const close = button({ onclick: () => this.#dialog.close() }, "Close");
+    this.#compare = button({ class: "button", "aria-pressed": "false", onclick: () => void this.#toggleCompare() }, t("editor.compare"));
+    this.#steps = h("span", { class: "row", hidden: true }, this.#step(t("editor.previous_difference"), false), this.#step(t("editor.next_difference"), true));
+    const find = button({ onclick: () => this.#code.search() }, icon("search"), t("editor.find"));
+    const explained = button({ title: t("editor.what_the_word_at_the"), onclick: () => void this.#explain(this.#code.word()) }, icon("info"), t("common.explain"));
+    const close = button({ onclick: () => this.#dialog.close() }, t("common.close"));
     const form = h(
       "form",
       { class: "editor-form" },
-      h("div", { class: "row wrap editor-tools" }, h("label", { class: "row" }, h("span", { class: "label" }, "Number"), this.#number), h("span", { class: "spring" }), find, explained, this.#compare, this.#steps),
+      h("div", { class: "row wrap editor-tools" }, h("label", { class: "row" }, h("span", { class: "label" }, t("editor.number")), this.#number), h("span", { class: "spring" }), find, explained, this.#compare, this.#steps),
       this.#code.element,
       this.#more,
       this.#findings,
       h("div", { class: "row editor-foot" }, this.#note, close, this.#store),
     );
-    this.#dialog = openDialog("editor", "Program", [form], () => this.#code.destroy());
+    this.#dialog = openDialog("editor", t("editor.program"), [form], () => this.#code.destroy());
     // Escape, pressed by accident, must not discard what was written
     form.addEventListener("keydown", (event) => {
       if (event.key !== "Escape" || event.defaultPrevented || !this.#isChanged) return;
       event.stopPropagation();
-      setText(this.#note, "Not stored yet. Store keeps the changes, Close drops them.");
+      setText(this.#note, t("editor.not_stored_yet_store_keeps"));
     });
     form.addEventListener("submit", (event) => {
       event.preventDefault();
@@ -107,9 +108,11 @@ class Editor {
   #describe() {
     const number = Number(this.#number.value);
     const there = this.#app.model.programs?.some((program) => program.number === number);
-    const long = this.#isEditable ? "" : `${whole(this.#text.length)} characters are too long to be edited here: they are shown, and stored as they are. `;
-    const stored = number === this.#opened.number && this.#opened.hash !== "" ? (this.#isChanged ? "is changed here and not stored yet" : "is as it is stored") : there ? "is in the store and will be replaced" : "is new";
-    setText(this.#note, `${long}${programName(number)} ${stored}.`);
+    const long = this.#isEditable ? "" : t("editor.too_long", { characters: whole(this.#text.length) });
+    const program = programName(number);
+    const isOwn = number === this.#opened.number && this.#opened.hash !== "";
+    const stored = isOwn ? t(this.#isChanged ? "editor.is_changed" : "editor.is_as_stored", { program }) : t(there ? "editor.will_be_replaced" : "editor.is_new", { program });
+    setText(this.#note, sentences(long, stored));
     disableFor(this.#store, whyNotNow(this.#app.model, "administrate"));
     setAttr(this.#compare, "disabled", !there);
   }
@@ -124,7 +127,8 @@ class Editor {
       if (chosen === number) this.#opened.hash = now;
       await this.#app.readPrograms();
       this.#show(diagnostics);
-      if (!this.#isChanged) setText(this.#note, `${programName(chosen)} ${unchanged ? "has not changed" : "is stored"}: ${summary(diagnostics) || "nothing to complain of"}. Hash ${shortHash(now)}.`);
+      const told = { program: programName(chosen), found: summary(diagnostics) || t("findings.none"), hash: shortHash(now) };
+      if (!this.#isChanged) setText(this.#note, t(unchanged ? "editor.unchanged" : "editor.stored", told));
       setAttr(this.#compare, "disabled", false);
     } catch (error) {
       this.#isChanged = true;
@@ -137,7 +141,7 @@ class Editor {
     this.#code.mark(found);
     fill(this.#findings, ...found.slice(0, SHOWN_MAX).map((one) => {
       const item = finding(one);
-      item.append(button({ class: "button small", "aria-label": `Go to line ${one.line}`, onclick: () => this.#code.goTo(one.line) }, "Go to"));
+      item.append(button({ class: "button small", "aria-label": t("editor.go_to_line", { line: one.line }), onclick: () => this.#code.goTo(one.line) }, t("editor.go_to")));
       return item;
     }));
     setAttr(this.#findings, "hidden", found.length === 0);
@@ -145,9 +149,9 @@ class Editor {
 
   /** @param {string} word */
   async #explain(word) {
-    if (word === "") return setText(this.#note, "Put the cursor on a word, such as G01.");
+    if (word === "") return setText(this.#note, t("editor.put_the_cursor_on_a"));
     const { title, parts } = await meaning(word);
-    const close = button({ class: "icon-button", "aria-label": "Close the meaning", onclick: () => setAttr(this.#more, "hidden", true) }, icon("close"));
+    const close = button({ class: "icon-button", "aria-label": t("editor.close_the_meaning"), onclick: () => setAttr(this.#more, "hidden", true) }, icon("close"));
     fill(this.#more, h("div", { class: "row" }, h("strong", { class: "grow" }, title), close), ...parts);
     setAttr(this.#more, "hidden", false);
     this.#more.scrollTop = 0;
@@ -163,7 +167,7 @@ class Editor {
       setAttr(this.#steps, "hidden", !isOn);
       if (!isOn) return this.#describe();
       const count = this.#code.differences;
-      setText(this.#note, count === 0 ? `This is ${programName(number)} as it is stored.` : `${count} ${count === 1 ? "place differs" : "places differ"} from ${programName(number)} in the store: green is here, red is there.`);
+      setText(this.#note, count === 0 ? t("editor.is_same", { program: programName(number) }) : t("editor.differs", { count, program: programName(number) }));
     });
   }
 }

@@ -3,6 +3,7 @@
 import { openDialog } from "../dialog.js";
 import { button, h } from "../dom.js";
 import { programName } from "../format.js";
+import { sentences, t } from "../language.js";
 import { whyNotNow } from "../why_not.js";
 import { numberFor } from "./dialog.js";
 
@@ -16,10 +17,10 @@ export function rename(app, program) {
   const form = h(
     "form",
     {},
-    h("p", {}, title || "no title"),
-    h("label", { class: "row" }, h("span", { class: "label" }, "New number"), field),
-    h("p", { class: "muted note" }, `Programs that call it by P${number} are not changed.${signature === "valid" ? " Its signature is not taken along: sign it anew." : ""}`),
-    h("div", { class: "row end" }, button({ onclick: () => dialog.close() }, "Cancel"), button({ type: "submit", class: "button primary" }, "Rename")),
+    h("p", {}, title || t("common.no_title")),
+    h("label", { class: "row" }, h("span", { class: "label" }, t("rename.new_number")), field),
+    h("p", { class: "muted note" }, sentences(t("rename.callers", { number }), signature === "valid" && t("rename.signature"))),
+    h("div", { class: "row end" }, button({ onclick: () => dialog.close() }, t("common.cancel")), button({ type: "submit", class: "button primary" }, t("rename.rename"))),
   );
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -28,14 +29,14 @@ export function rename(app, program) {
       await app.api.storeProgram(Number(field.value), text, null, program.dialect);
       await app.api.removeProgram(number, hash);
       dialog.close();
-      app.toast(`${name} is ${programName(Number(field.value))} now.`);
+      app.toast(t("rename.is_now", { program: name, to: programName(Number(field.value)) }));
     }).then(() => app.readPrograms());
   });
-  const dialog = openDialog("rename", `Rename ${name}`, [form]);
+  const dialog = openDialog("rename", t("rename.title", { program: name }), [form]);
 }
 
 /** @param {import("../model.js").Model} model @param {number} number */
 function whyLoaded({ systems }, number) {
   const [cs] = [...systems].find(([, { state }]) => state?.program === number) ?? [];
-  return cs === undefined ? null : `${programName(number)} is loaded in coordinate system ${cs}: load another one first.`;
+  return cs === undefined ? null : t("rename.is_loaded", { program: programName(number), cs });
 }

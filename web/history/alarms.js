@@ -2,9 +2,10 @@
 
 import { fill, h, setText } from "../dom.js";
 import { explained } from "../explain.js";
-import { duration, programName, rounded } from "../format.js";
+import { dayAndTime, duration, programName, rounded, seconds } from "../format.js";
 import { icon } from "../icons.js";
-import { dayAndTime, labelled, picker } from "./journal.js";
+import { listed, t } from "../language.js";
+import { labelled, picker } from "./journal.js";
 
 /** Alarms shown. */
 const SHOWN_MAX = 500;
@@ -13,9 +14,9 @@ const SHOWN_MAX = 500;
 
 /** @param {import("../main.js").App} app */
 export function alarmHistory(app) {
-  const kind = picker("Kind", ["all", "alarm", "warning", "active"]);
-  const search = h("input", { class: "input", type: "search", "aria-label": "Search alarms" });
-  const list = h("ul", { class: "list", tabindex: 0, "aria-label": "Alarms of the past" });
+  const kind = picker(t("alarm_history.kind"), [["all", t("alarm_history.all")], ["alarm", t("alarm_history.alarms")], ["warning", t("alarm_history.warnings")], ["active", t("alarm_history.active")]]);
+  const search = h("input", { class: "input", type: "search", "aria-label": t("alarm_history.search_alarms") });
+  const list = h("ul", { class: "list", tabindex: 0, "aria-label": t("alarm_history.alarms_of_the_past") });
   const note = h("p", { class: "muted", role: "status" }, "…");
   /** @type {AlarmRecord[] | null} */
   let alarms = null;
@@ -24,7 +25,7 @@ export function alarmHistory(app) {
     const wanted = search.value.toLowerCase();
     const found = alarms.filter((alarm) => isFound(alarm, kind.value, wanted));
     fill(list, ...found.slice(0, SHOWN_MAX).map((alarm) => entry(app, alarm)));
-    setText(note, alarms.length === 0 ? "There was no alarm since the runtime was started." : `${found.length} of ${alarms.length} since the runtime was started, the newest first.`);
+    setText(note, alarms.length === 0 ? t("alarm_history.there_was_no_alarm_since") : t("alarm_history.found", { found: found.length, count: alarms.length }));
   };
   for (const one of [kind, search]) one.addEventListener("input", show);
   void app.attempt(async () => {
@@ -42,9 +43,10 @@ function isFound({ severity, cleared_at, number, text }, kind, wanted) {
 
 /** @param {import("../main.js").App} app @param {AlarmRecord} alarm */
 function entry(app, { severity, number, text, remedy, cs, program, line, raised_at, cleared_at, acknowledged_by }) {
-  const where = [cs === null ? "machine" : `coordinate system ${cs}`, program ? `${programName(program)}${line ? ` line ${line}` : ""}` : ""].filter(Boolean).join(", ");
-  const lasted = cleared_at === null ? `active for ${duration(app.model.ageMs(raised_at))}` : `lasted ${lasting(Date.parse(cleared_at) - Date.parse(raised_at))}`;
-  const facts = [dayAndTime(raised_at), lasted, where, acknowledged_by && `acknowledged by ${acknowledged_by}`].filter(Boolean).join(" · ");
+  const place = line ? t("common.program_line", { program: programName(program), line }) : programName(program);
+  const where = listed([cs === null ? t("alarm_history.machine") : t("common.coordinate_system", { cs }), program ? place : ""]);
+  const lasted = cleared_at === null ? t("alarm_history.active_for", { time: duration(app.model.ageMs(raised_at)) }) : t("alarm_history.lasted", { time: lasting(Date.parse(cleared_at) - Date.parse(raised_at)) });
+  const facts = [dayAndTime(raised_at), lasted, where, acknowledged_by && t("alarm_history.acknowledged", { user: acknowledged_by })].filter(Boolean).join(" · ");
   return h(
     "li",
     { class: "alarm", "data-severity": severity, "data-past": String(cleared_at !== null) },
@@ -55,5 +57,5 @@ function entry(app, { severity, number, text, remedy, cs, program, line, raised_
 
 /** @param {number} ms */
 export function lasting(ms) {
-  return ms < 60_000 ? `${(ms / 1000).toFixed(1)} s` : duration(ms);
+  return ms < 60_000 ? seconds(ms / 1000, 1) : duration(ms);
 }

@@ -1,6 +1,8 @@
 // The timeline as a picture: a lane for each coordinate system, a bar for each stretch, the time of day below.
 
 import { h } from "../dom.js";
+import { clockTime } from "../format.js";
+import { t } from "../language.js";
 import { picture, shape, text } from "./svg.js";
 import { describe } from "./timeline.js";
 
@@ -8,10 +10,12 @@ const LANE_PX = 46;
 const BAR_PX = 34;
 const AXIS_PX = 26;
 /** Room for the names of the lanes. */
-const NAMES_PX = 54;
+const NAMES_PX = 66;
 /** Width of a letter in a bar, and a bar's least width. */
 const LETTER_PX = 8;
 const LEAST_PX = 1.5;
+/** Room for a time of day. */
+const TIME_PX = 66;
 /** Least distance of marks of the time axis. */
 const MARK_PX = 90;
 const WIDTH_MAX_PX = 200_000;
@@ -21,7 +25,7 @@ const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 18
 
 export class Chart {
   #picture = picture("timeline-picture");
-  #scroll = h("div", { class: "timeline-scroll", tabindex: 0, role: "group", "aria-label": "Timeline: left and right choose a stretch, up and down a coordinate system, plus and minus zoom" });
+  #scroll = h("div", { class: "timeline-scroll", tabindex: 0, role: "group", "aria-label": t("timeline.timeline_left_and_right_choose") });
   element = this.#scroll;
   #zoom = 1;
   /** @type {Run[]} */
@@ -116,7 +120,7 @@ export class Chart {
     this.#picture.setAttribute("width", String(width));
     this.#picture.setAttribute("height", String(height));
     const bars = this.#runs.flatMap((run, at) => run.spans.map((span, index) => this.#bar(run, span, `${at} ${index}`)));
-    const names = this.#lanes.map((cs, at) => text(6, at * LANE_PX + 27, `CS ${cs}`, "timeline-name"));
+    const names = this.#lanes.map((cs, at) => text(6, at * LANE_PX + 27, t("common.cs", { cs }), "timeline-name"));
     this.#picture.replaceChildren(...this.#axis(height), ...bars.flat(), ...names);
   }
 
@@ -144,7 +148,8 @@ export class Chart {
     const marks = [];
     for (let s = Math.ceil(this.#from / 1000 / step) * step; s * 1000 <= this.#to; s += step) {
       const x = this.#x(s * 1000);
-      marks.push(shape("line", { x1: x, x2: x, y1: 0, y2: height - AXIS_PX + 4, class: "timeline-mark" }), text(x + 3, height - 8, clock(s * 1000, step < 1), "timeline-time"));
+      marks.push(shape("line", { x1: x, x2: x, y1: 0, y2: height - AXIS_PX + 4, class: "timeline-mark" }));
+      if (x + TIME_PX < this.#width() + NAMES_PX) marks.push(text(x + 3, height - 8, clock(s * 1000, step < 1), "timeline-time"));
     }
     return marks;
   }
@@ -152,8 +157,5 @@ export class Chart {
 
 /** @param {number} ms @param {boolean} isFine */
 function clock(ms, isFine) {
-  const date = new Date(ms);
-  const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
-  const whole = [date.getHours(), date.getMinutes(), date.getSeconds()].map(two).join(":");
-  return isFine ? `${whole}.${Math.floor(date.getMilliseconds() / 100)}` : whole;
+  return clockTime(new Date(ms), isFine ? 1 : 0);
 }

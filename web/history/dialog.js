@@ -2,6 +2,7 @@
 
 import { openDialog } from "../dialog.js";
 import { button, fill, h, setAttr } from "../dom.js";
+import { t } from "../language.js";
 import { alarmHistory } from "./alarms.js";
 import { journal } from "./journal.js";
 import { PlotsView } from "./plots.js";
@@ -9,27 +10,27 @@ import { TimelineView } from "./timeline_view.js";
 
 /** @typedef {{element: HTMLElement, close?: () => void}} Part */
 
-/** @type {Record<string, (app: import("../main.js").App) => Part>} */
-const PARTS = {
-  Timeline: (app) => new TimelineView(app),
-  Journal: (app) => ({ element: journal(app) }),
-  Curves: (app) => new PlotsView(app),
-  "Past alarms": (app) => ({ element: alarmHistory(app) }),
-};
+/** @type {{title: string, create: (app: import("../main.js").App) => Part}[]} */
+const PARTS = [
+  { title: t("history.timeline"), create: (app) => new TimelineView(app) },
+  { title: t("history.journal"), create: (app) => ({ element: journal(app) }) },
+  { title: t("history.curves"), create: (app) => new PlotsView(app) },
+  { title: t("history.past_alarms"), create: (app) => ({ element: alarmHistory(app) }) },
+];
 
-/** @param {import("../main.js").App} app @param {string} [first] the part that is shown */
-export function openHistory(app, first = "Timeline") {
+/** @param {import("../main.js").App} app */
+export function openHistory(app) {
   /** @type {Part | null} */
   let part = null;
   const place = h("div", { class: "history-place" });
-  const picks = Object.keys(PARTS).map((name) => button({ class: "button pick", role: "radio", onclick: () => show(name) }, name));
-  const group = h("div", { class: "history-picks", role: "radiogroup", "aria-label": "Part of the history" }, ...picks);
-  /** @param {string} name */
-  const show = (name) => {
+  const picks = PARTS.map(({ title }, at) => button({ class: "button pick", role: "radio", onclick: () => show(at) }, title));
+  const group = h("div", { class: "history-picks", role: "radiogroup", "aria-label": t("history.part_of_the_history") }, ...picks);
+  /** @param {number} at */
+  const show = (at) => {
     part?.close?.();
-    part = PARTS[name]?.(app) ?? null;
-    for (const pick of picks) {
-      const isShown = pick.textContent === name;
+    part = PARTS[at]?.create(app) ?? null;
+    for (const [number, pick] of picks.entries()) {
+      const isShown = number === at;
       setAttr(pick, "aria-checked", String(isShown));
       setAttr(pick, "tabindex", isShown ? "0" : "-1");
     }
@@ -42,8 +43,8 @@ export function openHistory(app, first = "Timeline") {
     next?.click();
     next?.focus();
   });
-  const close = button({ onclick: () => dialog.close() }, "Close");
-  const dialog = openDialog("history", "History", [h("div", { class: "row wrap" }, group, close), place], () => part?.close?.());
-  show(first);
-  picks.find((pick) => pick.textContent === first)?.focus();
+  const close = button({ onclick: () => dialog.close() }, t("common.close"));
+  const dialog = openDialog("history", t("history.history"), [h("div", { class: "row wrap" }, group, close), place], () => part?.close?.());
+  show(0);
+  picks[0]?.focus();
 }

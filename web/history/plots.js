@@ -2,7 +2,8 @@
 // this page has heard them.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
-import { plain, timeOfDay } from "../format.js";
+import { fixed, plain, timeOfDay } from "../format.js";
+import { t } from "../language.js";
 import { axesOf } from "../model.js";
 import { labelled, picker } from "./journal.js";
 import { GAP_MS, valuesOf } from "./recorder.js";
@@ -16,22 +17,22 @@ const TOP_PX = 10;
 /** Lines across, besides the lowest. */
 const RULES = 4;
 
-/** @type {Record<string, {quantity: import("./recorder.js").Quantity, unit: string, isOfAxes: boolean}>} */
-const QUANTITIES = {
-  "following error": { quantity: "error", unit: "mm or degrees", isOfAxes: true },
-  position: { quantity: "position", unit: "mm or degrees", isOfAxes: true },
-  velocity: { quantity: "velocity", unit: "mm/min or degrees/min", isOfAxes: true },
-  feedrate: { quantity: "feedrate", unit: "mm/min", isOfAxes: false },
-  spindle: { quantity: "spindle", unit: "r/min", isOfAxes: false },
-};
-/** @type {Record<string, number>} */
-const TIMES = { "30 seconds": 30_000, "1 minute": 60_000, "5 minutes": 300_000 };
+/** @type {{quantity: import("./recorder.js").Quantity, name: string, unit: string, isOfAxes: boolean}[]} */
+const QUANTITIES = [
+  { quantity: "error", name: t("plots.following_error"), unit: t("plots.lengths"), isOfAxes: true },
+  { quantity: "position", name: t("plots.position"), unit: t("plots.lengths"), isOfAxes: true },
+  { quantity: "velocity", name: t("plots.velocity"), unit: t("plots.velocities"), isOfAxes: true },
+  { quantity: "feedrate", name: t("plots.feedrate"), unit: "mm/min", isOfAxes: false },
+  { quantity: "spindle", name: t("plots.spindle"), unit: t("unit.rpm"), isOfAxes: false },
+];
+/** Milliseconds, and in words. @type {[string, string][]} */
+const TIMES = [["30000", t("plots.30_seconds")], ["60000", t("plots.1_minute")], ["300000", t("plots.5_minutes")]];
 
 export class PlotsView {
   #app;
-  #what = picker("Curve of", Object.keys(QUANTITIES));
-  #time = picker("Over the last", Object.keys(TIMES));
-  #axes = h("div", { class: "row", role: "group", "aria-label": "Axes" });
+  #what = picker(t("plots.curve_of"), QUANTITIES.map(({ quantity, name }) => [quantity, name]));
+  #time = picker(t("plots.over_the_last"), TIMES);
+  #axes = h("div", { class: "row", role: "group", "aria-label": t("plots.axes") });
   /** Axes that are not drawn. @type {Set<string>} */
   #hidden = new Set();
   #picture = picture("plot-picture");
@@ -47,9 +48,9 @@ export class PlotsView {
     this.#app = app;
     this.#box.append(this.#picture);
     for (const one of [this.#what, this.#time]) one.addEventListener("input", () => this.#draw());
-    const head = h("tr", {}, ...["Curve", "Now", "Least", "Most", "Range"].map((name) => h("th", { scope: "col" }, name)));
+    const head = h("tr", {}, ...[t("plots.curve"), t("plots.now"), t("plots.least"), t("plots.most"), t("plots.range")].map((name) => h("th", { scope: "col" }, name)));
     const table = h("table", { class: "history-table" }, h("thead", {}, head), this.#rows);
-    this.element = h("div", { class: "history-part" }, h("div", { class: "history-tools" }, labelled(this.#what), labelled(this.#time), this.#axes), this.#box, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "The curves as a table" }, table), this.#note);
+    this.element = h("div", { class: "history-part" }, h("div", { class: "history-tools" }, labelled(this.#what), labelled(this.#time), this.#axes), this.#box, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("plots.the_curves_as_a_table") }, table), this.#note);
     this.#timer = setInterval(() => this.#draw(), AGAIN_MS);
     new ResizeObserver(() => this.#draw()).observe(this.#box);
   }
@@ -61,19 +62,19 @@ export class PlotsView {
   #draw() {
     const { model } = this.#app;
     const system = model.current;
-    const wanted = QUANTITIES[this.#what.value];
+    const wanted = QUANTITIES.find(({ quantity }) => quantity === this.#what.value);
     if (!system || !wanted) return;
     const letters = axesOf(system);
     this.#offer(letters, wanted.isOfAxes);
     const all = model.recorder.of(model.selected);
     const to = all.at(-1)?.at ?? 0;
-    const from = to - (TIMES[this.#time.value] ?? 30_000);
+    const from = to - Number(this.#time.value);
     const samples = all.filter(({ at }) => at >= from);
-    const names = wanted.isOfAxes ? letters.filter((letter) => !this.#hidden.has(letter)) : [this.#what.value];
+    const names = wanted.isOfAxes ? letters.filter((letter) => !this.#hidden.has(letter)) : [wanted.name];
     const curves = names.map((name) => ({ name, at: wanted.isOfAxes ? letters.indexOf(name) : 0, values: valuesOf(samples, wanted.quantity, name) }));
     this.#paint(samples, curves, from, to);
     fill(this.#rows, ...curves.map(({ name, at, values }) => row(name, at, values, wanted.unit)));
-    setText(this.#note, samples.length < 2 ? "Nothing has been heard yet." : `${wanted.unit}, 10 values a second, since this page was opened, of coordinate system ${model.selected}.`);
+    setText(this.#note, samples.length < 2 ? t("plots.nothing_has_been_heard_yet") : t("plots.note", { unit: wanted.unit, cs: model.selected }));
   }
 
   /** @param {string[]} letters @param {boolean} isOfAxes */
@@ -129,8 +130,7 @@ function bounds(values) {
 
 /** With as many decimals as tell it from the next rule. @param {number} value @param {number} step to the next rule */
 function short(value, step) {
-  const text = value.toFixed(Math.max(0, Math.min(6, 1 - Math.floor(Math.log10(step)))));
-  return Number(text) === 0 ? text.replace("-", "") : text;
+  return fixed(value, Math.max(0, Math.min(6, 1 - Math.floor(Math.log10(step)))));
 }
 
 /** @param {string} name @param {number} at @param {number[]} values @param {string} unit */

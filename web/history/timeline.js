@@ -1,5 +1,8 @@
 // What each coordinate system did over time, read from the journal: moved, waited for an M code, was held, stood; and what was lost.
 
+import { listed, t } from "../language.js";
+import { reasonWord, stateWord } from "../sentence.js";
+
 /** @typedef {import("./journal.js").Line} Line */
 /** @typedef {"moving" | "waiting" | "asked" | "held" | "stopped"} Kind */
 
@@ -45,7 +48,7 @@ export function timelineOf(lines, now) {
   for (const line of lines) {
     const { at, isNewBoot, before } = clock.read(line);
     if (isNewBoot) {
-      for (const one of going.values()) one.end(before, "cut short by the end of the runtime");
+      for (const one of going.values()) one.end(before, t("timeline.cut_short"));
       going.clear();
     }
     const cs = line.cs ?? 0;
@@ -54,7 +57,8 @@ export function timelineOf(lines, now) {
       runs.push(one.run);
       going.set(cs, one);
     } else if (line.event === "end") {
-      going.get(cs)?.end(at, line.reason ? `${line.outcome} (${line.reason})` : String(line.outcome ?? ""));
+      const outcome = outcomeWord(String(line.outcome ?? ""));
+      going.get(cs)?.end(at, line.reason ? `${outcome} (${reasonWord(line.reason)})` : outcome);
       going.delete(cs);
     } else {
       going.get(cs)?.take(line, at);
@@ -111,9 +115,9 @@ class Going {
     else if (line.event === "claim" && output) output.who = String(line.handler_id ?? "");
     else if (line.event === "question" && output) output.isAsked = true;
     else if (line.event === "answer" && output) output.isAsked = false;
-    else if (line.event === "command") this.#held = "Hold";
-    else if (line.event === "hold") this.#held = String(line.reason ?? "held");
-    else if (line.event === "stop") this.#stopped = line.m === undefined || line.m === null ? words(line.reason ?? "single block") : `M0${line.m}`;
+    else if (line.event === "command") this.#held = "HOLD";
+    else if (line.event === "hold") this.#held = String(line.reason ?? "HOLD");
+    else if (line.event === "stop") this.#stopped = line.m === undefined || line.m === null ? reasonWord(line.reason ?? "SINGLE_BLOCK") : `M0${line.m}`;
     else if (line.event === "resume") this.#held = this.#stopped = "";
   }
 
@@ -142,10 +146,10 @@ class Going {
   /** @param {{m: number, line: number | null, who: string, isAsked: boolean} | undefined} output @param {number} at @returns {Span} */
   #span(output, at) {
     const base = { from: this.since, to: at, m: null, line: null, who: "", met: null };
-    if (this.#held) return { ...base, kind: "held", says: words(this.#held) };
+    if (this.#held) return { ...base, kind: "held", says: reasonWord(this.#held) };
     if (this.#stopped) return { ...base, kind: "stopped", says: this.#stopped };
     if (output) return { ...base, kind: output.isAsked ? "asked" : "waiting", says: `M${output.m}`, m: output.m, line: output.line, who: output.who };
-    return { ...base, kind: "moving", says: "moves" };
+    return { ...base, kind: "moving", says: t("timeline.moves") };
   }
 
   /** @param {number} at @param {string} outcome */
@@ -155,9 +159,11 @@ class Going {
   }
 }
 
-/** `SINGLE_BLOCK` as a person writes it. @param {unknown} name */
-function words(name) {
-  return String(name).toLowerCase().replaceAll("_", " ");
+
+/** How a run has ended. @param {string} outcome */
+function outcomeWord(outcome) {
+  if (outcome === "PROGRAM_COMPLETED") return t("timeline.completed");
+  return outcome === "STOPPED" ? t("timeline.stopped") : stateWord(outcome);
 }
 
 /** Notes which coordinate system was waited for where two of them met at one M code. @param {Run[]} runs */
@@ -174,12 +180,12 @@ function findMeetings(runs) {
  * @param {Span} span
  */
 export function describe({ kind, says, who, met, line }) {
-  if (kind === "moving") return "moves";
-  if (kind === "held") return `is held: ${says}`;
-  if (kind === "stopped") return `stands: ${says}`;
-  const whom = met !== null ? `, which coordinate system ${met} reaches later` : who ? `, ${who}` : ", nobody has claimed it";
-  const what = kind === "asked" ? `is asked by ${says}` : `waits for ${says}`;
-  return `${what}${whom}${line ? `, line ${line}` : ""}`;
+  if (kind === "moving") return t("timeline.moves");
+  if (kind === "held") return t("timeline.held", { reason: says });
+  if (kind === "stopped") return t("timeline.stands", { reason: says });
+  const whom = met !== null ? t("timeline.met", { cs: met }) : who || t("timeline.unclaimed");
+  const what = kind === "asked" ? t("timeline.asked", { m: says }) : t("timeline.waits", { m: says });
+  return listed([what, whom, line && t("common.line", { line })]);
 }
 
 /**
@@ -200,7 +206,7 @@ export function losses(runs) {
         share.moving += to - from;
         continue;
       }
-      const whom = met !== null ? `coordinate system ${met}` : kind === "asked" ? "an operator" : kind === "waiting" ? who || "nobody has claimed it" : "";
+      const whom = met !== null ? t("common.coordinate_system", { cs: met }) : kind === "asked" ? t("timeline.operator") : kind === "waiting" ? who || t("timeline.unclaimed") : "";
       const key = [run.cs, kind, says, whom].join();
       const cause = causes.get(key) ?? { cs: run.cs, kind, says, whom, count: 0, total: 0, longest: 0 };
       causes.set(key, { ...cause, count: cause.count + 1, total: cause.total + to - from, longest: Math.max(cause.longest, to - from) });

@@ -2,6 +2,7 @@
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { programName, timeOfDay } from "../format.js";
+import { sentences, t } from "../language.js";
 import { lasting } from "./alarms.js";
 import { Chart } from "./chart.js";
 import { labelled, PAGE_LINES, picker } from "./journal.js";
@@ -13,22 +14,22 @@ const AGAIN_MS = 2000;
 const RUNS_SHOWN = 40;
 const WAITS_SHOWN = 300;
 
-const LEGEND = { moving: "moves", waiting: "waits for an M code", asked: "asks an operator", held: "held", stopped: "stands in the program" };
-const LATEST = "the newest run";
-const MINUTES = "the last 10 minutes";
-const ALL = "all that was read";
+const LEGEND = { moving: t("timeline.moves"), waiting: t("timeline.waits_m"), asked: t("timeline.asks"), held: t("timeline.is_held"), stopped: t("timeline.stands_in_program") };
+const LATEST = t("timeline.latest");
+const MINUTES = t("timeline.minutes");
+const ALL = t("timeline.all_read");
 
 /** @typedef {import("./timeline.js").Run} Run @typedef {import("./journal.js").Line} Line */
 
 export class TimelineView {
   #app;
-  #chart = new Chart((cs, span) => setText(this.#said, `CS ${cs}, ${timeOfDay(new Date(span.from).toISOString())}, ${lasting(span.to - span.from)}: ${describe(span)}.`));
-  #which = picker("Show", [LATEST]);
-  #said = h("p", { class: "timeline-said", role: "status" }, "Choose a stretch to see what it was.");
+  #chart = new Chart((cs, span) => setText(this.#said, t("timeline.said", { cs, time: timeOfDay(new Date(span.from).toISOString()), lasted: lasting(span.to - span.from), what: describe(span) })));
+  #which = picker(t("timeline.show"), [[LATEST, LATEST]]);
+  #said = h("p", { class: "timeline-said", role: "status" }, t("timeline.choose_a_stretch_to_see"));
   #shares = h("p", {});
   #causes = h("tbody", {});
   #waits = h("tbody", {});
-  #older = button({ onclick: () => void this.#read(true) }, "Read further back");
+  #older = button({ onclick: () => void this.#read(true) }, t("timeline.read_further_back"));
   /** @type {Line[]} */
   #lines = [];
   /** @type {Run[]} */
@@ -44,10 +45,10 @@ export class TimelineView {
     this.#app = app;
     this.#which.addEventListener("input", () => this.#show());
     const zoom = (/** @type {string} */ says, /** @type {string} */ sign, /** @type {number} */ factor) => button({ "aria-label": says, title: says, onclick: () => this.#chart.zoom(factor) }, sign);
-    const tools = h("div", { class: "history-tools" }, labelled(this.#which), zoom("Zoom out", "−", 1 / 1.6), zoom("Zoom in", "+", 1.6), zoom("Whole time", "Fit", 0), this.#older);
-    const legend = h("ul", { class: "timeline-legend", "aria-label": "Colours" }, ...Object.entries(LEGEND).map(([kind, says]) => h("li", {}, h("i", { class: `key-${kind}` }), says)));
-    const tables = h("div", { class: "timeline-tables" }, h("div", {}, h("h3", {}, "Where the time went"), this.#shares, table(["CS", "Lost to", "Whom", "Times", "Longest", "In all"], this.#causes)), h("div", {}, h("h3", {}, "Each wait, the newest first"), table(["Time", "CS", "Lasted", "What"], this.#waits)));
-    this.element = h("div", { class: "history-part" }, tools, this.#chart.element, legend, this.#said, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "The timeline as tables" }, tables));
+    const tools = h("div", { class: "history-tools" }, labelled(this.#which), zoom(t("timeline.zoom_out"), "−", 1 / 1.6), zoom(t("timeline.zoom_in"), "+", 1.6), zoom(t("timeline.whole_time"), t("timeline.fit"), 0), this.#older);
+    const legend = h("ul", { class: "timeline-legend", "aria-label": t("timeline.colours") }, ...Object.entries(LEGEND).map(([kind, says]) => h("li", {}, h("i", { class: `key-${kind}` }), says)));
+    const tables = h("div", { class: "timeline-tables" }, h("div", {}, h("h3", {}, t("timeline.where_the_time_went")), this.#shares, table([t("common.cs_short"), t("timeline.lost_to"), t("timeline.whom"), t("timeline.times"), t("timeline.longest"), t("timeline.in_all")], this.#causes)), h("div", {}, h("h3", {}, t("timeline.each_wait_the_newest_first")), table([t("journal.time"), t("common.cs_short"), t("timeline.lasted"), t("journal.what")], this.#waits)));
+    this.element = h("div", { class: "history-part" }, tools, this.#chart.element, legend, this.#said, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("timeline.the_timeline_as_tables") }, tables));
     this.#timer = setInterval(() => void this.#read(false), AGAIN_MS);
     void this.#read(false);
   }
@@ -109,13 +110,13 @@ export class TimelineView {
   /** @param {Run[]} runs */
   #tables(runs) {
     const { shares, causes } = losses(runs);
-    const parts = [...shares].sort(([a], [b]) => a - b).map(([cs, { moving, total }]) => `CS ${cs} moved ${lasting(moving)} of ${lasting(total)}`);
-    setText(this.#shares, parts.length > 0 ? `${parts.join(", ")}.` : "Nothing has run in this time.");
-    fill(this.#causes, ...causes.map(({ cs, kind, says, whom, count, total, longest }) => row([String(cs), kind === "held" ? `held: ${says}` : says, whom, String(count), lasting(longest), lasting(total)])));
+    const parts = [...shares].sort(([a], [b]) => a - b).map(([cs, { moving, total }]) => t("timeline.moved", { cs, moving: lasting(moving), total: lasting(total) }));
+    setText(this.#shares, parts.length > 0 ? sentences(...parts) : t("timeline.nothing"));
+    fill(this.#causes, ...causes.map(({ cs, kind, says, whom, count, total, longest }) => row([String(cs), kind === "held" ? t("timeline.held_by", { reason: says }) : says, whom, String(count), lasting(longest), lasting(total)])));
     const waits = runs.flatMap((run) => run.spans.filter(({ kind }) => kind !== "moving").map((span) => ({ cs: run.cs, span }))).sort((a, b) => b.span.from - a.span.from);
     const rows = waits.slice(0, WAITS_SHOWN).map(({ cs, span }) => {
       const time = timeOfDay(new Date(span.from).toISOString());
-      const go = button({ class: "button small", "aria-label": `Show ${time} in the timeline`, onclick: () => this.#chart.choose(span) }, time);
+      const go = button({ class: "button small", "aria-label": t("timeline.show_in_the_timeline", { time }), onclick: () => this.#chart.choose(span) }, time);
       return h("tr", {}, h("td", {}, go), ...[String(cs), lasting(span.to - span.from), describe(span)].map((cell) => h("td", {}, cell)));
     });
     if (!this.#waits.contains(document.activeElement)) fill(this.#waits, ...rows);
@@ -133,7 +134,8 @@ function joined(older, newer) {
 
 /** @param {Run} run */
 function nameOf({ cs, program, from, to, ended }) {
-  return `${timeOfDay(new Date(from).toISOString())} CS ${cs} ${programName(program)}, ${ended === "" ? "runs" : `${lasting(to - from)}, ${ended.toLowerCase().replaceAll("_", " ")}`}`;
+  const run = { time: timeOfDay(new Date(from).toISOString()), cs, program: programName(program) };
+  return ended === "" ? t("timeline.runs", run) : t("timeline.ran", { ...run, lasted: lasting(to - from), ended });
 }
 
 /** @param {string[]} names @param {HTMLElement} body */

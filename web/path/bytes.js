@@ -1,6 +1,8 @@
 // A planned path as the runtime sends it: see "Planned path and rehearsal" in the book. Nothing is copied: vertices stay where
 // they are in the answer, and go to the graphics card as they are.
 
+import { t } from "../language.js";
+
 /** Bytes of a vertex: x y z, word, time. */
 export const VERTEX_BYTES = 20;
 /** A vertex in words of 4 bytes. */
@@ -52,7 +54,7 @@ export function readPath(bytes) {
   const u16 = (/** @type {number} */ at) => view.getUint16(at, true);
   const u32 = (/** @type {number} */ at) => view.getUint32(at, true);
   const f32 = (/** @type {number} */ at) => view.getFloat32(at, true);
-  if (u32(0) !== 0x48545054 || u16(4) !== 1) throw new Error("The machine sent a path of another form.");
+  if (u32(0) !== 0x48545054 || u16(4) !== 1) throw new Error(t("path.the_machine_sent_a_path"));
   const [table, flags, count, levels] = [u16(6), u32(8), u32(20), u32(24)];
   const programs = Array.from({ length: u16(124) }, (_, i) => u16(128 + 2 * i));
   const why = new TextDecoder().decode(new Uint8Array(bytes, 128 + 2 * programs.length, u16(126)));

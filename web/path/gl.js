@@ -1,6 +1,7 @@
 // Lines on the graphics card: each is a rectangle as wide as its kind says, made of two vertices as the runtime sent them. What is
 // done, selected or depends on run time is compared in the shader, so nothing is uploaded while the machine moves.
 
+import { t } from "../language.js";
 import { PLACE_MASK, VERTEX_BYTES } from "./bytes.js";
 
 const VERTEX = `#version 300 es
@@ -153,7 +154,7 @@ function link(gl) {
   const program = gl.createProgram();
   for (const [type, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
     const shader = gl.createShader(type);
-    if (!shader) throw new Error("WebGL gives no shader");
+    if (!shader) throw new Error(t("path.webgl_gives_no_shader"));
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
     gl.attachShader(program, shader);
@@ -161,7 +162,7 @@ function link(gl) {
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
     const logs = (gl.getAttachedShaders(program) ?? []).map((shader) => gl.getShaderInfoLog(shader));
-    throw new Error(`WebGL does not take the shaders: ${logs.join(" ")} ${gl.getProgramInfoLog(program)}`);
+    throw new Error(t("path.webgl_refused_shaders", { log: logs.join(" "), more: gl.getProgramInfoLog(program) }));
   }
   return program;
 }

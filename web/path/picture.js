@@ -1,5 +1,6 @@
 // The picture of a path: draws when something has changed, and each frame only while the tool moves.
 
+import { t } from "../language.js";
 import { finest, wordOf } from "./bytes.js";
 import { Camera } from "./camera.js";
 import { findPlace, pick } from "./find.js";
@@ -62,7 +63,7 @@ export class Picture {
   #begin() {
     const gl = this.#canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: true });
     if (!gl) {
-      this.trouble = "This browser has no WebGL 2, which draws the path.";
+      this.trouble = t("path.this_browser_has_no_webgl");
       return;
     }
     try {

@@ -3,7 +3,8 @@
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { openDialog } from "../dialog.js";
-import { duration, plain, position, programName } from "../format.js";
+import { duration, plain, position, programName, seconds } from "../format.js";
+import { listed, t } from "../language.js";
 import { machine } from "../machine.js";
 import { lastRuns } from "./runs.js";
 
@@ -18,9 +19,9 @@ export class Rehearse {
   /** Planned time that the slider shows; null: it shows where the machine is. @type {number | null} */
   time = null;
   #summary = h("span", { class: "path-summary" });
-  #away = h("span", { class: "path-away", hidden: true }, "The tool is outside of the picture.");
-  #bar = h("progress", { class: "path-progress", max: 1, value: 0, "aria-label": "Share of the planned time that is done", hidden: true });
-  #slider = h("input", { type: "range", class: "path-slider", min: 0, max: 1, step: "any", value: 0, "aria-label": "Planned time shown", hidden: true });
+  #away = h("span", { class: "path-away", hidden: true }, t("rehearse.the_tool_is_outside_of"));
+  #bar = h("progress", { class: "path-progress", max: 1, value: 0, "aria-label": t("rehearse.share_of_the_planned_time"), hidden: true });
+  #slider = h("input", { type: "range", class: "path-slider", min: 0, max: 1, step: "any", value: 0, "aria-label": t("rehearse.planned_time_shown"), hidden: true });
   #shown = h("span", { class: "path-time", hidden: true });
   #toggle;
   #details;
@@ -39,8 +40,8 @@ export class Rehearse {
   constructor(app, changed) {
     this.#app = app;
     this.#changed = changed;
-    this.#toggle = button({ class: "button small", "aria-pressed": "false", onclick: () => this.#scrub(this.time === null) }, "Rehearse");
-    this.#details = button({ class: "button small", onclick: () => this.#open() }, "Times");
+    this.#toggle = button({ class: "button small", "aria-pressed": "false", onclick: () => this.#scrub(this.time === null) }, t("rehearse.rehearse"));
+    this.#details = button({ class: "button small", onclick: () => this.#open() }, t("rehearse.times"));
     this.#slider.addEventListener("input", () => {
       this.time = Number(this.#slider.value);
       this.#show();
@@ -68,7 +69,7 @@ export class Rehearse {
     setAttr(this.element, "hidden", !state?.program || !path);
     if (runs && this.time !== null) this.#scrub(false);
     setAttr(this.#toggle, "disabled", runs || !path?.complete);
-    setAttr(this.#toggle, "title", runs ? "While the program runs the picture shows the machine" : null);
+    setAttr(this.#toggle, "title", runs ? t("rehearse.while_the_program_runs_the") : null);
     setText(this.#summary, this.#says(runs));
     const run = runs ? this.#rehearsal?.run : null;
     setAttr(this.#bar, "hidden", !run);
@@ -87,12 +88,12 @@ export class Rehearse {
     const rehearsal = this.#rehearsal;
     if (!rehearsal) return "";
     if (runs && rehearsal.run) {
-      return `${Math.floor(rehearsal.run.progress * 100)} %, ${time(rehearsal.run.left_s)} left of ${time(rehearsal.cycle_time_s)}`;
+      return t("rehearse.left", { percent: Math.floor(rehearsal.run.progress * 100), left: time(rehearsal.run.left_s), all: time(rehearsal.cycle_time_s) });
     }
-    if (rehearsal.outcome === "planning") return `Planned so far: ${time(rehearsal.cycle_time_s)}`;
-    const unknown = rehearsal.m_codes.some((code) => code.waits && code.wait_s === null) ? " and M codes" : "";
-    const ends = rehearsal.outcome === "completed" ? "" : `, then: ${rehearsal.text}${rehearsal.at ? ` (line ${rehearsal.at.line})` : ""}`;
-    return `${rehearsal.outcome === "completed" ? "Cycle" : "Runs"} ${time(rehearsal.cycle_time_s)}${unknown}${ends}`;
+    if (rehearsal.outcome === "planning") return t("rehearse.planned_so_far", { time: time(rehearsal.cycle_time_s) });
+    const isUnknown = rehearsal.m_codes.some((code) => code.waits && code.wait_s === null);
+    const takes = t(isUnknown ? "rehearse.time_and_m_codes" : "rehearse.time", { time: time(rehearsal.cycle_time_s) });
+    return rehearsal.outcome === "completed" ? t("rehearse.cycle", { time: takes }) : t("rehearse.runs", { time: takes, text: ending(rehearsal) });
   }
 
   /** @param {boolean} on */
@@ -110,7 +111,7 @@ export class Rehearse {
     const at = this.time ?? 0;
     const lines = this.#rehearsal?.lines ?? [];
     const line = lines.findLast((one) => one.at_s <= at);
-    setText(this.#shown, `${at.toFixed(2)} s${line ? `, line ${line.line}` : ""}`);
+    setText(this.#shown, listed([seconds(at, 2), line && t("common.line", { line: line.line })]));
   }
 
   /** @param {number} program @param {number} cs */
@@ -132,11 +133,11 @@ export class Rehearse {
   #open() {
     const rehearsal = this.#rehearsal;
     if (!rehearsal) return;
-    const close = button({ autofocus: true, onclick: () => dialog.close("") }, "Close");
-    const dialog = openDialog("rehearsal", `${programName(rehearsal.program)} takes ${time(rehearsal.cycle_time_s)}`, [
+    const close = button({ autofocus: true, onclick: () => dialog.close("") }, t("common.close"));
+    const dialog = openDialog("rehearsal", t("rehearse.title", { program: programName(rehearsal.program), time: time(rehearsal.cycle_time_s) }), [
       h("p", {}, shares(rehearsal)),
-      rehearsal.text ? h("p", { class: "error" }, `${rehearsal.text}${rehearsal.at ? ` (line ${rehearsal.at.line})` : ""}`) : null,
-      rehearsal.depends ? h("p", {}, `From line ${rehearsal.depends.line} on it may be otherwise: ${rehearsal.depends.why}.`) : null,
+      rehearsal.text ? h("p", { class: "error" }, ending(rehearsal)) : null,
+      rehearsal.depends ? h("p", {}, t("rehearse.from_line_on_it_may", { line: rehearsal.depends.line, why: rehearsal.depends.why })) : null,
       h("div", { class: "scroll" }, axes(rehearsal), mCodes(rehearsal), lastRuns(rehearsal.program, rehearsal.cs)),
       h("div", { class: "dialog-buttons" }, close),
     ]);
@@ -145,31 +146,35 @@ export class Rehearse {
 
 /** @param {number} s */
 function time(s) {
-  return s < 60 ? `${s.toFixed(1)} s` : duration(s * 1000);
+  return s < 60 ? seconds(s, 1) : duration(s * 1000);
+}
+
+/** Why the rehearsed run does not get to its end, and where. @param {Rehearsal} rehearsal */
+function ending({ text, at }) {
+  return at ? t("rehearse.text_at", { text, line: at.line }) : text;
 }
 
 /** @param {Rehearsal} rehearsal */
 function shares({ feed_s, rapid_s, fixed_s, wait_s }) {
-  const parts = Object.entries({ "at feedrate": feed_s, "rapid": rapid_s, "dwells and stops": fixed_s, "M codes": wait_s });
-  return `At 100 percent: ${parts.map(([name, s]) => `${time(s)} ${name}`).join(", ")}.`;
+  return t("rehearse.shares", { feed: time(feed_s), rapid: time(rapid_s), fixed: time(fixed_s), wait: time(wait_s) });
 }
 
 /** @param {Rehearsal} rehearsal */
 function axes({ axes: all }) {
-  const share = (/** @type {import("../types.d.ts").RehearsedPeak} */ { value, limit, line }) => `${plain(Math.round(value * 10) / 10)} (${Math.round((100 * value) / limit)} %, line ${line})`;
-  const rows = Object.entries(all).map(([letter, axis]) => row([letter, position(axis.lowest), position(axis.highest), axis.soft_limits?.join(" … ") ?? "none", share(axis.velocity), share(axis.acceleration)]));
-  return table(["Axis", "Lowest", "Highest", "Soft limits", "Speed /s", "Acceleration /s²"], rows);
+  const share = (/** @type {import("../types.d.ts").RehearsedPeak} */ { value, limit, line }) => t("rehearse.peak", { value: plain(Math.round(value * 10) / 10), percent: Math.round((100 * value) / limit), line });
+  const rows = Object.entries(all).map(([letter, axis]) => row([letter, position(axis.lowest), position(axis.highest), axis.soft_limits?.map(plain).join(" … ") ?? t("rehearse.none"), share(axis.velocity), share(axis.acceleration)]));
+  return table([t("positions.axis"), t("rehearse.lowest"), t("rehearse.highest"), t("rehearse.soft_limits"), t("rehearse.speed"), t("rehearse.acceleration")], rows);
 }
 
 /** @param {Rehearsal} rehearsal */
 function mCodes({ m_codes, m_code_count }) {
   if (!m_codes.length) return null;
   const rows = m_codes.slice(0, M_CODES_SHOWN).map(({ m, line, at_s, waits, wait_s }) => {
-    const takes = !waits ? "the program goes on" : wait_s === null ? "not known yet" : time(wait_s);
+    const takes = !waits ? t("rehearse.the_program_goes_on") : wait_s === null ? t("rehearse.not_known_yet") : time(wait_s);
     return row([`M${m}`, String(line), time(at_s), takes]);
   });
-  const more = m_code_count > rows.length ? h("p", {}, `and ${m_code_count - rows.length} more`) : null;
-  return h("div", {}, table(["M code", "Line", "At", "Takes"], rows), more);
+  const more = m_code_count > rows.length ? h("p", {}, t("common.and_more", { count: m_code_count - rows.length })) : null;
+  return h("div", {}, table([t("journal.m_code"), t("rehearse.line"), t("rehearse.at"), t("rehearse.takes")], rows), more);
 }
 
 /** @param {string[]} names @param {HTMLElement[]} rows */

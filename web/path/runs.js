@@ -1,7 +1,8 @@
 // The last runs of a program: how long they took, how they ended, for which M codes they waited; and its parts.
 
 import { h } from "../dom.js";
-import { duration, timeOfDay } from "../format.js";
+import { duration, seconds, timeOfDay } from "../format.js";
+import { listed, t } from "../language.js";
 import { machine } from "../machine.js";
 
 /** Runs that are looked through, of all programs. */
@@ -11,6 +12,12 @@ const RUNS_SHOWN = 10;
 
 /** @typedef {import("../types.d.ts").Run} Run */
 
+/** How a run ends, in words. @type {Record<import("../types.d.ts").RunEndedHow, import("../language.js").Key>} */
+const ENDS = {
+  completed: "runs.end_completed", stopped: "runs.end_stopped", aborted: "runs.end_aborted", reset: "runs.end_reset", alarm: "runs.end_alarm",
+  lease_lost: "runs.end_lease_lost", replaced: "runs.end_replaced", refused: "runs.end_refused", restarted: "runs.end_restarted",
+};
+
 /** What is known of the runs of a program; fills itself when the machine has answered. @param {number} program @param {number} cs */
 export function lastRuns(program, cs) {
   const element = h("div", { class: "last-runs" });
@@ -19,9 +26,9 @@ export function lastRuns(program, cs) {
     if (!of.length) return;
     const parts = production.find((made) => made.program === program)?.parts ?? 0;
     const rows = of.map((run) => h("tr", {}, ...cells(run).map((cell) => h("td", {}, cell))));
-    const head = h("tr", {}, ...["Started", "Took", "Parts", "Ended", "M codes took"].map((name) => h("th", { scope: "col" }, name)));
+    const head = h("tr", {}, ...[t("runs.started"), t("runs.took"), t("runs.parts"), t("runs.ended"), t("runs.m_codes")].map((name) => h("th", { scope: "col" }, name)));
     element.append(
-      h("h3", {}, `${parts} ${parts === 1 ? "part" : "parts"} completed`),
+      h("h3", {}, t("runs.completed", { count: parts })),
       h("table", { class: "rehearsal-table" }, h("thead", {}, head), h("tbody", {}, ...rows)),
     );
   });
@@ -31,14 +38,14 @@ export function lastRuns(program, cs) {
 /** @param {Run} run */
 export function cells(run) {
   const alarm = run.alarms.at(-1);
-  const ended = [run.end?.how.replace("_", " "), alarm?.text, run.end?.text].filter(Boolean).join(": ");
-  const waits = run.waits.map(({ m, total_s }) => `M${m} ${took(total_s)}`).join(", ");
-  return [timeOfDay(run.began), took(run.took_s), run.parts === 1 ? `${run.parts_done}` : `${run.parts_done} of ${run.parts}`, ended, waits || "none"];
+  const ended = [run.end && t(ENDS[run.end.how]), alarm?.text, run.end?.text].filter(Boolean).join(": ");
+  const waits = listed(run.waits.map(({ m, total_s }) => `M${m} ${took(total_s)}`));
+  return [timeOfDay(run.began), took(run.took_s), run.parts === 1 ? `${run.parts_done}` : t("runs.of", { done: run.parts_done, parts: run.parts }), ended, waits || t("runs.none")];
 }
 
 /** @param {number} s */
 function took(s) {
-  return s < 60 ? `${s.toFixed(1)} s` : duration(s * 1000);
+  return s < 60 ? seconds(s, 1) : duration(s * 1000);
 }
 
 /** @param {number} cs @returns {Promise<import("../types.d.ts").Runs>} */

@@ -1,6 +1,7 @@
 // What stands around a path: grid, soft limits, work zero, tool, the way travelled without a plan. Lines of one's own, in the form of
 // the runtime's, made anew only when they change.
 
+import { fixed, plain } from "../format.js";
 import { ownLines } from "./gl.js";
 
 /** @typedef {[number, number, number]} Point */
@@ -89,7 +90,7 @@ export class Backdrop {
     const c = /** @type {CanvasRenderingContext2D} */ (this.#context);
     const step = gridStep(scale);
     const decimals = Math.max(0, -Math.floor(Math.log10(step)));
-    const label = (/** @type {number} */ n) => (n * step + 0).toFixed(decimals);
+    const label = (/** @type {number} */ n) => fixed(n * step, decimals);
     const line = (/** @type {number} */ n, /** @type {number[]} */ [xa = 0, ya = 0, xb = 0, yb = 0]) => {
       c.strokeStyle = (n === 0 ? colours.axis : colours.grid) ?? "";
       c.beginPath();
@@ -132,7 +133,7 @@ export class Backdrop {
     c.stroke();
     c.textAlign = "left";
     c.textBaseline = "bottom";
-    c.fillText(`${step} mm`, 12, height - 11);
+    c.fillText(`${plain(step)} mm`, 12, height - 11);
     c.textAlign = "center";
     c.textBaseline = "middle";
     const [x, y, length] = [46, height - 66, 26];

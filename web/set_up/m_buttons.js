@@ -1,20 +1,21 @@
 // A button for each M code of the machine's table, and the spindle: each runs as a line of MDI.
 
 import { button, fill, h, setAttr } from "../dom.js";
+import { t } from "../language.js";
 import { disableFor, whyNot } from "../why_not.js";
 
 /** What every machine means by them. @type {Record<number, string>} */
-const NAMES = { 3: "Spindle cw", 4: "Spindle ccw", 5: "Spindle stop", 6: "Tool change", 7: "Mist on", 8: "Coolant on", 9: "Coolant off", 19: "Orient spindle" };
+const NAMES = { 3: t("m_buttons.spindle_cw"), 4: t("m_buttons.spindle_ccw"), 5: t("m_buttons.spindle_stop"), 6: t("m_buttons.tool_change"), 7: t("m_buttons.mist_on"), 8: t("m_buttons.coolant_on"), 9: t("m_buttons.coolant_off"), 19: t("m_buttons.orient_spindle") };
 const SPINDLE = [3, 4, 5];
 const SPEED_MAX = 1_000_000;
 
 /** @type {import("./values.js").Section} */
 export const mButtons = {
-  title: "M codes",
+  title: t("m_buttons.m_codes"),
   create(app) {
-    const speed = h("input", { type: "number", class: "input value", min: 0, max: SPEED_MAX, step: 1, value: 1000, "aria-label": "Spindle speed, r/min" });
-    const row = h("label", { class: "row" }, h("span", { class: "label" }, "S, r/min"), speed);
-    const list = h("div", { class: "m-buttons", role: "group", "aria-label": "M codes" });
+    const speed = h("input", { type: "number", class: "input value", min: 0, max: SPEED_MAX, step: 1, value: 1000, "aria-label": t("m_buttons.spindle_speed_r_min") });
+    const row = h("label", { class: "row" }, h("span", { class: "label" }, t("m_buttons.s", { unit: t("unit.rpm") })), speed);
+    const list = h("div", { class: "m-buttons", role: "group", "aria-label": t("m_buttons.m_codes") });
     let shown = "";
     const run = (/** @type {number} */ m) => {
       const s = m === 3 || m === 4 ? ` S${speed.valueAsNumber || 0}` : "";
@@ -32,7 +33,7 @@ export const mButtons = {
         fill(list, ...codes.map(one));
       }
       setAttr(row, "hidden", !hasSpindle);
-      for (const one of list.querySelectorAll("button")) disableFor(one, whyNot(app.model, "mdi"), `Runs M${one.dataset.m} at once`);
+      for (const one of list.querySelectorAll("button")) disableFor(one, whyNot(app.model, "mdi"), t("m_buttons.runs_m_at_once", { m: one.dataset.m }));
     };
     return { element: h("div", {}, row, list), render, read: () => {} };
   },

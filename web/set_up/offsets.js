@@ -2,6 +2,7 @@
 
 import { button, h, setAttr, setText } from "../dom.js";
 import { plain, position } from "../format.js";
+import { sentences, t } from "../language.js";
 import { scaleOf } from "../units.js";
 import { axesOf } from "../model.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
@@ -10,7 +11,7 @@ import { numberField, Undo } from "./values.js";
 const NAMES = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
 /** @type {import("./values.js").Section} */
-export const offsets = { title: "Offsets", create: (app) => new Offsets(app) };
+export const offsets = { title: t("offsets.offsets"), create: (app) => new Offsets(app) };
 
 class Offsets {
   #name = "G54";
@@ -34,7 +35,7 @@ class Offsets {
     this.element = h(
       "div",
       { class: "offsets" },
-      h("div", { class: "choice", role: "radiogroup", "aria-label": "Work offset" }, ...this.#picks),
+      h("div", { class: "choice", role: "radiogroup", "aria-label": t("offsets.work_offset") }, ...this.#picks),
       this.#body,
       this.#note,
       h("div", { class: "row end" }, this.#undo.element, this.#use),
@@ -63,9 +64,9 @@ class Offsets {
     for (const row of this.#rows) row.render();
     this.#undo.render();
     const active = system.modal?.work_offset;
-    setText(this.#note, `${active ?? "No offset"} is in force. What is set here counts from the next ${this.#name} of a program or MDI; tool length is not in it.`);
-    setText(this.#use, `Use ${this.#name}`);
-    disableFor(this.#use, whyNot(model, "mdi"), `Runs ${this.#name} as a line of MDI: nothing moves`);
+    setText(this.#note, sentences(active ? t("offsets.in_force", { offset: active }) : t("offsets.none_in_force"), t("offsets.counts_from", { offset: this.#name })));
+    setText(this.#use, t("offsets.use", { offset: this.#name }));
+    disableFor(this.#use, whyNot(model, "mdi"), t("offsets.use_about", { offset: this.#name }));
   }
 
   /** @param {string} name */
@@ -78,12 +79,12 @@ class Offsets {
   /** @param {string} axis */
   #row(axis) {
     const { model } = this.app;
-    const field = numberField(`Offset ${axis}`, (value) => void this.#store(axis, value * scaleOf(model, axis).size));
-    const here = numberField(`${axis} is here`, (value) => {
+    const field = numberField(t("offsets.offset", { axis }), (value) => void this.#store(axis, value * scaleOf(model, axis).size));
+    const here = numberField(t("offsets.is_here", { axis }), (value) => {
       void this.#touch(axis, value * scaleOf(model, axis).size);
       here.show("");
     });
-    here.element.placeholder = "is";
+    here.element.placeholder = t("offsets.is");
     const zero = button({ class: "button", onclick: () => void this.#touch(axis, 0) }, `${axis} = 0`);
     const middle = button({ class: "button", onclick: () => this.#middle(axis) });
     const row = h("div", { class: "offset-row", "data-axis": axis }, h("strong", {}, axis), field.element, zero, here.element, middle);
@@ -93,13 +94,13 @@ class Offsets {
       const scale = scaleOf(model, axis);
       field.show(position(this.#values[this.#name]?.[axis] ?? 0, scale));
       const marked = this.#marks.get(axis);
-      setText(middle, marked === undefined ? "1st" : "2nd");
-      setAttr(middle, "aria-label", marked === undefined ? `First edge of the middle of ${axis}` : `Second edge of the middle of ${axis}: zero between both`);
+      setText(middle, marked === undefined ? t("offsets.1st") : t("offsets.2nd"));
+      setAttr(middle, "aria-label", marked === undefined ? t("offsets.first_edge_of_the_middle", { axis }) : t("offsets.second_edge_of_the_middle", { axis }));
       const why = whyNotNow(model) ?? this.#whyNotStanding();
       disableFor(field.element, whyNotNow(model));
-      disableFor(zero, why, `Zero of ${axis} is where the tool stands`);
-      disableFor(here.element, why, `The tool stands at this ${axis}: touch an edge, and type where it is, with the tool's radius`);
-      disableFor(middle, why, "Touch both sides of a bore, boss or slot: zero is in the middle");
+      disableFor(zero, why, t("offsets.zero_of_is_where_the", { axis }));
+      disableFor(here.element, why, t("offsets.the_tool_stands_at_this", { axis }));
+      disableFor(middle, why, t("offsets.touch_both_sides_of_a"));
     };
     return { axis, render };
   }
@@ -107,7 +108,7 @@ class Offsets {
   /** Zero is set at rest. */
   #whyNotStanding() {
     const execution = this.app.model.current?.state?.execution ?? "";
-    return ["ACTIVE", "WAIT"].includes(execution) ? "A run is on: zero is set at rest." : null;
+    return ["ACTIVE", "WAIT"].includes(execution) ? t("offsets.a_run_is_on_zero") : null;
   }
 
   /** The point where the tool stands gets a work position. @param {string} axis @param {number} value */

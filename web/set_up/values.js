@@ -1,7 +1,9 @@
 // Fields of values that are stored when they are left or Enter is pressed, and the way back from the last change.
 
 import { button, h, setAttr } from "../dom.js";
+import { readNumber } from "../format.js";
 import { icon } from "../icons.js";
+import { t } from "../language.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
 /**
@@ -21,8 +23,8 @@ export function numberField(label, store) {
     const text = input.value.trim();
     if (text === shown) return;
     shown = text;
-    const value = Number(text.replace(",", "."));
-    const isNumber = text !== "" && Number.isFinite(value);
+    const value = readNumber(text);
+    const isNumber = Number.isFinite(value);
     setAttr(input, "aria-invalid", !isNumber);
     if (isNumber) store(value);
   };
@@ -52,7 +54,7 @@ export class Undo {
   constructor(app, read) {
     this.app = app;
     this.read = read;
-    this.element = button({ class: "button small undo", onclick: () => void this.#back() }, icon("back"), "Undo");
+    this.element = button({ class: "button small undo", onclick: () => void this.#back() }, icon("back"), t("undo.undo"));
   }
 
   /**
@@ -66,7 +68,7 @@ export class Undo {
 
   render() {
     const last = this.#changes.at(-1);
-    disableFor(this.element, last ? whyNotNow(this.app.model) : "Nothing has been changed here.", `Take back: ${last?.says ?? ""}`);
+    disableFor(this.element, last ? whyNotNow(this.app.model) : t("undo.nothing_has_been_changed_here"), t("undo.take_back", { change: last?.says ?? "" }));
   }
 
   async #back() {

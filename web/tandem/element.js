@@ -1,5 +1,6 @@
 // What the elements of `elements.js` share: the machine that they show, and when they are drawn.
 
+import { language } from "../language.js";
 import { MACHINE_TOPICS, Model } from "../model.js";
 import { Tandem } from "../tandem.js";
 
@@ -92,6 +93,7 @@ export class TandemElement extends HTMLElement {
   connectedCallback() {
     this.#watched ??= watch({ url: this.getAttribute("url") ?? undefined });
     this.#watched.shown.add(this.#draw);
+    if (this.lang === "") this.lang = language;
     this.#draw();
   }
 
@@ -146,7 +148,7 @@ export class TandemElement extends HTMLElement {
   }
 
   get #of() {
-    if (!this.#watched) throw new Error(`<${this.localName}> is in no page yet`);
+    if (!this.#watched) throw new TypeError(`<${this.localName}> is in no page yet`);
     return this.#watched;
   }
 }

@@ -4,6 +4,7 @@
 import { fill, h, setAttr, setText } from "../dom.js";
 import { duration, params, position } from "../format.js";
 import { icon, setIcon } from "../icons.js";
+import { t } from "../language.js";
 import { axesOf } from "../model.js";
 import { look, sentence } from "../sentence.js";
 import { machineAt, TandemElement } from "./element.js";
@@ -17,7 +18,7 @@ export { machineAt, TandemElement };
 class TandemState extends TandemElement {
   #sign = icon("ready");
   #word = h("strong", {});
-  #said = h("p", {}, "Waiting for the machine.");
+  #said = h("p", {}, t("elements.waiting_for_the_machine"));
 
   constructor() {
     super(STATE);
@@ -32,7 +33,7 @@ class TandemState extends TandemElement {
     setAttr(this, "tone", tone);
     setIcon(this.#sign, name);
     setText(this.#word, word);
-    setText(this.#said, this.model.online ? sentence(system, this.model.alarms, (ts) => this.model.ageMs(ts)) : "Not connected to the machine.");
+    setText(this.#said, this.model.online ? sentence(system, this.model.alarms, (ts) => this.model.ageMs(ts)) : t("connection.lost"));
   }
 }
 
@@ -61,8 +62,8 @@ class TandemDro extends TandemElement {
 
 /** Open M codes: what they wait for, what their handlers say and ask. With `answers` the operator answers here. */
 class TandemMCodes extends TandemElement {
-  #list = h("ul", { "aria-label": "Open M codes" });
-  #none = h("p", { class: "muted" }, "No M code is open.");
+  #list = h("ul", { "aria-label": t("elements.open_m_codes") });
+  #none = h("p", { class: "muted" }, t("elements.no_m_code_is_open"));
   #shown = "";
 
   constructor() {
@@ -84,7 +85,7 @@ class TandemMCodes extends TandemElement {
 
   /** @param {import("../types.d.ts").PendingOutput} output */
   #entry({ m, seq, params: given, handler_id, progress, question, since }) {
-    const said = progress?.text ?? (handler_id ? `${handler_id} works on it` : "no handler yet");
+    const said = progress?.text ?? (handler_id ? t("elements.works_on_it", { handler: handler_id }) : t("m_codes.no_handler"));
     const asked = question?.answer === undefined ? question : undefined;
     const choose = (/** @type {string} */ choice) => {
       const body = { boot_id: this.model.bootId, question_id: asked?.id, choice, client_id: "page" };
@@ -96,8 +97,8 @@ class TandemMCodes extends TandemElement {
       { "data-m": m },
       h("div", {}, h("strong", {}, `M${m}`), ` ${params(given)}`, h("time", { datetime: since })),
       h("p", {}, asked ? asked.text : said),
-      progress?.percent !== undefined && h("progress", { max: 100, value: progress.percent, "aria-label": `Progress of M${m}` }),
-      choices.length > 0 && h("div", { class: "choices", role: "group", "aria-label": "Answer" }, ...choices),
+      progress?.percent !== undefined && h("progress", { max: 100, value: progress.percent, "aria-label": t("elements.progress_of_m", { m }) }),
+      choices.length > 0 && h("div", { class: "choices", role: "group", "aria-label": t("common.answer") }, ...choices),
     );
   }
 }

@@ -2,6 +2,7 @@
 // turns it, the wheel and two fingers zoom.
 
 import { h, setAttr, setText } from "../dom.js";
+import { t } from "../language.js";
 import { VIEW_NAMES } from "../path/camera.js";
 import { atTime } from "../path/find.js";
 import { Live } from "../path/live.js";
@@ -15,7 +16,7 @@ import { TandemElement } from "./element.js";
 export class TandemPath extends TandemElement {
   static observedAttributes = ["cs", "view"];
   #back = h("canvas", { class: "back", "aria-hidden": "true" });
-  #canvas = h("canvas", { class: "lines", role: "img", tabindex: 0, "aria-label": "Path of the tool" });
+  #canvas = h("canvas", { class: "lines", role: "img", tabindex: 0, "aria-label": t("elements.path_of_the_tool") });
   #note = h("p", { class: "note muted", hidden: true });
   #box = h("div", { class: "box" }, this.#back, this.#canvas, this.#note);
   #picture = new Picture(this.#canvas, this.#back, this.#box);
@@ -70,7 +71,7 @@ export class TandemPath extends TandemElement {
     }
     const runs = state?.run_kind === "program" ? (state.run_id ?? "") : null;
     this.#live.take(loader.path, runs, system.position, point(system.position?.machine), performance.now());
-    const text = this.#picture.trouble || (state?.program ? loader.error : "No program is loaded.");
+    const text = this.#picture.trouble || (state?.program ? loader.error : t("elements.no_program_is_loaded"));
     setText(this.#note, text);
     setAttr(this.#note, "hidden", text === "");
     this.#draw(system);

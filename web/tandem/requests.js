@@ -1,5 +1,7 @@
 // Requests to the machine over REST. A refused one throws a Refusal with the machine's text.
 
+import { t } from "../language.js";
+
 /** Time limit of a request: a slow machine may take seconds to stop on its path. */
 export const TIMEOUT_MS = 15000;
 
@@ -47,12 +49,12 @@ export async function request(url, token, method, { body, headers = {}, timeoutM
       signal: AbortSignal.timeout(timeoutMs),
     });
   } catch {
-    throw new Refusal("The machine did not answer. Nothing is known about what it did with the request.");
+    throw new Refusal(t("requests.the_machine_did_not_answer"));
   }
   if (response.ok || response.status === 304) return response;
   /** @type {import("../types.d.ts").Problem} */
   const problem = await response.json().catch(() => ({}));
-  throw new Refusal(asSentence(problem.detail || problem.title || `refused with status ${response.status}`), problem);
+  throw new Refusal(asSentence(problem.detail || problem.title || t("requests.refused_with_status", { status: response.status })), problem);
 }
 
 /** With a capital letter and a full stop. @param {string} text */

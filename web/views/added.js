@@ -3,6 +3,7 @@
 import { fill, h } from "../dom.js";
 import { addedButton } from "../added/button.js";
 import { addedCard } from "../added/card.js";
+import { t } from "../language.js";
 
 /** How long an answer that has not come is waited for, ms. */
 const AGAIN_MS = 3000;
@@ -10,10 +11,10 @@ const AGAIN_MS = 3000;
 /** @type {import("../main.js").View} */
 export const added = {
   place: "right",
-  panel: { name: "added", title: "Machine" },
+  panel: { name: "added", title: t("added.machine") },
   create(app) {
     const cards = h("div", { class: "added-cards" });
-    const buttons = h("div", { class: "m-buttons", role: "group", "aria-label": "Machine" });
+    const buttons = h("div", { class: "m-buttons", role: "group", "aria-label": t("added.machine") });
     /** @type {{element: HTMLElement, render: () => void}[]} */
     let shown = [];
     /** The start of the runtime whose configuration is shown, and when it was asked for. */

@@ -4,6 +4,7 @@ import { button, card, fill, h, setText } from "../dom.js";
 import { explained } from "../explain.js";
 import { programName, rounded, timeOfDay } from "../format.js";
 import { icon } from "../icons.js";
+import { t } from "../language.js";
 
 /** @type {import("../main.js").View} */
 export const alarms = {
@@ -11,7 +12,7 @@ export const alarms = {
   create(app) {
     const count = h("span", { class: "muted" });
     const list = h("ul", { class: "list" });
-    const log = h("div", { class: "scroll", role: "log", "aria-live": "assertive", "aria-label": "Active alarms", tabindex: 0 }, list);
+    const log = h("div", { class: "scroll", role: "log", "aria-live": "assertive", "aria-label": t("alarms.active_alarms"), tabindex: 0 }, list);
     let shown = "";
     const render = () => {
       const active = [...app.model.alarms].reverse();
@@ -19,20 +20,21 @@ export const alarms = {
       if (key !== shown) {
         shown = key;
         fill(list, ...active.map((alarm) => entry(app, alarm)));
-        setText(count, active.length > 0 ? `${active.length} active` : app.model.bootId === null ? "" : "No alarm is active.");
+        setText(count, active.length > 0 ? t("alarms.active", { count: active.length }) : app.model.bootId === null ? "" : t("alarms.no_alarm_is_active"));
       }
     };
-    return { element: card("alarms-card", "Alarms", [count], log), render };
+    return { element: card("alarms-card", t("alarms.alarms"), [count], log), render };
   },
 };
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").AlarmRecord} alarm */
 function entry(app, alarm) {
-  const place = alarm.program === null ? "" : `${programName(alarm.program)}${alarm.line === null ? "" : ` line ${alarm.line}`}`;
-  const facts = [alarm.cs === null ? "all" : `CS ${alarm.cs}`, place, timeOfDay(alarm.raised_at)].filter((text) => text !== "");
-  const remedy = alarm.remedy ?? (alarm.severity === "alarm" ? "Remove the cause, then press Reset." : "");
+  const program = programName(alarm.program);
+  const place = alarm.program === null ? "" : alarm.line === null ? program : t("common.program_line", { program, line: alarm.line });
+  const facts = [alarm.cs === null ? t("alarms.all") : t("common.cs", { cs: alarm.cs }), place, timeOfDay(alarm.raised_at)].filter((text) => text !== "");
+  const remedy = alarm.remedy ?? (alarm.severity === "alarm" ? t("sentence.remove_cause") : "");
   const onclick = () => void app.attempt(() => app.api.acknowledge(alarm.id));
-  const acknowledge = button({ class: "button small", "aria-label": `Acknowledge ${alarm.number}`, onclick }, "Acknowledge");
+  const acknowledge = button({ class: "button small", "aria-label": t("alarms.acknowledge_number", { number: alarm.number }), onclick }, t("alarms.acknowledge_this"));
   return h(
     "li",
     { class: "alarm", "data-severity": alarm.severity },
@@ -40,10 +42,10 @@ function entry(app, alarm) {
     h(
       "div",
       { class: "grow" },
-      h("div", { class: "row" }, h("strong", {}, alarm.severity === "alarm" ? "Alarm" : "Warning"), explained(`alarm ${alarm.number}`), h("span", { class: "spring" }), h("span", { class: "muted" }, facts.join(" · "))),
+      h("div", { class: "row" }, h("strong", {}, alarm.severity === "alarm" ? t("alarms.alarm") : t("alarms.warning")), explained(`alarm ${alarm.number}`), h("span", { class: "spring" }), h("span", { class: "muted" }, facts.join(" · "))),
       h("p", {}, rounded(alarm.text)),
       remedy && h("p", { class: "remedy" }, remedy),
-      alarm.acknowledged_by ? h("p", { class: "muted" }, `Acknowledged by ${alarm.acknowledged_by}`) : alarm.severity === "warning" && h("div", { class: "row end" }, acknowledge),
+      alarm.acknowledged_by ? h("p", { class: "muted" }, t("alarms.acknowledged_by", { user: alarm.acknowledged_by })) : alarm.severity === "warning" && h("div", { class: "row end" }, acknowledge),
     ),
   );
 }

@@ -2,9 +2,10 @@
 // and the control lease.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
-import { plain } from "../format.js";
+import { plain, readNumber } from "../format.js";
 import { icon } from "../icons.js";
 import { jogButton } from "../jog.js";
+import { t } from "../language.js";
 import { leaseButton } from "../lease.js";
 import { forcedNote } from "../locks.js";
 import { mdiLine } from "../mdi.js";
@@ -27,29 +28,29 @@ const CROSS = [[1, 1, 2, 1], [0, -1, 1, 2], [0, 1, 3, 2], [1, -1, 2, 3], [2, 1, 
 /** @type {import("../main.js").View} */
 export const byHand = {
   place: "right",
-  panel: { name: "by-hand", title: "By hand" },
+  panel: { name: "by-hand", title: t("by_hand.by_hand") },
   create(app) {
-    const speed = choice("Velocity", "mm/min", SPEEDS, 500, SPEED_MAX, String);
-    const step = choice("Step", "mm", STEPS, 0, STEP_MAX, (value) => (value === 0 ? "Hold" : plain(value)));
+    const speed = choice([t("by_hand.velocity"), t("by_hand.own_velocity")], SPEEDS, 500, SPEED_MAX, String);
+    const step = choice([t("by_hand.step"), t("by_hand.own_step")], STEPS, 0, STEP_MAX, (value) => (value === 0 ? t("by_hand.hold") : plain(value)));
     const chosen = () => {
       const { size, unit } = lengthScale(unitOf(app.model.current));
-      return { velocity: speed.value() * size, distance: step.value() * size, says: `one step of ${plain(step.value())} ${unit}` };
+      return { velocity: speed.value() * size, distance: step.value() * size, says: t("by_hand.one_step_of", { value: plain(step.value()), unit }) };
     };
-    const jogs = h("div", { class: "jog-cross", role: "group", "aria-label": "Jog" });
-    const more = h("div", { class: "jog-more", role: "group", "aria-label": "Jog further axes" });
-    const homes = h("div", { class: "homes", role: "group", "aria-label": "Home" });
+    const jogs = h("div", { class: "jog-cross", role: "group", "aria-label": t("by_hand.jog") });
+    const more = h("div", { class: "jog-more", role: "group", "aria-label": t("by_hand.jog_further_axes") });
+    const homes = h("div", { class: "homes", role: "group", "aria-label": t("by_hand.home") });
     /** Letters of the cross. @type {string[]} */
     let cross = [];
     const pad = new Pad(app, (at, direction) => {
       const axis = cross[at];
       if (axis) app.jogger.begin(axis, direction, chosen());
     });
-    const keys = button({ class: "switch keys", role: "switch", "aria-label": "Jog by keyboard and gamepad", onclick: () => pad.set(!pad.on) }, "Keys");
+    const keys = button({ class: "switch keys", role: "switch", "aria-label": t("by_hand.jog_by_keyboard_and_gamepad"), onclick: () => pad.set(!pad.on) }, t("by_hand.keys"));
     const padNote = h("p", { class: "muted pad-note", role: "status" });
     const mdi = mdiLine(app);
     const back = backButton(app);
     const lease = leaseButton(app);
-    const switches = [dryRunSwitch(app), lockSwitch(app, "interlock", "Interlock"), lockSwitch(app, "start_lock", "Start lock")];
+    const switches = [dryRunSwitch(app), lockSwitch(app, "interlock", t("by_hand.interlock")), lockSwitch(app, "start_lock", t("locks.start_lock"))];
     const forced = forcedNote(app);
     const element = h(
       "div",
@@ -98,8 +99,8 @@ export const byHand = {
       speed.render(`${unit}/min`);
       step.render(unit);
       setAttr(keys, "aria-checked", String(pad.on));
-      disableFor(keys, pad.on ? null : whyNot(app.model, "jog"), "Arrows and Page Up and Down, or a gamepad, jog while this is on");
-      setText(padNote, pad.on ? `Arrows and Page Up, Page Down jog${pad.names.length > 0 ? `, and ${pad.names[0]}` : ""}.` : "");
+      disableFor(keys, pad.on ? null : whyNot(app.model, "jog"), t("by_hand.arrows_and_page_up_and"));
+      setText(padNote, !pad.on ? "" : pad.names[0] ? t("by_hand.keys_and_pad", { pad: pad.names[0] }) : t("by_hand.keys_jog"));
       setAttr(padNote, "hidden", !pad.on);
       for (const one of parts) one.render();
       mdi.render(whyNot(app.model, "mdi"));
@@ -111,35 +112,34 @@ export const byHand = {
 
 /** @param {import("../main.js").App} app @param {string | null} axis null: all axes */
 function homeButton(app, axis) {
-  const says = axis === null ? "Home all axes" : `Home ${axis}`;
+  const says = axis === null ? t("by_hand.home_all_axes") : t("by_hand.home_axis", { axis });
   const onclick = () => app.command("home", axis === null ? {} : { axes: [axis] });
-  const element = button({ class: "button home", "aria-label": says, onclick }, icon("home"), axis ?? "All");
+  const element = button({ class: "button home", "aria-label": says, onclick }, icon("home"), axis ?? t("by_hand.all"));
   return { element, render: () => disableFor(element, whyNot(app.model, "home"), says) };
 }
 
 /** Moves backward along the path from a feed hold. @param {import("../main.js").App} app */
 function backButton(app) {
-  const title = "From a feed hold back along what was passed with G500";
-  const element = button({ onclick: () => app.command("back_trace", { on: true }) }, icon("back"), "Back trace");
+  const title = t("by_hand.from_a_feed_hold_back");
+  const element = button({ onclick: () => app.command("back_trace", { on: true }) }, icon("back"), t("by_hand.back_trace"));
   const render = () => {
     const isAtEnd = app.model.current?.state?.reason === "BACK_TRACE_END";
-    disableFor(element, isAtEnd ? "The way back ends here." : whyNot(app.model, "back_trace"), title);
+    disableFor(element, isAtEnd ? t("by_hand.the_way_back_ends_here") : whyNot(app.model, "back_trace"), title);
   };
   return { element, render };
 }
 
 /**
  * A few values, one of which is chosen, or one's own.
- * @param {string} label
- * @param {string} unit
+ * @param {[string, string]} names what is chosen, and a value of one's own
  * @param {number[]} values
  * @param {number} first
  * @param {number} max
  * @param {(value: number) => string} text
  */
-function choice(label, unit, values, first, max, text) {
+function choice([label, ownLabel], values, first, max, text) {
   let value = first;
-  const own = h("input", { type: "number", class: "input own", min: 0, max, step: "any", "aria-label": `Own ${label.toLowerCase()}`, placeholder: "own" });
+  const own = h("input", { type: "text", inputmode: "decimal", class: "input own", autocomplete: "off", "aria-label": ownLabel, placeholder: t("by_hand.own") });
   const choose = (/** @type {number} */ next) => {
     value = next;
     for (const [at, one] of buttons.entries()) setAttr(one, "aria-checked", String(values[at] === value));
@@ -147,7 +147,10 @@ function choice(label, unit, values, first, max, text) {
   };
   const buttons = values.map((one) => button({ class: "button pick", role: "radio", onclick: () => choose(one) }, text(one)));
   own.addEventListener("input", () => {
-    if (own.value !== "" && own.valueAsNumber > 0 && own.valueAsNumber <= max) choose(own.valueAsNumber);
+    const typed = readNumber(own.value);
+    const isRight = typed > 0 && typed <= max;
+    setAttr(own, "aria-invalid", own.value !== "" && !isRight);
+    if (isRight) choose(typed);
   });
   const name = h("span", { class: "label" });
   const element = h("div", { class: "choice", role: "radiogroup" }, name, ...buttons, own);
@@ -155,10 +158,10 @@ function choice(label, unit, values, first, max, text) {
   return {
     element,
     value: () => value,
-    /** @param {string} now the unit */
-    render(now = unit) {
-      setText(name, `${label}, ${now}`);
-      setAttr(element, "aria-label", `${label}, ${now}`);
+    /** @param {string} unit */
+    render(unit) {
+      setText(name, `${label}, ${unit}`);
+      setAttr(element, "aria-label", `${label}, ${unit}`);
     },
   };
 }

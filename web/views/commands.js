@@ -4,16 +4,17 @@
 import { button, h } from "../dom.js";
 import { programName } from "../format.js";
 import { icon } from "../icons.js";
+import { listed, t } from "../language.js";
 import { disableFor, startVerb, whyNot } from "../why_not.js";
 
 /** @type {{verb: import("../types.d.ts").Verb, label: string, icon: string, says: string}[]} */
 const COMMANDS = [
-  { verb: "start", label: "Start", icon: "play", says: "Cycle start: begins the program, or goes on after a pause" },
-  { verb: "hold", label: "Hold", icon: "pause", says: "Feed hold" },
-  { verb: "resume", label: "Resume", icon: "resume", says: "Goes on after a pause" },
-  { verb: "stop", label: "Stop", icon: "stop", says: "Slows down on the path and ends the run" },
-  { verb: "reset", label: "Reset", icon: "reset", says: "Ends the run, cancels open M codes, clears alarms" },
-  { verb: "abort", label: "Abort", icon: "abort", says: "Brakes each motor at once and ends the run" },
+  { verb: "start", label: t("commands.start"), icon: "play", says: t("commands.cycle_start_begins_the_program") },
+  { verb: "hold", label: t("commands.hold"), icon: "pause", says: t("commands.feed_hold") },
+  { verb: "resume", label: t("commands.resume"), icon: "resume", says: t("commands.goes_on_after_a_pause") },
+  { verb: "stop", label: t("commands.stop"), icon: "stop", says: t("commands.slows_down_on_the_path") },
+  { verb: "reset", label: t("commands.reset"), icon: "reset", says: t("commands.ends_the_run_cancels_open") },
+  { verb: "abort", label: t("commands.abort"), icon: "abort", says: t("commands.brakes_each_motor_at_once") },
 ];
 /** States in which a reset throws a run away. */
 const IN_RUN = new Set(["WAIT", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED"]);
@@ -31,7 +32,7 @@ export const commands = {
         disableFor(one, whyNot(app.model, verb === "start" ? startVerb(app.model) : verb), says);
       }
     };
-    const element = h("div", { class: "commands", role: "group", "aria-label": "Commands" }, ...buttons.map((one) => one.element));
+    const element = h("div", { class: "commands", role: "group", "aria-label": t("commands.commands") }, ...buttons.map((one) => one.element));
     return { element, render };
   },
 };
@@ -43,12 +44,11 @@ export async function press(app, verb) {
   const state = model.current?.state;
   if (verb === "reset" && state && IN_RUN.has(state.execution)) {
     const open = model.current?.pending?.outputs.map((output) => `M${output.m}`) ?? [];
-    const run = state.run_kind === "mdi" ? "the MDI run" : `the run of ${programName(state.program)}`;
     const sure = await app.confirm({
-      title: `End ${run}?`,
-      text: `Reset ends it for good${open.length > 0 ? `, cancels ${open.join(", ")}` : ""}, and the next Start begins at the head.`,
-      yes: "End the run",
-      no: "Keep the run",
+      title: state.run_kind === "mdi" ? t("commands.end_mdi") : t("commands.end_program", { program: programName(state.program) }),
+      text: open.length > 0 ? t("commands.ends_and_cancels", { codes: listed(open) }) : t("commands.ends"),
+      yes: t("commands.end_the_run"),
+      no: t("commands.keep_the_run"),
     });
     if (!sure) return;
   }

@@ -2,6 +2,7 @@
 
 import { button, h, setAttr, setText } from "../dom.js";
 import { icon } from "../icons.js";
+import { sentences, t } from "../language.js";
 
 /** @type {import("../main.js").View} */
 export const connectionBanner = {
@@ -13,7 +14,7 @@ export const connectionBanner = {
       app.retry();
       app.invalidate();
     };
-    const retry = button({ onclick }, "Try now");
+    const retry = button({ onclick }, t("connection.try_now"));
     const element = h("div", { class: "offline", role: "alert", hidden: true }, icon("unlink"), text, retry);
     let since = Date.now();
     let asked = false;
@@ -26,9 +27,8 @@ export const connectionBanner = {
       // the first connection takes a moment, which is normal
       setAttr(element, "hidden", online || Date.now() - since < 400);
       const left = retryAt === null || asked ? 0 : Math.ceil((retryAt - Date.now()) / 1000);
-      const next = left > 0 ? `Trying again in ${left} s.` : "Trying again now.";
-      const old = bootId === null ? "" : " The values on the screen are old.";
-      setText(text, `Not connected to the machine.${old} ${next}`);
+      const next = left > 0 ? t("connection.again_in", { seconds: left }) : t("connection.again_now");
+      setText(text, sentences(t("connection.lost"), bootId !== null && t("connection.old"), next));
     };
     return { element, render };
   },

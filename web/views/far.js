@@ -3,6 +3,7 @@
 import { fill, h, setAttr, setText } from "../dom.js";
 import { position, programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
+import { t } from "../language.js";
 import { brief, look, sentence } from "../sentence.js";
 import { scaleOf } from "../units.js";
 import { axesOf } from "../model.js";
@@ -19,7 +20,7 @@ export const far = {
     const said = h("p", { class: "far-sentence" });
     const program = h("p", { class: "far-program" });
     const axes = h("dl", { class: "far-axes" });
-    const element = h("section", { class: "far", "aria-label": "From three metres" }, h("div", { class: "far-state" }, sign, word), said, axes, program);
+    const element = h("section", { class: "far", "aria-label": t("far.from_three_metres") }, h("div", { class: "far-state" }, sign, word), said, axes, program);
     /** @type {[string, HTMLElement][]} */
     let cells = [];
     let shown = "";
@@ -42,8 +43,8 @@ export const far = {
       setText(said, brief(sentence(system, model.alarms, (ts) => model.ageMs(ts)), SENTENCE_CHARS));
       for (const [axis, cell] of cells) setText(cell, position(system.position?.work[axis], scaleOf(model, axis)));
       const title = model.programs?.find((one) => one.number === system.state?.program)?.title ?? "";
-      const line = system.place?.line ? `  line ${system.place.line}` : "";
-      setText(program, system.state.program === null ? "No program" : `${programName(system.state.program)} ${brief(title, 40)}${line}`);
+      const line = system.place?.line ? `  ${t("common.line", { line: system.place.line })}` : "";
+      setText(program, system.state.program === null ? t("far.no_program") : `${programName(system.state.program)} ${brief(title, 40)}${line}`);
     };
     return { element, render };
   },

@@ -2,6 +2,7 @@
 
 import { button, card, h, setAttr, setText } from "../dom.js";
 import { position, whole } from "../format.js";
+import { t } from "../language.js";
 import { lengthScale, unitOf } from "../units.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
@@ -19,14 +20,14 @@ export const feed = {
     const feedUnit = h("span", { class: "unit" });
     const speed = h("output", { class: "big" });
     const commanded = h("span", { class: "small" });
-    const spindleBox = h("div", { class: "reading" }, h("span", { class: "label" }, "Spindle"), h("div", {}, speed, h("span", { class: "unit" }, "r/min")), commanded);
+    const spindleBox = h("div", { class: "reading" }, h("span", { class: "label" }, t("feed.spindle")), h("div", {}, speed, h("span", { class: "unit" }, t("unit.rpm"))), commanded);
     const readings = h(
       "div",
       { class: "readings" },
-      h("div", { class: "reading" }, h("span", { class: "label" }, "Feedrate"), h("div", {}, feedrate, feedUnit), programmed),
+      h("div", { class: "reading" }, h("span", { class: "label" }, t("feed.feedrate")), h("div", {}, feedrate, feedUnit), programmed),
       spindleBox,
     );
-    const sliders = [override(app, "feed", "Feed", 200), override(app, "rapid", "Rapid", 100), override(app, "spindle", "Spindle", 200)];
+    const sliders = [override(app, "feed", t("feed.feed"), 200), override(app, "rapid", t("feed.rapid"), 100), override(app, "spindle", t("feed.spindle"), 200)];
     const render = () => {
       const system = app.model.current;
       const scale = lengthScale(unitOf(system));
@@ -39,7 +40,7 @@ export const feed = {
       setAttr(spindleBox, "hidden", system !== null && system.info.spindle === null);
       for (const slider of sliders) slider.render();
     };
-    return { element: card("feed-card", "Feed and speed", [], readings, ...sliders.map((s) => s.element)), render };
+    return { element: card("feed-card", t("feed.feed_and_speed"), [], readings, ...sliders.map((s) => s.element)), render };
   },
 };
 
@@ -50,7 +51,7 @@ export const feed = {
  * @param {number} max percent
  */
 function override(app, which, label, max) {
-  const slider = h("input", { type: "range", min: 0, max, step: 5, "aria-label": `${label} override, percent` });
+  const slider = h("input", { type: "range", min: 0, max, step: 5, "aria-label": t("feed.override_percent", { label }) });
   const value = h("output", { class: "override-value" });
   let ownUntil = 0;
   let ownCs = 0;
@@ -74,15 +75,15 @@ function override(app, which, label, max) {
   slider.addEventListener("input", () => set(Number(slider.value)));
   const step = (/** @type {number} */ by) => set(Math.min(max, Math.max(0, Number(slider.value) + by)));
   const key = (/** @type {string} */ text, /** @type {string} */ says, /** @type {() => void} */ onclick) =>
-    button({ class: "button small", "aria-label": `${label} override: ${says}`, onclick }, text);
+    button({ class: "button small", "aria-label": t("feed.override", { label, change: says }), onclick }, text);
   const element = h(
     "div",
     { class: "override" },
     h("span", { class: "label" }, label),
-    key("−", "10 percent less", () => step(-10)),
+    key("−", t("feed.10_percent_less"), () => step(-10)),
     slider,
-    key("+", "10 percent more", () => step(10)),
-    button({ class: "button small value", "aria-label": `${label} override: 100 percent`, title: "Set to 100 percent", onclick: () => set(100) }, value),
+    key("+", t("feed.10_percent_more"), () => step(10)),
+    button({ class: "button small value", "aria-label": t("feed.override_100_percent", { label }), title: t("feed.set_to_100_percent"), onclick: () => set(100) }, value),
   );
   const render = () => {
     const system = app.model.current;
@@ -90,7 +91,7 @@ function override(app, which, label, max) {
     if (percent !== undefined && (Date.now() > ownUntil || ownCs !== app.model.selected)) slider.value = String(percent);
     setText(value, percent === undefined ? "–" : `${Math.round(Number(slider.value))} %`);
     setAttr(value, "data-changed", percent !== undefined && Number(slider.value) !== 100);
-    setAttr(slider, "aria-valuetext", `${slider.value} percent`);
+    setAttr(slider, "aria-valuetext", t("feed.percent", { percent: slider.value }));
     setAttr(element, "hidden", which === "spindle" && system !== null && system.info.spindle === null);
     disableFor(slider, whyNotNow(app.model));
   };

@@ -3,10 +3,11 @@
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { openHistory } from "../history/dialog.js";
 import { icon, setIcon } from "../icons.js";
+import { t } from "../language.js";
 import { look } from "../sentence.js";
 import { showShortcuts, toggleFar } from "../shortcuts.js";
 import { theme, toggleTheme } from "../theme.js";
-import { chosenUnits, nextUnits, unitOf } from "../units.js";
+import { chosenUnits, lengthScale, nextUnits, unitOf } from "../units.js";
 import { userButton } from "../user.js";
 
 /** @type {import("../main.js").View} */
@@ -14,9 +15,9 @@ export const header = {
   place: "header",
   create(app) {
     const machine = h("span", { class: "machine" }, "Tandem");
-    const tabs = h("div", { class: "tabs", role: "tablist", "aria-label": "Coordinate systems" });
+    const tabs = h("div", { class: "tabs", role: "tablist", "aria-label": t("header.coordinate_systems") });
     const linkIcon = icon("unlink");
-    const linkText = h("span", {}, "Connecting");
+    const linkText = h("span", {}, t("header.connecting"));
     const link = h("span", { class: "link" }, linkIcon, linkText);
     const onclick = () => {
       toggleTheme();
@@ -28,9 +29,9 @@ export const header = {
       app.invalidate();
     };
     const unitsButton = button({ class: "icon-button units", onclick: onUnits });
-    const farButton = button({ class: "icon-button", "aria-label": "Read from three metres", title: "Read from three metres (F)", onclick: () => toggleFar(app) }, icon("far"));
-    const historyButton = button({ class: "icon-button", "aria-label": "History", title: "History (T)", onclick: () => openHistory(app) }, icon("history"));
-    const helpButton = button({ class: "icon-button help", "aria-label": "Shortcuts", title: "Shortcuts (?)", onclick: showShortcuts }, "?");
+    const farButton = button({ class: "icon-button", "aria-label": t("header.read_from_three_metres"), title: t("header.read_from_three_metres_key"), onclick: () => toggleFar(app) }, icon("far"));
+    const historyButton = button({ class: "icon-button", "aria-label": t("header.history"), title: t("header.history_key"), onclick: () => openHistory(app) }, icon("history"));
+    const helpButton = button({ class: "icon-button help", "aria-label": t("header.shortcuts"), title: t("header.shortcuts_key"), onclick: showShortcuts }, "?");
     const user = userButton(app);
     /** @type {Map<number, ReturnType<typeof tab>>} */
     let shown = new Map();
@@ -58,16 +59,16 @@ export const header = {
       }
       for (const [cs, one] of shown) one.render(model, cs === model.selected);
       setIcon(linkIcon, model.online ? "link" : "unlink");
-      setText(linkText, model.online ? "Connected" : "Not connected");
+      setText(linkText, model.online ? t("header.connected") : t("header.not_connected"));
       setAttr(link, "data-online", String(model.online));
       user.render();
-      const unit = unitOf(model.current) === "inch" ? "in" : "mm";
+      const { unit } = lengthScale(unitOf(model.current));
       setText(unitsButton, unit);
-      const says = `Units: ${unit}${chosenUnits() === "auto" ? ", as the program has them" : ""}`;
+      const says = t(chosenUnits() === "auto" ? "header.units_of_program" : "header.units", { unit });
       setAttr(unitsButton, "aria-label", says);
       setAttr(unitsButton, "title", says);
       setAttr(unitsButton, "data-chosen", chosenUnits() !== "auto");
-      setAttr(themeButton, "aria-label", theme() === "dark" ? "Use light colours" : "Use dark colours");
+      setAttr(themeButton, "aria-label", theme() === "dark" ? t("header.use_light_colours") : t("header.use_dark_colours"));
     };
     return { element: h("div", { class: "bar" }, machine, tabs, h("span", { class: "spring" }), link, h("div", { class: "bar-tools" }, user.element, historyButton, unitsButton, farButton, themeButton, helpButton)), render };
   },
@@ -82,7 +83,7 @@ function tab(cs, select) {
   const alarms = h("span", { class: "tab-alarms" }, count, unit);
   const element = button(
     { class: "tab", role: "tab", id: `tab-${cs}`, "aria-controls": "panel", onclick: select },
-    h("span", { class: "tab-name" }, `CS ${cs}`),
+    h("span", { class: "tab-name" }, t("common.cs", { cs })),
     h("span", { class: "badge" }, sign, word),
     alarms,
   );
@@ -99,9 +100,9 @@ function tab(cs, select) {
       setText(word, text);
       const active = state?.alarm_count ?? 0;
       setText(count, String(active));
-      setText(unit, active === 1 ? "\u00a0alarm" : "\u00a0alarms");
+      setText(unit, `\u00a0${t("header.alarms", { count: active })}`);
       setAttr(alarms, "hidden", active === 0);
-      setAttr(element, "title", `Coordinate system ${cs}: ${text}`);
+      setAttr(element, "title", t("header.coordinate_system", { cs, text }));
     },
   };
 }

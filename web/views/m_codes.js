@@ -3,17 +3,18 @@
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { duration, params, plain, programName } from "../format.js";
 import { icon } from "../icons.js";
+import { t } from "../language.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
 /** @type {Record<string, string>} */
-const STATES = { QUEUED: "queued", OUTPUT: "no handler yet", CLAIMED: "in work" };
+const STATES = { QUEUED: t("m_codes.queued"), OUTPUT: t("m_codes.no_handler"), CLAIMED: t("m_codes.in_work") };
 
 /** @type {import("../main.js").View} */
 export const mCodes = {
   place: "now",
   create(app) {
     const count = h("span", { class: "muted" });
-    const list = h("ul", { class: "list", "aria-label": "Open M codes" });
+    const list = h("ul", { class: "list", "aria-label": t("elements.open_m_codes") });
     /** @type {Map<string, ReturnType<typeof entry>>} */
     let shown = new Map();
 
@@ -31,9 +32,9 @@ export const mCodes = {
         const output = outputs[i];
         if (output) shown.get(key)?.render(output);
       }
-      setText(count, outputs.length > 0 ? `${outputs.length} open` : model.current?.pending ? "No M code is open." : "");
+      setText(count, outputs.length > 0 ? t("m_codes.open", { count: outputs.length }) : model.current?.pending ? t("elements.no_m_code_is_open") : "");
     };
-    return { element: card("m-codes-card", "M codes", [count], list), render };
+    return { element: card("m-codes-card", t("m_buttons.m_codes"), [count], list), render };
   },
 };
 
@@ -50,10 +51,10 @@ function entry(app, seq) {
     const { selected, bootId } = app.model;
     void app.attempt(() => app.api.redeliver(selected, bootId ?? "", seq, how));
   };
-  const reset = button({ class: "button reset-output", onclick: () => void confirmByHand(app, output) }, icon("done"), "Confirm");
-  const redo = button({ onclick: () => redeliver("redo") }, "Redo");
-  const verify = button({ onclick: () => redeliver("verify") }, "Verify");
-  const redeliveries = h("span", { class: "row", role: "group", "aria-label": "Redeliver" }, redo, verify);
+  const reset = button({ class: "button reset-output", onclick: () => void confirmByHand(app, output) }, icon("done"), t("m_codes.confirm"));
+  const redo = button({ onclick: () => redeliver("redo") }, t("m_codes.redo"));
+  const verify = button({ onclick: () => redeliver("verify") }, t("m_codes.verify"));
+  const redeliveries = h("span", { class: "row", role: "group", "aria-label": t("m_codes.redeliver") }, redo, verify);
   const asked = question(app, seq);
   const element = h(
     "li",
@@ -71,22 +72,23 @@ function entry(app, seq) {
     const { model } = app;
     const said = declared(model, now.m);
     setText(name, `M${now.m}${said?.name ? ` ${said.name}` : ""}`);
-    setText(badge, now.lost ? "handler lost" : (STATES[now.state] ?? now.state));
+    setText(badge, now.lost ? t("reason.HANDLER_LOST") : (STATES[now.state] ?? now.state));
     setAttr(badge, "data-tone", now.lost ? "attention" : now.state === "CLAIMED" ? "wait" : "ready");
     setText(age, duration(model.ageMs(now.since)));
     setText(given, inWords(now.params, said?.params));
-    setText(from, `${programName(now.program)} line ${now.line} · seq ${now.seq}${now.attempt > 1 ? ` · attempt ${now.attempt}` : ""}`);
+    const where = t("common.program_line", { program: programName(now.program), line: now.line });
+    setText(from, [where, `seq ${now.seq}`, now.attempt > 1 && t("m_codes.attempt", { attempt: now.attempt })].filter(Boolean).join(" · "));
     setText(handler, now.lost ? lostText(now) : handlerText(now));
     setAttr(handler, "hidden", !handler.textContent);
     setAttr(bar, "hidden", now.progress?.percent === undefined);
     if (now.progress?.percent !== undefined) bar.value = now.progress.percent;
-    setAttr(bar, "aria-label", `Progress of M${now.m}`);
+    setAttr(bar, "aria-label", t("elements.progress_of_m", { m: now.m }));
     setAttr(redeliveries, "hidden", !now.lost);
-    setAttr(reset, "aria-label", `Confirm M${now.m} by hand`);
-    setAttr(redo, "aria-label", `Redeliver M${now.m}: do it again from the start`);
-    setAttr(verify, "aria-label", `Redeliver M${now.m}: look at the machine first`);
+    setAttr(reset, "aria-label", t("m_codes.confirm_m_by_hand", { m: now.m }));
+    setAttr(redo, "aria-label", t("m_codes.redeliver_m_do_it_again", { m: now.m }));
+    setAttr(verify, "aria-label", t("m_codes.redeliver_m_look_at_the", { m: now.m }));
     asked.render(now);
-    disableFor(reset, whyNotNow(model, "reset"), `M${now.m} is done: the program goes on`);
+    disableFor(reset, whyNotNow(model, "reset"), t("m_codes.m_is_done_the_program", { m: now.m }));
     for (const one of [redo, verify]) disableFor(one, whyNotNow(model));
   };
   return { element, render };
@@ -95,7 +97,7 @@ function entry(app, seq) {
 /** What the handler asks, with a button for each choice. @param {import("../main.js").App} app @param {number} seq */
 function question(app, seq) {
   const text = h("p", { class: "question" });
-  const choices = h("div", { class: "choices", role: "group", "aria-label": "Answer" });
+  const choices = h("div", { class: "choices", role: "group", "aria-label": t("common.answer") });
   const element = h("div", { class: "asked", hidden: true }, text, choices);
   let shown = "";
 
@@ -148,8 +150,8 @@ function handlerText({ handler_id, progress }) {
 
 /** @param {import("../types.d.ts").PendingOutput} output */
 function lostText({ how }) {
-  if (how) return `Waits for its handler, which is asked to ${how === "redo" ? "do it again" : "verify it"}.`;
-  return "Redo starts the handler anew; Verify lets it look at the machine first.";
+  if (how) return how === "redo" ? t("m_codes.waits_redo") : t("m_codes.waits_verify");
+  return t("m_codes.redo_starts_the_handler_anew");
 }
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput | null} output */
@@ -158,10 +160,10 @@ async function confirmByHand(app, output) {
   const { selected, bootId } = app.model;
   if (output.handler_id) {
     const sure = await app.confirm({
-      title: `Confirm M${output.m} by hand?`,
-      text: `Handler ${output.handler_id} is working on it. The program goes on at once, whether the machine has finished or not. The handler is told that its work is cancelled.`,
-      yes: `Confirm M${output.m}`,
-      no: "Keep waiting",
+      title: t("m_codes.ask_to_confirm", { m: output.m }),
+      text: t("m_codes.confirm_about", { handler: output.handler_id }),
+      yes: t("m_codes.confirm_m", { m: output.m }),
+      no: t("m_codes.keep_waiting"),
     });
     if (!sure) return;
   }

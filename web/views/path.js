@@ -4,6 +4,7 @@
 import { button, card, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
 import { icon } from "../icons.js";
+import { sentences, t } from "../language.js";
 import { machine } from "../machine.js";
 import { placeOf } from "../path/bytes.js";
 import { VIEW_NAMES } from "../path/camera.js";
@@ -55,10 +56,10 @@ class PathView {
     this.app = app;
     this.#rehearse = new Rehearse(app, () => this.#changed());
     this.#views = VIEW_NAMES.map((name) => button({ class: "button small", "aria-pressed": "false", onclick: () => this.#look(name) }, name));
-    const fit = button({ class: "button small", onclick: () => this.#fit() }, "Fit");
-    this.#clear = button({ class: "button small", onclick: () => this.#forgetTrail() }, icon("trash"), "Clear");
-    const tools = h("div", { class: "path-views", role: "group", "aria-label": "View of the path" }, ...this.#views, fit);
-    this.element = card("path-card", "Path", [this.#clear, tools], this.#box, this.#rehearse.element);
+    const fit = button({ class: "button small", onclick: () => this.#fit() }, t("path.fit"));
+    this.#clear = button({ class: "button small", onclick: () => this.#forgetTrail() }, icon("trash"), t("path.clear"));
+    const tools = h("div", { class: "path-views", role: "group", "aria-label": t("path.view_of_the_path") }, ...this.#views, fit);
+    this.element = card("path-card", t("path.path"), [this.#clear, tools], this.#box, this.#rehearse.element);
     // what tests and the console may ask
     Object.assign(this.#canvas, { statistics: () => this.#picture.statistics });
     follow(this.#canvas, this.#picture.camera, { changed: () => this.#changed(), click: (x, y) => this.#click(x, y), fit: () => this.#fit() });
@@ -90,18 +91,18 @@ class PathView {
   #say(system) {
     const { path: plan, error } = this.#loader;
     const texts = [this.#picture.trouble || error];
-    if (plan && !plan.complete) texts.push(`Planning: ${plan.chunks.length ? "what is known so far is drawn." : "soon to be drawn."}`);
-    if (plan?.cut) texts.push("The program is longer than what is drawn.");
+    if (plan && !plan.complete) texts.push(plan.chunks.length ? t("path.planning_drawn") : t("path.planning"));
+    if (plan?.cut) texts.push(t("path.the_program_is_longer_than"));
     if (plan && Number.isFinite(plan.dependsAt)) {
       const { program, line } = placeOf(plan.dependsWord, plan.programs);
-      texts.push(`Dashed from line ${line}${program === system.state?.program ? "" : ` of program ${program}`} on: ${plan.why}.`);
+      texts.push(program === system.state?.program ? t("path.dashed", { line, text: plan.why }) : t("path.dashed_of", { line, program, text: plan.why }));
     }
-    const text = texts.filter(Boolean).join(" ");
+    const text = sentences(...texts);
     setText(this.#note, text);
     setAttr(this.#note, "hidden", text === "");
     const letters = Object.keys(system.info.axes).sort().filter((letter) => "XYZ".includes(letter));
     const where = letters.map((letter) => `${letter} ${position(system.position?.machine[letter])}`).join(", ");
-    this.#canvas.setAttribute("aria-label", `Path of the tool; now at ${where}`);
+    setAttr(this.#canvas, "aria-label", t("path.tool_at", { place: where }));
   }
 
   #changed() {

@@ -3,6 +3,7 @@
 
 import { card, fill, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
+import { t } from "../language.js";
 import { axesOf } from "../model.js";
 import { scaleOf } from "../units.js";
 
@@ -14,7 +15,7 @@ export const positions = {
   place: "left",
   create(app) {
     const body = h("tbody", {});
-    const head = ["Axis", "Work", "Machine", "To go"].map((text) => h("th", { scope: "col" }, text));
+    const head = [t("positions.axis"), t("positions.work"), t("positions.machine"), t("positions.to_go")].map((text) => h("th", { scope: "col" }, text));
     const table = h("table", { class: "positions" }, h("thead", {}, h("tr", {}, ...head)), body);
     /** @type {{axis: string, unit: HTMLElement, work: HTMLElement, machine: HTMLElement, toGo: HTMLElement}[]} */
     let rows = [];
@@ -43,11 +44,11 @@ export const positions = {
         setText(work, position(system.position?.work[axis], scale));
         setText(machine, position(system.position?.machine[axis], scale));
         const left = system.position?.distance_to_go[axis];
-        setText(toGo, isJog && left !== 0 ? "jog" : position(left, scale));
+        setText(toGo, isJog && left !== 0 ? t("positions.jog") : position(left, scale));
       }
       setAttr(table, "data-long", rows.some(({ work, machine }) => [work, machine].some((cell) => (cell.textContent ?? "").length > LONG_POSITION)));
     };
-    const element = card("positions-card", "Position", [], h("div", { class: "positions-box" }, table));
+    const element = card("positions-card", t("positions.position"), [], h("div", { class: "positions-box" }, table));
     return { element, render };
   },
 };

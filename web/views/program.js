@@ -4,6 +4,7 @@
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { explain } from "../explain.js";
 import { programName, shortHash } from "../format.js";
+import { t } from "../language.js";
 import { NcText } from "../nc_text.js";
 import { openLineStart } from "../start_line.js";
 import { disableFor, whyNot } from "../why_not.js";
@@ -26,13 +27,13 @@ class ProgramView {
   #place = h("span", {});
   #hash = h("span", { class: "hash" });
   #stack = h("span", { class: "muted stack" }, this.#calls, this.#place, this.#hash);
-  #follow = button({ class: "button small", "aria-pressed": "true", onclick: () => this.#setFollowing(!this.#following) }, "Follow");
+  #follow = button({ class: "button small", "aria-pressed": "true", onclick: () => this.#setFollowing(!this.#following) }, t("program.follow"));
   #start = button({ class: "button small", hidden: true, onclick: () => this.#chosen && openLineStart(this.app, this.#chosen) });
   #spacer = h("div", { class: "spacer" });
   #rows = h("ol", { class: "rows" });
-  #view = h("div", { class: "program-text", tabindex: 0, role: "region", "aria-label": "Program text" }, this.#spacer, this.#rows);
+  #view = h("div", { class: "program-text", tabindex: 0, role: "region", "aria-label": t("editor.program_text") }, this.#spacer, this.#rows);
   #note = h("p", { class: "empty" });
-  element = card("program-card", "Program", [this.#stack, this.#start, this.#follow], this.#view, this.#note);
+  element = card("program-card", t("program.program"), [this.#stack, this.#start, this.#follow], this.#view, this.#note);
 
   /** The last requested text, and the result. @type {{key: string, text: NcText | null, error: string}} */
   #loaded = { key: "", text: null, error: "" };
@@ -78,7 +79,7 @@ class ProgramView {
     const number = place?.number ?? system?.state?.program ?? null;
     // a program may have changed before a load or a start, so it is read again then
     const key = `${model.bootId} ${model.selected} ${number} ${system?.state?.run_id} ${system?.state?.program} ${system?.state?.hash}`;
-    if (number === null) this.#loaded = { key, text: null, error: system?.state ? "No program is loaded." : "" };
+    if (number === null) this.#loaded = { key, text: null, error: system?.state ? t("elements.no_program_is_loaded") : "" };
     else if (key !== this.#loaded.key || (model.online && Date.now() > this.#againAt)) void this.#read(number, key);
     const { text, error } = this.#loaded;
     setText(this.#note, error);
@@ -87,7 +88,8 @@ class ProgramView {
     setAttr(this.#follow, "aria-pressed", String(this.#following));
     setText(this.#calls, callers(place));
     const o = number === system?.state?.program ? system?.state?.o_number : null;
-    setText(this.#place, number === null ? "" : `${programName(number)}${own(o)}${place?.line ? ` line ${place.line}` : ""}`);
+    const program = own(number, o);
+    setText(this.#place, number === null ? "" : place?.line ? t("common.program_line", { program, line: place.line }) : program);
     const hash = number !== null && number === system?.state?.program ? system.state.hash : null;
     setText(this.#hash, hash ? shortHash(hash) : "");
     setAttr(this.#stack, "title", `${this.#calls.textContent}${this.#place.textContent}${hash ? `\nSHA-256 ${hash}` : ""}`);
@@ -102,8 +104,8 @@ class ProgramView {
     const { chosen } = this.app.model;
     const line = chosen?.program === this.#number ? chosen.line : 0;
     setAttr(this.#start, "hidden", runs || line === 0);
-    setText(this.#start, `Start at line ${line}…`);
-    disableFor(this.#start, whyNot(this.app.model, "start"), "Shows what is in force there before anything moves");
+    setText(this.#start, `${t("start_line.title", { line })}…`);
+    disableFor(this.#start, whyNot(this.app.model, "start"), t("program.shows_what_is_in_force"));
   }
 
   /** Brings a block that was chosen on the path into view. @param {NcText | null} text */
@@ -190,19 +192,19 @@ function row(number, text, running, interpreted, chosen) {
   const parts = text.parts(number).map(({ kind, text: part }) => (kind ? h("span", { class: `nc-${kind}` }, part) : part));
   return h(
     "li",
-    { class: "line", "aria-current": is ? "step" : null, "data-interpreted": ahead, "data-chosen": number === chosen, title: ahead ? "The program has been read ahead to this line" : null },
+    { class: "line", "aria-current": is ? "step" : null, "data-interpreted": ahead, "data-chosen": number === chosen, title: ahead ? t("program.the_program_has_been_read") : null },
     h("span", { class: "mark", "aria-hidden": "true" }, is ? "▶" : ahead ? "◦" : ""),
     h("span", { class: "line-number" }, String(number)),
     h("code", {}, ...parts),
   );
 }
 
-/** The number that the text gives itself. @param {number | null | undefined} o */
-function own(o) {
-  return o === null || o === undefined ? "" : ` (in its text O${o})`;
+/** Its name, with the number that the text gives itself. @param {number | null} number @param {number | null | undefined} o */
+function own(number, o) {
+  return o === null || o === undefined ? programName(number) : t("program.own", { program: programName(number), o });
 }
 
 /** @param {import("../types.d.ts").ProgramPlaceMessage | null} place */
 function callers(place) {
-  return (place?.stack ?? []).map((site) => `${programName(site.program)} line ${site.line} › `).join("");
+  return (place?.stack ?? []).map((site) => `${t("common.program_line", { program: programName(site.program), line: site.line })} › `).join("");
 }

@@ -7,40 +7,42 @@ import { rename } from "../editor/rename.js";
 import { counts, showFindings } from "../findings.js";
 import { bytes, programName, shortHash } from "../format.js";
 import { icon } from "../icons.js";
+import { listed, t } from "../language.js";
 import { orderParts } from "../order.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
 
 /** @typedef {import("../types.d.ts").ProgramInfo} ProgramInfo */
 
 /** @type {Record<string, string>} */
-const SIGNATURES = { valid: "signed", missing: "not signed", wrong: "wrong signature" };
+const SIGNATURES = { valid: t("programs.signed"), missing: t("programs.not_signed"), wrong: t("programs.wrong_signature") };
 
 /** @type {Record<string, (a: ProgramInfo, b: ProgramInfo) => number>} */
 const ORDERS = {
-  "by number": (a, b) => a.number - b.number,
-  "by title": (a, b) => a.title.localeCompare(b.title),
-  "largest first": (a, b) => b.bytes - a.bytes,
-  "with findings first": (a, b) => b.errors - a.errors || b.warnings - a.warnings,
+  number: (a, b) => a.number - b.number,
+  title: (a, b) => a.title.localeCompare(b.title),
+  size: (a, b) => b.bytes - a.bytes,
+  findings: (a, b) => b.errors - a.errors || b.warnings - a.warnings,
 };
+const ORDER_NAMES = { number: t("programs.by_number"), title: t("programs.by_title"), size: t("programs.largest_first"), findings: t("programs.findings_first") };
 
 /** @type {import("../main.js").View} */
 export const programs = {
   place: "right",
-  panel: { name: "programs", title: "Programs" },
+  panel: { name: "programs", title: t("programs.programs") },
   create(app) {
-    const again = button({ class: "icon-button", "aria-label": "Read again", title: "Read again", onclick: () => void app.readPrograms() }, icon("reset"));
-    const picker = h("input", { type: "file", accept: ".nc,.txt,.cnc,.ngc,.tap,text/plain", hidden: true, "aria-label": "NC program file" });
+    const again = button({ class: "icon-button", "aria-label": t("common.read_again"), title: t("common.read_again"), onclick: () => void app.readPrograms() }, icon("reset"));
+    const picker = h("input", { type: "file", accept: ".nc,.txt,.cnc,.ngc,.tap,text/plain", hidden: true, "aria-label": t("programs.nc_program_file") });
     picker.addEventListener("change", () => {
       const file = picker.files?.[0];
       // the same file may be chosen again
       picker.value = "";
       if (file) void openFile(app, file);
     });
-    const file = button({ title: "Store an NC program of this computer, or drop it anywhere", onclick: () => picker.click() }, icon("file"), "Open file");
-    const search = h("input", { type: "search", class: "input grow", "aria-label": "Search programs", placeholder: "Search" });
-    const order = h("select", { class: "input", "aria-label": "Order of programs" }, ...Object.keys(ORDERS).map((name) => h("option", { value: name }, name)));
+    const file = button({ title: t("programs.store_an_nc_program_of"), onclick: () => picker.click() }, icon("file"), t("programs.open_file"));
+    const search = h("input", { type: "search", class: "input grow", "aria-label": t("programs.search_programs"), placeholder: t("programs.search") });
+    const order = h("select", { class: "input", "aria-label": t("programs.order_of_programs") }, ...Object.entries(ORDER_NAMES).map(([value, name]) => h("option", { value }, name)));
     for (const one of [search, order]) one.addEventListener("input", () => app.invalidate());
-    const list = h("ul", { class: "list", "aria-label": "Programs of the store" });
+    const list = h("ul", { class: "list", "aria-label": t("programs.programs_of_the_store") });
     const empty = h("p", { class: "empty" });
     takeDrops(app);
     let shown = "";
@@ -48,7 +50,7 @@ export const programs = {
       const { model } = app;
       const { programs: known, current } = model;
       const found = [...(known ?? [])].filter((program) => isFound(program, search.value)).sort(ORDERS[order.value]);
-      setText(empty, known === null ? "" : known.length === 0 ? "The store is empty." : `No program is called “${search.value}”.`);
+      setText(empty, known === null ? "" : known.length === 0 ? t("programs.the_store_is_empty") : t("programs.none_called", { search: search.value }));
       setAttr(empty, "hidden", known === null || found.length > 0);
       const key = JSON.stringify([found, current?.info.dialect]);
       if (key !== shown) {
@@ -62,7 +64,7 @@ export const programs = {
         const load = /** @type {HTMLButtonElement | null} */ (item.querySelector("button.load"));
         if (load) disableFor(load, why);
       }
-      disableFor(file, whyNotNow(model, "administrate"), "Store an NC program of this computer, or drop it anywhere");
+      disableFor(file, whyNotNow(model, "administrate"), t("programs.store_an_nc_program_of"));
     };
     const tools = h("div", { class: "programs-tools" }, search, order, file, again, picker);
     return { element: h("div", { class: "programs-card" }, tools, list, empty), render };
@@ -90,22 +92,22 @@ function entry(app, program) {
     await openEditor(app, { number, text, hash, dialect: program.dialect, found });
   });
   const onFindings = () => void app.attempt(async () => showFindings(number, await app.api.check(number)));
-  const load = button({ class: "button load", "aria-label": `Load ${name}`, onclick: onLoad }, icon("load"), "Load");
+  const load = button({ class: "button load", "aria-label": t("programs.load", { program: name }), onclick: onLoad }, icon("load"), t("programs.load_2"));
   const tool = (/** @type {string} */ says, /** @type {string} */ sign, /** @type {() => void} */ onclick) =>
-    button({ class: "icon-button", "aria-label": `${says} ${name}`, title: says, onclick }, icon(sign));
+    button({ class: "icon-button", "aria-label": says, title: says, onclick }, icon(sign));
   const found = counts(program.errors, program.warnings);
   const findings = button(
-    { class: "chip-button", "aria-label": `${found} in ${name}: show`, onclick: onFindings },
+    { class: "chip-button", "aria-label": t("programs.show_findings", { found, program: name }), onclick: onFindings },
     h("span", { class: "chip", "data-tone": program.errors > 0 ? "alarm" : "attention" }, found),
   );
-  const facts = [o === null || o === undefined ? "" : `O${o} in its text`, program.dialect === app.model.current?.info.dialect ? "" : program.dialect, bytes(program.bytes), shortHash(program.hash), SIGNATURES[program.signature ?? ""]];
+  const facts = [o === null || o === undefined ? "" : t("programs.own_number", { o }), program.dialect === app.model.current?.info.dialect ? "" : program.dialect, bytes(program.bytes), shortHash(program.hash), SIGNATURES[program.signature ?? ""]];
   return h(
     "li",
     { class: "stored", "data-number": number },
-    h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
-    h("p", { class: "muted title", title: program.title }, program.title || "no title"),
+    h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, t("programs.loaded")), found !== "" && findings),
+    h("p", { class: "muted title", title: program.title }, program.title || t("common.no_title")),
     h("p", { class: "muted title", title: `SHA-256 ${program.hash}` }, facts.filter(Boolean).join(" · ")),
-    h("div", { class: "row stored-tools" }, tool("Run parts of", "play", () => orderParts(app, program)), tool("Edit", "edit", onEdit), tool("Rename", "rename", () => rename(app, program)), tool("Save a copy of", "save", () => void download(app, number)), tool("Delete", "trash", () => void remove(app, program)), h("span", { class: "spring" }), load),
+    h("div", { class: "row stored-tools" }, tool(t("programs.run_parts", { program: name }), "play", () => orderParts(app, program)), tool(t("programs.edit", { program: name }), "edit", onEdit), tool(t("programs.rename", { program: name }), "rename", () => rename(app, program)), tool(t("programs.save_copy", { program: name }), "save", () => void download(app, number)), tool(t("programs.delete", { program: name }), "trash", () => void remove(app, program)), h("span", { class: "spring" }), load),
   );
 }
 
@@ -125,10 +127,10 @@ async function remove(app, { number, title, hash }) {
   if (why) return app.toast(why, "error");
   const name = programName(number);
   const sure = await app.confirm({
-    title: `Delete ${name}?`,
-    text: `${name}${title ? ` (${title})` : ""} is taken out of the store for good. Download it first if it is wanted again.`,
-    yes: `Delete ${name}`,
-    no: "Keep it",
+    title: t("programs.ask_to_delete", { program: name }),
+    text: t("programs.delete_about", { program: title ? `${name} (${title})` : name }),
+    yes: t("programs.delete", { program: name }),
+    no: t("programs.keep_it"),
   });
   if (!sure) return;
   await app.attempt(() => app.api.removeProgram(number, hash));
@@ -140,7 +142,7 @@ async function openFile(app, file) {
   try {
     await openEditor(app, { number: numberFor(file.name, app.model.programs ?? []), text: await file.text() });
   } catch {
-    app.toast(`${file.name} cannot be read.`, "error");
+    app.toast(t("programs.cannot_be_read", { file: file.name }), "error");
   }
 }
 
@@ -174,20 +176,20 @@ async function storeAll(app, files) {
   const planned = files.map((file) => ({ file, number: numberFor(file.name, known) }));
   const taken = planned.filter(({ number }) => known.some((program) => program.number === number));
   const twice = new Set(planned.map(({ number }) => number)).size < planned.length;
-  if (twice) return app.toast("Two of these files have the same number, or none. Open them one by one.", "error");
+  if (twice) return app.toast(t("programs.two_of_these_files_have"), "error");
   if (taken.length > 0) {
     const sure = await app.confirm({
-      title: `Replace ${taken.length} program${taken.length === 1 ? "" : "s"}?`,
-      text: `${taken.map(({ number }) => programName(number)).join(", ")} ${taken.length === 1 ? "is" : "are"} in the store already.`,
-      yes: "Replace",
-      no: "Store nothing",
+      title: t("programs.replace", { count: taken.length }),
+      text: t("programs.replace_about", { count: taken.length, programs: listed(taken.map(({ number }) => programName(number))) }),
+      yes: t("programs.replace_2"),
+      no: t("programs.store_nothing"),
     });
     if (!sure) return;
   }
   for (const { file, number } of planned) {
     await app.attempt(async () => {
       await app.api.storeProgram(number, await file.text(), "", app.model.current?.info.dialect ?? "");
-      app.toast(`${file.name} is stored as ${programName(number)}.`);
+      app.toast(t("programs.is_stored_as", { file: file.name, program: programName(number) }));
     });
   }
   await app.readPrograms();

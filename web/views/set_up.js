@@ -1,6 +1,7 @@
 // Setting up a part: work offsets with zero-set and touch-off by hand, the tool table, variables, and the machine's M codes.
 
 import { button, fill, h, setAttr } from "../dom.js";
+import { t } from "../language.js";
 import { mButtons } from "../set_up/m_buttons.js";
 import { offsets } from "../set_up/offsets.js";
 import { tools } from "../set_up/tools.js";
@@ -12,7 +13,7 @@ const SECTIONS = [offsets, tools, variables, mButtons];
 /** @type {import("../main.js").View} */
 export const setUp = {
   place: "right",
-  panel: { name: "set-up", title: "Set up" },
+  panel: { name: "set-up", title: t("set_up.set_up") },
   create(app) {
     const sections = SECTIONS.map(({ title, create }) => ({ title, section: create(app) }));
     let at = 0;
@@ -40,7 +41,7 @@ export const setUp = {
       for (const [number, pick] of picks.entries()) setAttr(pick, "aria-checked", String(number === at));
       section?.render();
     };
-    const element = h("div", { class: "set-up" }, h("div", { class: "choice", role: "radiogroup", "aria-label": "Set up" }, ...picks), place);
+    const element = h("div", { class: "set-up" }, h("div", { class: "choice", role: "radiogroup", "aria-label": t("set_up.set_up") }, ...picks), place);
     return { element, render };
   },
 };

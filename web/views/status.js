@@ -4,6 +4,7 @@ import { button, h, setAttr, setText } from "../dom.js";
 import { explain } from "../explain.js";
 import { programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
+import { t } from "../language.js";
 import { partsSaid } from "../order.js";
 import { announcement, asked, brief, look, sentence } from "../sentence.js";
 
@@ -21,13 +22,13 @@ export const status = {
     const said = h("p", { class: "sentence" });
     const detail = h("p", { class: "detail" });
     const note = h("p", { class: "load-note", role: "status", "data-tone": "attention" });
-    const why = button({ class: "button small why", onclick: () => void explain(asking) }, "Explain");
+    const why = button({ class: "button small why", onclick: () => void explain(asking) }, t("common.explain"));
     let asking = "";
-    const answer = button({ class: "button answer", hidden: true, onclick: showQuestion }, "Answer");
+    const answer = button({ class: "button answer", hidden: true, onclick: showQuestion }, t("common.answer"));
     const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
     const element = h(
       "section",
-      { class: "status", "aria-label": "State" },
+      { class: "status", "aria-label": t("status.state") },
       h("div", { class: "state-word" }, sign, word),
       h("div", { class: "said" }, said, note, detail),
       why,
@@ -40,7 +41,7 @@ export const status = {
       const state = system?.state;
       if (!system || !state) {
         setText(word, "…");
-        setText(said, "Waiting for the machine.");
+        setText(said, t("elements.waiting_for_the_machine"));
         return;
       }
       const { tone, icon: name, word: text } = look(state, system.pending?.outputs);
@@ -50,7 +51,7 @@ export const status = {
       setIcon(sign, name);
       setText(word, text);
       asking = state.transition ?? state.reason ?? state.execution;
-      setAttr(why, "aria-label", `Explain ${asking}`);
+      setAttr(why, "aria-label", t("explain.explain", { what: asking }));
       setAttr(word, "data-long", text.length > LONG_WORD);
       setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts)));
       setText(note, noteOfLoad(system));
@@ -91,12 +92,12 @@ function details({ state, modal, info, interlock, startLock, lease, runState }, 
   const ordered = partsSaid(runState?.run);
   if (ordered) parts.push(ordered);
   if (modal?.work_offset) parts.push(modal.work_offset);
-  if (modal && info.spindle !== null) parts.push(modal.tool === null ? "tool unknown" : modal.tool > 0 ? `T${modal.tool}` : "no tool");
-  if (state?.single_block) parts.push("single block");
-  if (interlock?.value) parts.push(lock("interlock", interlock));
-  if (startLock?.value) parts.push(lock("start lock", startLock));
-  if (lease?.holder) parts.push(`control lease: ${lease.holder}`);
-  if (state?.dry_run) parts.push("dry run");
+  if (modal && info.spindle !== null) parts.push(modal.tool === null ? t("status.tool_unknown") : modal.tool > 0 ? `T${modal.tool}` : t("status.no_tool"));
+  if (state?.single_block) parts.push(t("reason.SINGLE_BLOCK"));
+  if (interlock?.value) parts.push(lock(t("status.interlock"), interlock));
+  if (startLock?.value) parts.push(lock(t("status.start_lock"), startLock));
+  if (lease?.holder) parts.push(t("status.control_lease", { holder: lease.holder }));
+  if (state?.dry_run) parts.push(t("status.dry_run"));
   return parts.join("  ·  ");
 }
 

@@ -1,6 +1,7 @@
 // Inputs of the operator: single block, optional stop, block skip 1 to 9, and the locks.
 
 import { button, h, setAttr } from "../dom.js";
+import { t } from "../language.js";
 import { switchLock } from "../locks.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
@@ -8,10 +9,10 @@ import { disableFor, whyNotNow } from "../why_not.js";
 export const switches = {
   place: "footer",
   create(app) {
-    const optionalStop = toggle(app, "optional_stop", "Opt. stop", "Optional stop", (cs) => cs.optionalStop?.value ?? cs.state?.optional_stop);
-    const singleBlock = toggle(app, "single_block", "Single", "Single block", (cs) => cs.singleBlock?.value ?? cs.state?.single_block);
+    const optionalStop = toggle(app, "optional_stop", t("switches.opt_stop"), t("switches.optional_stop"), (cs) => cs.optionalStop?.value ?? cs.state?.optional_stop);
+    const singleBlock = toggle(app, "single_block", t("switches.single"), t("switches.single_block"), (cs) => cs.singleBlock?.value ?? cs.state?.single_block);
     const skips = Array.from({ length: 9 }, (_, i) => i + 1).map((number) =>
-      toggle(app, `optional_skip/${number}`, `/${number}`, `Skip blocks marked /${number}`, (cs) =>
+      toggle(app, `optional_skip/${number}`, `/${number}`, t("switches.skip", { number }), (cs) =>
         (cs.optionalSkip?.requested ?? cs.state?.optional_skip)?.includes(number),
       ),
     );
@@ -19,8 +20,8 @@ export const switches = {
     const element = h(
       "div",
       { class: "switches" },
-      h("div", { class: "row", role: "group", "aria-label": "Stops" }, singleBlock.element, optionalStop.element),
-      h("div", { class: "skips", role: "group", "aria-label": "Block skip" }, ...skips.map((s) => s.element)),
+      h("div", { class: "row", role: "group", "aria-label": t("switches.stops") }, singleBlock.element, optionalStop.element),
+      h("div", { class: "skips", role: "group", "aria-label": t("switches.block_skip") }, ...skips.map((s) => s.element)),
     );
     const render = () => {
       const most = SKIPS[app.model.current?.info.dialect ?? ""] ?? skips.length;
@@ -47,7 +48,7 @@ export function lockSwitch(app, input, says) {
 
 /** Blocks that are interpreted now move at the dry run feedrate. @param {import("../main.js").App} app */
 export function dryRunSwitch(app) {
-  return toggle(app, "dry_run", "Dry run", "Dry run", (cs) => cs.state?.dry_run);
+  return toggle(app, "dry_run", t("switches.dry_run"), t("switches.dry_run"), (cs) => cs.state?.dry_run);
 }
 
 /**
