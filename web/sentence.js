@@ -1,6 +1,7 @@
 // The state in the operator's words: one sentence that says what the machine waits for, or what to do next.
 
-import { duration, params, programName, rounded } from "./format.js";
+import { declared, inWords } from "./declared.js";
+import { duration, programName, rounded } from "./format.js";
 import { listed, sentences, t } from "./language.js";
 
 /**
@@ -102,9 +103,10 @@ const TRANSITIONS = {
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").AlarmRecord[]} alarms active ones of the machine
  * @param {((timestamp: string) => number) | null} ageMs how long ago that was; null: no time is told
+ * @param {import("./types.d.ts").BirthMessage | null} [birth] which declares what parameters of M codes mean
  * @returns {string}
  */
-export function sentence(system, alarms, ageMs) {
+export function sentence(system, alarms, ageMs, birth = null) {
   const { state, place } = system;
   if (!state) return t("sentence.waiting_for_the_state_of");
   if (state.transition) return TRANSITIONS[state.transition] ?? `${state.transition}.`;
@@ -119,7 +121,7 @@ export function sentence(system, alarms, ageMs) {
       if (state.reason === "BACK_TRACE") return t("sentence.goes_back_along_its_path", { line: place?.line ?? "?" });
       return place?.line ? t("sentence.program_runs_line", { program: programName(place.number), line: place.line }) : t("sentence.program_runs", { program });
     case "WAIT":
-      return waiting(system, ageMs);
+      return waiting(system, ageMs, birth);
     case "FEED_HOLD":
       if (state.reason === "BUS_LOST") return state.waiting_on ? t("sentence.bus_lost_in_m", { m: state.waiting_on.m }) : t("sentence.bus_lost");
       if (state.reason === "SERVO_LATE") return t("sentence.held_the_servo_was_late");
@@ -170,8 +172,9 @@ function cutShort(run) {
 /**
  * @param {import("./model.js").CoordinateSystem} system
  * @param {((timestamp: string) => number) | null} ageMs
+ * @param {import("./types.d.ts").BirthMessage | null} birth
  */
-function waiting({ state, pending }, ageMs) {
+function waiting({ info, state, pending }, ageMs, birth) {
   const on = state?.waiting_on;
   if (!state || !on) return t("sentence.waiting_until_every_output_of");
   const output = pending?.outputs.find((open) => open.seq === on.seq);
@@ -180,7 +183,7 @@ function waiting({ state, pending }, ageMs) {
     if (output?.how) return t("sentence.redelivered", { name });
     return t("sentence.handler_gone", { name });
   }
-  const what = listed([name, ...Object.entries(output?.params ?? {}).map(([letter, value]) => params({ [letter]: value }))]);
+  const what = listed([name, ...inWords(output?.params ?? {}, declared(birth, info.number, on.m)?.params)]);
   const waits = ageMs ? t("sentence.waits_since", { time: duration(ageMs(on.since)), what }) : t("sentence.waits", { what });
   const question = asked(state);
   if (question) return t("sentence.asks", { name, text: brief(question.text), m: on.m });
@@ -222,10 +225,11 @@ function stopped({ state, info, lastRun }, alarms) {
  * The text for a screen reader: it changes with the state and with what the machine waits for, but not every second.
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").AlarmRecord[]} alarms
+ * @param {import("./types.d.ts").BirthMessage | null} birth
  */
-export function announcement(system, alarms) {
+export function announcement(system, alarms, birth) {
   if (!system.state) return "";
-  const text = sentence(system, alarms, null);
+  const text = sentence(system, alarms, null, birth);
   const running = system.state.execution === "ACTIVE" && !system.state.transition;
   return sentences(t("sentence.announced", { cs: system.info.number, state: look(system.state).word }), !running && text);
 }

@@ -54,6 +54,16 @@ test("a long text keeps its beginning in the sentence, and what to do its place;
   for (const sentence of [alarm, asked]) assert.ok(sentence.length < 200, `${sentence.length} characters`);
 });
 
+test("a wait says parameters in the words in which they are declared, others as the program writes them", () => {
+  const output = { seq: 1, m: 60, params: { A: 5, B: 0.25 }, state: "OUTPUT", handler_id: null };
+  const waits = { execution: "WAIT", waiting_on: { m: 60, seq: 1, since: "2026-01-01T00:00:00Z" } };
+  const of = (birth) => sentence({ info: { number: 1 }, state: { ...STATE, ...waits }, pending: { outputs: [output] } }, [], () => 1000, birth);
+  const served = { m: 60, cs: [1], params: { A: { name: "force", unit: "kN" } } };
+  assert.equal(of({ serves: [served], m_codes: {} }), "Waiting 1 s for M60, force 5\u00a0kN, VB=0.25.");
+  assert.equal(of({ serves: [{ ...served, cs: [2] }], m_codes: { 60: { params: { B: { name: "depth" } } } } }), "Waiting 1 s for M60, VA=5, depth 0.25.");
+  assert.equal(of(null), "Waiting 1 s for M60, VA=5, VB=0.25.");
+});
+
 test("an alarm of another coordinate system is not taken for this one's", () => {
   const alarms = [{ severity: "alarm", number: 10007, text: "Clamp does not close", cs: 2 }];
   assert.equal(said({ execution: "STOPPED", reason: "ALARM" }, { alarms }), "Stopped by an alarm. Remove the cause, then press Reset.");

@@ -157,6 +157,23 @@ test("a held jog is refreshed under one name, and no more when the connection is
   expectErrors(/ERR_FAILED|WebSocket/);
 });
 
+test("a machine whose presence has grown too old is shown as lost, although its connection is open and speaks", async () => {
+  // nothing else is answered meanwhile
+  expectErrors(/ERR_FAILED/);
+  const presence = machine.topics.get("presence");
+  machine.say("presence", { ...presence, expires_ms: 700 });
+  machine.reachable = false;
+  const speaking = setInterval(() => machine.say("cs/1/position", machine.topics.get("cs/1/position")), 200);
+  try {
+    await page.getByText("Not connected to the machine. The values on the screen are old.").waitFor();
+  } finally {
+    clearInterval(speaking);
+  }
+  machine.reachable = true;
+  machine.say("presence", presence);
+  await page.getByText("Connected", { exact: true }).waitFor();
+});
+
 test("a refused jog says why, and ends", async () => {
   machine.answers.set("POST /cs/1/jog", { status: 409, body: { detail: "axis X is at its soft limit; jog the other way" } });
   await screen.openByHand();

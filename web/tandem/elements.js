@@ -33,7 +33,7 @@ class TandemState extends TandemElement {
     setAttr(this, "tone", tone);
     setIcon(this.#sign, name);
     setText(this.#word, word);
-    setText(this.#said, this.model.online ? sentence(system, this.model.alarms, (ts) => this.model.ageMs(ts)) : t("connection.lost"));
+    setText(this.#said, this.model.online ? sentence(system, this.model.alarms, (ts) => this.model.ageMs(ts), this.model.birth) : t("connection.lost"));
   }
 }
 

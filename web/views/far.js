@@ -40,7 +40,7 @@ export const far = {
       setAttr(element, "data-tone", tone);
       setIcon(sign, name);
       setText(word, text);
-      setText(said, brief(sentence(system, model.alarms, (ts) => model.ageMs(ts)), SENTENCE_CHARS));
+      setText(said, brief(sentence(system, model.alarms, (ts) => model.ageMs(ts), model.birth), SENTENCE_CHARS));
       for (const [axis, cell] of cells) setText(cell, position(system.position?.work[axis], scaleOf(model, axis)));
       const title = model.programs?.find((one) => one.number === system.state?.program)?.title ?? "";
       const line = system.place?.line ? `  ${t("common.line", { line: system.place.line })}` : "";

@@ -1,7 +1,8 @@
 // Open outputs: their M codes, handlers and age; questions, confirmation by hand and redelivery.
 
+import { declared, inWords } from "../declared.js";
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
-import { duration, params, plain, programName } from "../format.js";
+import { duration, programName } from "../format.js";
 import { icon } from "../icons.js";
 import { t } from "../language.js";
 import { disableFor, whyNotNow } from "../why_not.js";
@@ -70,12 +71,12 @@ function entry(app, seq) {
   const render = (now) => {
     output = now;
     const { model } = app;
-    const said = declared(model, now.m);
+    const said = declared(model.birth, model.selected, now.m);
     setText(name, `M${now.m}${said?.name ? ` ${said.name}` : ""}`);
     setText(badge, now.lost ? t("reason.HANDLER_LOST") : (STATES[now.state] ?? now.state));
     setAttr(badge, "data-tone", now.lost ? "attention" : now.state === "CLAIMED" ? "wait" : "ready");
     setText(age, duration(model.ageMs(now.since)));
-    setText(given, inWords(now.params, said?.params));
+    setText(given, inWords(now.params, said?.params).join("  "));
     const where = t("common.program_line", { program: programName(now.program), line: now.line });
     setText(from, [where, `seq ${now.seq}`, now.attempt > 1 && t("m_codes.attempt", { attempt: now.attempt })].filter(Boolean).join(" · "));
     setText(handler, now.lost ? lostText(now) : handlerText(now));
@@ -117,28 +118,6 @@ function question(app, seq) {
     for (const one of choices.querySelectorAll("button")) disableFor(one, whyNotNow(app.model));
   };
   return { element, render };
-}
-
-/**
- * What the sequence side, or else the configuration, says of an M code.
- * @param {import("../model.js").Model} model @param {number} m
- */
-function declared({ birth, selected }, m) {
-  const served = birth?.serves?.find((one) => one.m === m && one.cs.includes(selected) && (one.name || one.params));
-  return served ?? birth?.m_codes[m];
-}
-
-/**
- * Parameters in the words in which they are declared: `force 5 kN`; others as the program writes them.
- * @param {import("../types.d.ts").Params} given @param {NonNullable<import("../types.d.ts").MCodeDeclaration["params"]>} [said]
- */
-function inWords(given, said = {}) {
-  const words = Object.entries(given).map(([letter, value]) => {
-    const { name, unit } = said[/** @type {keyof typeof said} */ (letter)] ?? {};
-    const number = name ? `${name} ${plain(value)}` : params({ [letter]: value });
-    return unit ? `${number}\u00a0${unit}` : number;
-  });
-  return words.join("  ");
 }
 
 /** @param {import("../types.d.ts").PendingOutput} output */

@@ -53,11 +53,11 @@ export const status = {
       asking = state.transition ?? state.reason ?? state.execution;
       setAttr(why, "aria-label", t("explain.explain", { what: asking }));
       setAttr(word, "data-long", text.length > LONG_WORD);
-      setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts)));
+      setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts), model.birth));
       setText(note, noteOfLoad(system));
       setText(detail, details(system, model.programs));
       setAttr(answer, "hidden", state.transition !== null || !asked(state));
-      setText(live, announcement(system, model.alarms));
+      setText(live, announcement(system, model.alarms, model.birth));
     };
     return { element, render };
   },

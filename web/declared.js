@@ -1,0 +1,24 @@
+// What the sequence side, or else the configuration, says of an M code: its name, and what its parameters mean.
+
+import { params, plain } from "./format.js";
+
+/** @typedef {import("./types.d.ts").BirthMessage} BirthMessage */
+
+/** What is declared of an M code. @param {BirthMessage | null} birth @param {number} cs @param {number} m */
+export function declared(birth, cs, m) {
+  const served = birth?.serves?.find((one) => one.m === m && one.cs.includes(cs) && (one.name || one.params));
+  return served ?? birth?.m_codes[m];
+}
+
+/**
+ * Parameters in the words in which they are declared: `force 5 kN`; others as the program writes them.
+ * @param {import("./types.d.ts").Params} given @param {NonNullable<import("./types.d.ts").MCodeDeclaration["params"]>} [said]
+ * @returns {string[]}
+ */
+export function inWords(given, said = {}) {
+  return Object.entries(given).map(([letter, value]) => {
+    const { name, unit } = said[/** @type {keyof typeof said} */ (letter)] ?? {};
+    const number = name ? `${name} ${plain(value)}` : params({ [letter]: value });
+    return unit ? `${number}\u00a0${unit}` : number;
+  });
+}
