@@ -1,9 +1,10 @@
 //! A sequence program as a PLC scan, every 10 ms: `cargo run --example 08_scan_cycle`
 //! M20 VA runs a conveyor for VA mm, 2 mm in a scan; M21 waits for a part at its end, counts it in P200, and is an alarm
-//! when none comes within 8 s. M codes are flags with parameters, resets are written as flags, what takes time is a state.
+//! when none comes within 8 s. M codes are flags with parameters, resets are written as flags, what takes time is a timer.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
+use plc_api::function_blocks::OnDelay;
 use plc_api::{Alarm, SequenceProgram, scan::Image, scan::Reads, scan::ScanProgram};
 use std::time::Duration;
 use tandem_runtime::test::{Bench, TestError};
@@ -12,12 +13,11 @@ const PERIOD: Duration = Duration::from_millis(10);
 const STEP_MM: f64 = 2.0;
 
 /// What a PLC keeps from scan to scan. `belt_mm` stands for the encoder, `part` for the light barrier.
-#[derive(Default)]
 struct Conveyor {
     belt_mm: f64,
     moved_mm: f64,
     part_after_mm: f64,
-    waiting_since_s: Option<f64>,
+    too_long: OnDelay,
 }
 
 impl ScanProgram for Conveyor {
@@ -46,24 +46,22 @@ impl Conveyor {
     }
 
     fn wait_for_part(&mut self, image: &mut Image) {
-        if !image.is_on(1, 21) {
-            self.waiting_since_s = None;
-            return;
-        }
-        let since_s = *self.waiting_since_s.get_or_insert(image.time_s());
-        if self.belt_mm >= self.part_after_mm {
+        let waits = image.is_on(1, 21);
+        if self.too_long.update(waits, image.now()) {
+            image.fail(1, 21, Alarm::user(21, "no part at the end of the conveyor"));
+        } else if waits && self.belt_mm >= self.part_after_mm {
             image.set_p(200, image.p(200).unwrap_or(0.0) + 1.0);
             image.reset(1, 21);
-        } else if image.time_s() - since_s >= 8.0 {
-            image.fail(1, 21, Alarm::user(21, "no part at the end of the conveyor"));
         }
     }
 }
 
 fn machine(part_after_mm: f64) -> Bench {
     let conveyor = Conveyor {
+        belt_mm: 0.0,
+        moved_mm: 0.0,
         part_after_mm,
-        ..Conveyor::default()
+        too_long: OnDelay::new(Duration::from_secs(8)),
     };
     Bench::new().serve(SequenceProgram::new().scan([20, 21], PERIOD, conveyor))
 }

@@ -167,7 +167,7 @@
 //! # Scan style
 //! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states, inputs and
 //! variables as flags, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] runs it together with
-//! handlers.
+//! handlers. [`function_blocks`] has the edges, timers and counters of IEC 61131-3.
 //!
 //! # Without handlers
 //! A program with its own loop takes outputs from the raw queue, [`Plc::outputs`], and claims and resets them itself;
@@ -192,6 +192,7 @@
 extern crate self as plc_api;
 
 pub mod alarm;
+mod alarm_level;
 mod ask;
 mod claim;
 mod coordinate_system;
@@ -199,6 +200,7 @@ mod error;
 pub mod execution;
 pub mod extract;
 pub mod fake;
+pub mod function_blocks;
 pub mod handler_registry;
 pub mod handlers;
 pub mod handshake;

@@ -88,6 +88,8 @@
 
 mod flags;
 mod image;
+mod operator;
+mod watch;
 mod writer;
 mod writes;
 
@@ -104,6 +106,7 @@ use crate::text::panic_text;
 use flags::Flags;
 use image::Camera;
 pub use image::{Image, Reads};
+use watch::CycleWatch;
 use writer::Writer;
 
 /// Shortest period of a scan. Reason: the clocks have a resolution of 1 ms.
@@ -116,6 +119,13 @@ pub trait ScanProgram: Send + 'static {
     /// Positions and variables to read before each scan. Called once, before the first scan.
     fn reads(&self) -> Reads {
         Reads::default()
+    }
+
+    /// Time that a scan may take, from its image to its last write; `None`: its period. Called once, before the first scan. A
+    /// scan that takes longer is a warning in the log and counts: [`Image::late_scans`]. Scans that come too late for their
+    /// period are left out: [`Image::overruns`].
+    fn cycle_limit(&self) -> Option<Duration> {
+        None
     }
 
     /// One scan: reads and writes the image.
@@ -168,14 +178,25 @@ impl Scan {
         let period_s = self.period.as_secs_f64();
         let (mut scans, mut overruns) = (0, 0);
         let mut writer = Writer::default();
-        let mut camera = Camera::new(&plc, guarded(|| lock(&self.program).reads())?);
+        let (reads, limit) = guarded(|| {
+            let program = lock(&self.program);
+            (program.reads(), program.cycle_limit())
+        })?;
+        let mut camera = Camera::new(&plc, reads);
+        let mut watch = CycleWatch::new(limit.unwrap_or(self.period));
         let mut next_s = plc.now_s();
         loop {
             let refusals = writer.take_refusals();
-            let mut image = camera.image(&self.flags, (scans, overruns), refusals).await;
+            let begin_s = plc.now_s();
+            let counts = (scans, overruns, watch.times);
+            let mut image = camera.image(&self.flags, counts, refusals).await;
             guarded(|| lock(&self.program).scan(&mut image))?;
             writer.carry_out(&plc, &self.flags, image).await;
             scans += 1;
+            let end_s = plc.now_s();
+            if let Some(told) = watch.ended(end_s - begin_s, end_s) {
+                tracing::warn!(period = ?self.period, "{told}");
+            }
             next_s += period_s;
             while next_s < plc.now_s() {
                 next_s += period_s;

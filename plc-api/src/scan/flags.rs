@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use tokio::sync::oneshot;
+use tokio::sync::{oneshot, watch};
 
+use super::operator::Asked;
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::lock::lock;
@@ -23,7 +24,13 @@ pub(crate) struct Flags(Arc<Mutex<Vec<Flag>>>);
 struct Flag {
     output: AuxOutput,
     answer: oneshot::Sender<std::result::Result<(), Alarm>>,
+    question: watch::Sender<Option<Asked>>,
+    /// What the operator has said to a question.
+    said: Option<(Asked, String)>,
 }
+
+/// Answers of operators, with their questions.
+pub(super) type Said = BTreeMap<FlagPlace, (Asked, String)>;
 
 fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
     (output.coordinate_system(), output.seq())
@@ -32,13 +39,75 @@ fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
 impl Flags {
     /// The handler of every output of a scan program: it is on until a scan answers.
     pub(crate) async fn on(self, output: AuxOutput) -> std::result::Result<(), Alarm> {
-        let (answer, answered) = oneshot::channel();
-        lock(&self.0).push(Flag { output, answer });
-        match answered.await {
-            Ok(answer) => answer,
-            // the scan program has ended, and this future will be dropped
-            Err(_) => std::future::pending().await,
+        let (answer, mut answered) = oneshot::channel();
+        let (question, mut asked) = watch::channel(None);
+        lock(&self.0).push(Flag {
+            output: output.clone(),
+            answer,
+            question,
+            said: None,
+        });
+        loop {
+            let asks = asked.borrow_and_update().clone();
+            tokio::select! {
+                biased;
+                answer = &mut answered => match answer {
+                    Ok(answer) => return answer,
+                    // the scan program has ended, and this future will be dropped
+                    Err(_) => std::future::pending().await,
+                },
+                Ok(()) = asked.changed() => {}
+                () = self.put_to_operator(&output, asks) => {}
+            }
         }
+    }
+
+    /// Asks, notes the answer, and never ends: dropping it takes the question back.
+    async fn put_to_operator(&self, output: &AuxOutput, asks: Option<Asked>) {
+        if let Some(asked) = asks {
+            match output.ask(&*asked.text, &asked.choices).await {
+                Ok(choice) => {
+                    let mut flags = lock(&self.0);
+                    if let Some(flag) = flags.iter_mut().find(|flag| key(&flag.output) == key(output)) {
+                        flag.said = Some((asked, choice));
+                    }
+                }
+                // the output has ended
+                Err(error) => {
+                    tracing::debug!(%error, m = output.m(), "a question of a scan program has no answer");
+                }
+            }
+        }
+        std::future::pending::<()>().await;
+    }
+
+    /// Asks about an output of the image from now on, or no longer.
+    pub(super) fn ask(&self, output: &AuxOutput, asks: Option<Asked>) {
+        let mut flags = self.on_now();
+        let Some(flag) = flags.iter_mut().find(|flag| key(&flag.output) == key(output)) else {
+            return;
+        };
+        flag.said.take_if(|(of, _)| Some(&*of) != asks.as_ref());
+        flag.question.send_if_modified(|question| {
+            let is_new = *question != asks;
+            *question = asks;
+            is_new
+        });
+    }
+
+    /// What operators have said to questions about these outputs.
+    pub(super) fn said(&self, shown: &BTreeMap<FlagPlace, AuxOutput>) -> Said {
+        let mut said = Said::new();
+        for flag in lock(&self.0).iter() {
+            let place = (flag.output.coordinate_system(), flag.output.m());
+            let is_shown = shown
+                .get(&place)
+                .is_some_and(|output| key(output) == key(&flag.output));
+            if let Some(answer) = flag.said.as_ref().filter(|_| is_shown) {
+                said.insert(place, answer.clone());
+            }
+        }
+        said
     }
 
     /// The outputs that are on, by coordinate system and M number: of several with the same number the oldest. Another one

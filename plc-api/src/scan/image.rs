@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 use futures_util::future::{join, join_all};
 
-use super::flags::{Flags, Shown};
+use super::flags::{Flags, Said, Shown};
+use super::watch::CycleTimes;
 use super::writes::{Writes, put};
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
@@ -72,6 +74,8 @@ pub struct Image {
     time_s: f64,
     scans: u64,
     overruns: u64,
+    cycles: CycleTimes,
+    pub(super) said: Said,
     on: BTreeMap<(CoordinateSystemNumber, u16), AuxOutput>,
     states: Arc<States>,
     positions: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
@@ -122,6 +126,11 @@ impl Image {
         self.time_s
     }
 
+    /// The same as a duration, to the nanosecond: what [timers](crate::function_blocks) take.
+    pub fn now(&self) -> Duration {
+        Duration::try_from_secs_f64(self.time_s).unwrap_or_default()
+    }
+
     /// Number of scans before this one.
     pub fn scans(&self) -> u64 {
         self.scans
@@ -130,6 +139,22 @@ impl Image {
     /// Periods without a scan because the one before took too long.
     pub fn overruns(&self) -> u64 {
         self.overruns
+    }
+
+    /// How long the scan before took, seconds on the machine's clock, from its image to its last write.
+    pub fn last_scan_s(&self) -> f64 {
+        self.cycles.last_s
+    }
+
+    /// The longest scan so far, seconds.
+    pub fn longest_scan_s(&self) -> f64 {
+        self.cycles.longest_s
+    }
+
+    /// Scans so far that took longer than [`ScanProgram::cycle_limit`](super::ScanProgram::cycle_limit). The log tells of them.
+    /// A program for which a late scan is an alarm writes it: [`Image::set_alarm`].
+    pub fn late_scans(&self) -> u64 {
+        self.cycles.late
     }
 
     /// Refusals of writes of the scan before, and of reads for this one.
@@ -318,6 +343,11 @@ impl Image {
         self.writes.variables.insert((area, number), value);
     }
 
+    /// Outputs that are on.
+    pub(super) fn outputs(&self) -> impl Iterator<Item = (&(CoordinateSystemNumber, u16), &AuxOutput)> {
+        self.on.iter()
+    }
+
     fn set_input(&mut self, cs: CoordinateSystemNumber, input: Input) {
         self.set(Request::Input(cs, input));
     }
@@ -360,12 +390,13 @@ impl Camera {
     pub(super) async fn image(
         &mut self,
         flags: &Flags,
-        (scans, overruns): (u64, u64),
+        (scans, overruns, cycles): (u64, u64, CycleTimes),
         refusals: Vec<Refusal>,
     ) -> Image {
         let mut image = Image {
             scans,
             overruns,
+            cycles,
             refusals,
             ..Image::default()
         };
@@ -375,6 +406,7 @@ impl Camera {
         image.states = Arc::clone(&self.states);
         image.time_s = self.plc.now_s();
         image.on = flags.outputs(&self.shown);
+        image.said = flags.said(&image.on);
         let shown = image.on.iter().map(|(place, output)| (*place, output.seq()));
         self.shown = shown.collect();
         image

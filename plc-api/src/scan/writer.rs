@@ -5,8 +5,14 @@ use std::mem::take;
 
 use super::flags::Flags;
 use super::image::Image;
+use super::operator::Asked;
 use super::writes::put;
+use crate::alarm::Alarm;
+use crate::alarm_level::{AlarmLevel, is_active};
+use crate::error::Error;
+use crate::handlers::AuxOutput;
 use crate::plc::Plc;
+use crate::types::CoordinateSystemNumber;
 use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
 use crate::types::request::{Input, Refusal, Request};
 use crate::types::state::{Lock, LockSet};
@@ -16,6 +22,8 @@ use crate::types::state::{Lock, LockSet};
 pub(super) struct Writer {
     /// The last value of each flag that the machine accepted.
     written: Vec<Request>,
+    /// Alarms that scans have written, by place and number.
+    alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), AlarmLevel>,
     /// Refusals after the scan before.
     refusals: Vec<Refusal>,
 }
@@ -55,9 +63,56 @@ impl Writer {
             };
             self.request(plc, request, &image).await;
         }
+        for (place, (level, alarm)) in writes.alarms {
+            self.set_alarm(plc, place, (level, alarm), &image).await;
+        }
+        let mut questions = writes.questions;
+        for (place, output) in image.outputs() {
+            let asks = questions.remove(place).map(|(_, asked)| asked);
+            self.ask(flags, output, asks, &image);
+        }
         for (output, how) in writes.answers.into_values() {
             flags.answer(&output, how);
         }
+    }
+
+    /// Raises an alarm whose level is on, unless it is active.
+    async fn set_alarm(
+        &mut self,
+        plc: &Plc,
+        (cs, number): (Option<CoordinateSystemNumber>, u16),
+        (level, alarm): (bool, Alarm),
+        image: &Image,
+    ) {
+        let known = self.alarms.entry((cs, number)).or_default();
+        let active = is_active(image.alarms(), cs, number);
+        if !known.must_raise(level, active, plc.now_s()) {
+            return;
+        }
+        let raised = match plc.raise(cs, alarm).await {
+            Ok(()) | Err(Error::NoAnswer { .. }) => true,
+            Err(Error::Refused(refusal)) => {
+                self.refused(refusal, image);
+                false
+            }
+            Err(error) => {
+                tracing::warn!(%error, number, "an alarm of a scan program was not raised");
+                false
+            }
+        };
+        if raised && let Some(known) = self.alarms.get_mut(&(cs, number)) {
+            known.raised(plc.now_s());
+        }
+    }
+
+    /// Asks about an output from now on; without a question no longer.
+    fn ask(&mut self, flags: &Flags, output: &AuxOutput, asks: Option<Asked>, image: &Image) {
+        let checked = asks.as_ref().map_or(Ok(()), Asked::check);
+        let asks = asks.filter(|_| checked.is_ok());
+        if let Err(refusal) = checked {
+            self.refused(refusal, image);
+        }
+        flags.ask(output, asks);
     }
 
     /// True if the machine has accepted it. A refusal is passed to the next scan, and logged if it is new.
@@ -65,11 +120,15 @@ impl Writer {
         let Err(refusal) = plc.port().request_as(plc.name(), request).await else {
             return true;
         };
+        self.refused(refusal, image);
+        false
+    }
+
+    fn refused(&mut self, refusal: Refusal, image: &Image) {
         if !image.refusals().contains(&refusal) {
             tracing::warn!(%refusal, "a scan program was refused");
         }
         self.refusals.push(refusal);
-        false
     }
 }
 

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::mem::discriminant;
 
+use super::flags::FlagPlace;
+use super::operator::Asked;
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::types::CoordinateSystemNumber;
@@ -18,6 +20,9 @@ pub(super) struct Writes {
     pub(super) variables: BTreeMap<(VariableArea, u32), f64>,
     pub(super) commands: Vec<(CoordinateSystemNumber, Command)>,
     pub(super) progress: Vec<(AuxOutput, String, Option<f64>)>,
+    /// Alarms by place and number, with their levels.
+    pub(super) alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), (bool, Alarm)>,
+    pub(super) questions: BTreeMap<FlagPlace, (AuxOutput, Asked)>,
     pub(super) answers: BTreeMap<(CoordinateSystemNumber, u16), (AuxOutput, Result<(), Alarm>)>,
 }
 

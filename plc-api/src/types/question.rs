@@ -66,30 +66,36 @@ impl Ask {
     /// # Errors
     /// What is wrong, and what to write.
     pub fn check(&self) -> Result<(), Refusal> {
-        let within = |text: &str, most: usize| (1..=most).contains(&text.chars().count());
-        let invalid = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
         if !within(&self.question_id, QUESTION_ID_MAX) {
             return invalid(format!("question_id: write 1 to {QUESTION_ID_MAX} characters"));
         }
         if self.choices.is_empty() {
             return Ok(());
         }
-        if !within(&self.text, QUESTION_TEXT_MAX) {
-            return invalid(format!("a question has 1 to {QUESTION_TEXT_MAX} characters"));
-        }
-        if self.choices.len() > CHOICES_MAX {
-            return invalid(format!("a question has at most {CHOICES_MAX} choices"));
-        }
-        for (place, choice) in self.choices.iter().enumerate() {
-            if !within(choice, CHOICE_TEXT_MAX) {
-                return invalid(format!("a choice has 1 to {CHOICE_TEXT_MAX} characters"));
-            }
-            if self.choices.iter().skip(place + 1).any(|other| other == choice) {
-                return invalid(format!("the choice {choice:?} stands twice"));
-            }
-        }
-        Ok(())
+        check_question(&self.text, &self.choices)
     }
+}
+
+/// Checks a question with its choices.
+///
+/// # Errors
+/// It is too long, or a choice is empty, too long or there twice.
+pub(crate) fn check_question(text: &str, choices: &[String]) -> Result<(), Refusal> {
+    if !within(text, QUESTION_TEXT_MAX) {
+        return invalid(format!("a question has 1 to {QUESTION_TEXT_MAX} characters"));
+    }
+    if choices.len() > CHOICES_MAX {
+        return invalid(format!("a question has at most {CHOICES_MAX} choices"));
+    }
+    for (place, choice) in choices.iter().enumerate() {
+        if !within(choice, CHOICE_TEXT_MAX) {
+            return invalid(format!("a choice has 1 to {CHOICE_TEXT_MAX} characters"));
+        }
+        if choices.iter().skip(place + 1).any(|other| other == choice) {
+            return invalid(format!("the choice {choice:?} stands twice"));
+        }
+    }
+    Ok(())
 }
 
 /// Payload of `m_code/{m}/answer`: an operator answers a question.
@@ -138,4 +144,12 @@ pub struct ValidateResult {
     /// With `ok` false: why.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
+}
+
+fn within(text: &str, most: usize) -> bool {
+    (1..=most).contains(&text.chars().count())
+}
+
+fn invalid(text: String) -> Result<(), Refusal> {
+    Err(Refusal::new(RefusalCode::Invalid, text))
 }

@@ -10,6 +10,7 @@ mod ask;
 mod locks;
 mod outputs;
 mod scan;
+mod scan_operator;
 mod validate;
 
 use std::time::Duration;

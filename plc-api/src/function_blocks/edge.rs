@@ -1,0 +1,94 @@
+//! Edges: IEC 61131-3, table "Standard edge detection function blocks".
+
+/// `R_TRIG`: on for one call when its input comes on. An input that is on at the first call has come on, as the standard says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RisingEdge {
+    /// The input of the call before: `M`.
+    was: bool,
+    q: bool,
+}
+
+impl RisingEdge {
+    pub(super) const NEW: Self = Self { was: false, q: false };
+
+    /// Takes `CLK`; gives `Q`.
+    pub fn update(&mut self, input: bool) -> bool {
+        self.q = input && !self.was;
+        self.was = input;
+        self.q
+    }
+
+    /// `Q` of the last call.
+    pub fn q(&self) -> bool {
+        self.q
+    }
+}
+
+/// `F_TRIG`: on for one call when its input goes off. An input that is off at the first call has gone off, as the standard
+/// says; what must not begin with an edge calls it once before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FallingEdge {
+    /// The input of the call before was off: `M`.
+    was_off: bool,
+    q: bool,
+}
+
+impl FallingEdge {
+    /// Takes `CLK`; gives `Q`.
+    pub fn update(&mut self, input: bool) -> bool {
+        self.q = !input && !self.was_off;
+        self.was_off = !input;
+        self.q
+    }
+
+    /// `Q` of the last call.
+    pub fn q(&self) -> bool {
+        self.q
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OFF: bool = false;
+    const ON: bool = true;
+
+    fn outputs<const N: usize>(update: impl FnMut(bool) -> bool, inputs: [bool; N]) -> [bool; N] {
+        inputs.map(update)
+    }
+
+    #[test]
+    fn r_trig_is_on_for_one_call_after_each_rising_edge() {
+        let mut edge = RisingEdge::default();
+        let inputs = [OFF, ON, ON, OFF, ON, OFF];
+        assert_eq!(
+            outputs(|clk| edge.update(clk), inputs),
+            [OFF, ON, OFF, OFF, ON, OFF]
+        );
+        assert!(!edge.q());
+    }
+
+    #[test]
+    fn r_trig_whose_input_is_on_at_a_cold_restart_is_on_after_the_first_call_only() {
+        let mut edge = RisingEdge::default();
+        assert_eq!(outputs(|clk| edge.update(clk), [ON, ON, ON]), [ON, OFF, OFF]);
+    }
+
+    #[test]
+    fn f_trig_is_on_for_one_call_after_each_falling_edge() {
+        let mut edge = FallingEdge::default();
+        let inputs = [ON, ON, OFF, OFF, ON, OFF];
+        assert_eq!(
+            outputs(|clk| edge.update(clk), inputs),
+            [OFF, OFF, ON, OFF, OFF, ON]
+        );
+        assert!(edge.q());
+    }
+
+    #[test]
+    fn f_trig_whose_input_is_off_at_a_cold_restart_is_on_after_the_first_call_only() {
+        let mut edge = FallingEdge::default();
+        assert_eq!(outputs(|clk| edge.update(clk), [OFF, OFF, OFF]), [ON, OFF, OFF]);
+    }
+}

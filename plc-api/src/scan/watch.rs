@@ -1,0 +1,100 @@
+//! The watch over how long scans take.
+
+use std::time::Duration;
+
+/// Time between two lines of the log about scans that take too long. Reason: a log of a fast scan would hold nothing else.
+const TOLD_EVERY_S: f64 = 10.0;
+
+/// How long scans have taken.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct CycleTimes {
+    pub(super) last_s: f64,
+    pub(super) longest_s: f64,
+    /// Scans that took longer than the limit.
+    pub(super) late: u64,
+}
+
+/// Watches how long scans take, from the image to the last write.
+#[derive(Debug)]
+pub(super) struct CycleWatch {
+    limit: Duration,
+    pub(super) times: CycleTimes,
+    /// When it was told last, and how many had been late then.
+    told: Option<(f64, u64)>,
+}
+
+impl CycleWatch {
+    pub(super) fn new(limit: Duration) -> Self {
+        Self {
+            limit,
+            times: CycleTimes::default(),
+            told: None,
+        }
+    }
+
+    /// A scan has taken so long. What is to be told of it: the first at once, others together.
+    pub(super) fn ended(&mut self, took_s: f64, now_s: f64) -> Option<String> {
+        let CycleTimes {
+            last_s,
+            longest_s,
+            late,
+        } = &mut self.times;
+        *last_s = took_s;
+        *longest_s = longest_s.max(took_s);
+        // of clocks that give nanoseconds as a float
+        let is_late = took_s - self.limit.as_secs_f64() > 1e-9;
+        if is_late {
+            *late += 1;
+        }
+        let (at_s, told) = self.told.unwrap_or((f64::NEG_INFINITY, 0));
+        if *late == told || now_s - at_s < TOLD_EVERY_S {
+            return None;
+        }
+        let (news, limit_ms) = (*late - told, 1e3 * self.limit.as_secs_f64());
+        let (last_ms, longest_ms) = (1e3 * took_s, 1e3 * *longest_s);
+        self.told = Some((now_s, *late));
+        Some(format!(
+            "{news} scans took longer than {limit_ms} ms: the last {last_ms:.3} ms, the longest {longest_ms:.3} ms; \
+             {late} since the start"
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scan_that_takes_longer_than_the_limit_is_told_at_once_with_its_time() {
+        let mut watch = CycleWatch::new(Duration::from_millis(10));
+        assert_eq!(watch.ended(0.010, 0.010), None, "at the limit it is in time");
+        let told = watch.ended(0.0125, 0.5).unwrap();
+        assert!(
+            told.contains("longer than 10 ms") && told.contains("12.500 ms"),
+            "{told}"
+        );
+        assert_eq!(
+            watch.times,
+            CycleTimes {
+                last_s: 0.0125,
+                longest_s: 0.0125,
+                late: 1
+            }
+        );
+    }
+
+    #[test]
+    fn further_ones_are_counted_and_told_together_every_10_s() {
+        let mut watch = CycleWatch::new(Duration::from_millis(10));
+        watch.ended(0.02, 0.0).unwrap();
+        assert_eq!(watch.ended(0.03, 5.0), None);
+        assert_eq!(watch.ended(0.02, 9.9), None);
+        let told = watch.ended(0.001, 10.0).unwrap();
+        assert!(
+            told.starts_with("2 scans") && told.contains("30.000 ms"),
+            "{told}"
+        );
+        assert_eq!(watch.ended(0.001, 30.0), None, "nothing new");
+        assert_eq!(watch.times.late, 3);
+    }
+}
