@@ -3,12 +3,14 @@
 //! It is raised when the level comes on, and again when it has been cleared while the level is still on, so that no reset lasts
 //! while its cause does.
 
+use std::time::Duration;
+
 use crate::types::CoordinateSystemNumber;
 use crate::types::machine::{AlarmRecord, AlarmSeverity};
 
 /// Time in which an alarm that was raised shows among those that are active, else it is raised again: it may have been cleared
 /// before it was seen.
-pub(crate) const SHOWN_WITHIN_S: f64 = 1.0;
+pub(crate) const SHOWN_WITHIN: Duration = Duration::from_secs(1);
 
 /// What has become of the alarm of a level.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -28,7 +30,7 @@ impl AlarmLevel {
         *self = match *self {
             _ if !level => Self::Off,
             _ if is_active => Self::Seen,
-            Self::Raised { at_s } if now_s - at_s < SHOWN_WITHIN_S => return false,
+            Self::Raised { at_s } if now_s - at_s < SHOWN_WITHIN.as_secs_f64() => return false,
             _ => return true,
         };
         false

@@ -45,6 +45,12 @@ pub enum Error {
         /// Who did not answer, and within which time.
         text: String,
     },
+    /// What was to be done within a time on the machine's clock was not: [`Plc::timeout`](crate::Plc::timeout).
+    #[error("it was not done within {limit:?}")]
+    TimedOut {
+        /// The time.
+        limit: std::time::Duration,
+    },
     /// Another instance of the sequence program has taken over its `handler_id`. Its handlers have been dropped.
     #[error("{text}")]
     TakenOver {
@@ -92,6 +98,17 @@ impl Error {
         Error::Feature {
             address: format!("{scheme}://{host}"),
             feature,
+        }
+    }
+}
+
+impl Error {
+    /// True for an error of the connection, which may pass.
+    pub(crate) fn may_pass(&self) -> bool {
+        match self {
+            Error::Refused(refusal) => refusal.code.may_pass(),
+            Error::NoAnswer { .. } => true,
+            _ => false,
         }
     }
 }

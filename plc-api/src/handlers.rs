@@ -3,6 +3,7 @@
 //! A handler receives the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an
 //! alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
 
+mod beside;
 mod followed;
 mod output;
 mod run;
@@ -285,6 +286,44 @@ impl SequenceProgram {
         self.beside(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
+    /// Adds another program, such as that of a part of the machine with a crate of its own: its handlers, checks, states, scans,
+    /// tasks and levels. [`SequenceProgram::run`] refuses two handlers of one M code, two states of one type, and two different
+    /// [`handler_id`](SequenceProgram::handler_id)s.
+    ///
+    /// Of two answers to [`on_redelivery`](SequenceProgram::on_redelivery) the stricter counts, where a program that says nothing
+    /// says [`Redelivery::Ask`]; what is said after the last `merge` counts for all.
+    ///
+    /// ```
+    /// # use plc_api::{Alarm, AuxOutput, SequenceProgram};
+    /// # async fn on(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+    /// # async fn off(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+    /// # async fn clamp(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+    /// fn coolant() -> SequenceProgram {
+    ///     SequenceProgram::new().on(8, on).on(9, off)
+    /// }
+    ///
+    /// let program = SequenceProgram::new().handler_id("mill").on(10, clamp).merge(coolant());
+    /// assert_eq!(program.check(), Ok(()));
+    /// assert!(program.merge(coolant()).check().is_err());
+    /// ```
+    #[must_use]
+    pub fn merge(mut self, other: Self) -> Self {
+        if let (Some(id), Some(other)) = (&self.handler_id, &other.handler_id)
+            && id != other
+        {
+            self.mistake(format!("merge() got programs of two names, {id:?} and {other:?}"));
+        }
+        self.on_redelivery = match (self.on_redelivery, other.on_redelivery) {
+            (None, None) => None,
+            (one, other) => one.unwrap_or_default().max(other.unwrap_or_default()).into(),
+        };
+        self.table.merge(other.table);
+        self.companions.extend(other.companions);
+        self.takes_over |= other.takes_over;
+        self.handler_id = self.handler_id.or(other.handler_id);
+        self
+    }
+
     /// What happens with an output whose handler died or lost its connection before the reset. The strictest counts of this
     /// and of `redelivery` in the configuration of the M code ([`Redelivery::Ask`], then [`Redelivery::Verify`], then
     /// [`Redelivery::Redo`]); where neither says anything, nothing happens until an operator decides.
@@ -375,19 +414,32 @@ impl SequenceProgram {
     /// offline.
     ///
     /// # Errors
-    /// What [`SequenceProgram::check`] finds; a scan program panics; the machine refuses the name, such as
+    /// What [`SequenceProgram::check`] finds; a scan program panics, or a [`task`](SequenceProgram::task) fails; the machine refuses the name, such as
     /// `handler_taken` while another program has it; [`Error::TakenOver`]; over MQTT, the connection serves another sequence program: use one connection for each.
     pub async fn run(self, plc: &Plc) -> Result<()> {
+        self.run_until(plc, std::future::pending::<()>()).await
+    }
+
+    /// Serves the machine as [`SequenceProgram::run`] until `stop` is there, such as Ctrl-C: then it takes no further output, ends when
+    /// the handlers that are at work have ended, and so loses no work. What runs beside the handlers goes on until then. To
+    /// wait no longer than some time, drop the future: its handlers are then dropped where they wait.
+    ///
+    /// ```no_run
+    /// # use plc_api::{Plc, SequenceProgram};
+    /// # async fn stop_signal() {}
+    /// # async fn main_of(program: SequenceProgram, plc: Plc) -> plc_api::Result<()> {
+    /// program.run_until(&plc, stop_signal()).await // such as tokio::signal::ctrl_c()
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`SequenceProgram::run`].
+    pub async fn run_until<T>(self, plc: &Plc, stop: impl Future<Output = T>) -> Result<()> {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());
         let plc = &plc.of_handler(&handler_id);
-        let serving = run::run(
-            self.table,
-            self.on_redelivery,
-            self.takes_over,
-            plc,
-            handler_id.into(),
-        );
+        let how = (self.on_redelivery, self.takes_over);
+        let serving = run::run(self.table, how, plc, handler_id.into(), stop);
         let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {
             // the handler first: what its companions set is its own

@@ -71,6 +71,14 @@ impl Levels {
         self.owner.send_replace(None);
     }
 
+    /// Waits until the machine knows the program that serves it.
+    pub(crate) async fn announced(&self) {
+        let mut owner = self.owner.subscribe();
+        let known = owner.wait_for(|owner| owner.as_ref().is_some_and(|owner| owner.is_announced));
+        // the sender is this value itself, which is there
+        let _is_there = known.await.is_ok();
+    }
+
     /// The handler that owns a source, once the machine knows it.
     pub(crate) fn owner(&self) -> Option<Arc<str>> {
         let owner = self.owner.borrow();

@@ -97,8 +97,9 @@
 //!
 //! # Cancellation
 //! A stop, a reset of the coordinate system or an alarm cancels open outputs: the handler's future is dropped where it
-//! waits. Put what must be undone into a destructor. Work in other tasks watches [`AuxOutput::cancellation`]. Handlers
-//! sleep by [`Plc::sleep`] only, which is simulated time in a simulation.
+//! waits. Put what must be undone at once into a destructor, and what takes time into [`AuxOutput::on_cancel`]. Work in other tasks
+//! watches [`AuxOutput::cancellation`]. Handlers take the machine's clock only, which is simulated in a simulation:
+//! [`Plc::sleep`], [`Plc::timeout`], [`Plc::interval`].
 //! ```
 //! use std::time::Duration;
 //! use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Params, Plc, SequenceProgram, fake::FakePort};
@@ -155,6 +156,12 @@
 //!     .on_redelivery(Redelivery::Verify);
 //! assert_eq!(program.check(), Ok(()));
 //! ```
+//!
+//! # Beside the handlers
+//! What is no M code belongs to the program, too: levels that hold the machine ([`SequenceProgram::interlock`]), refuse a start
+//! ([`SequenceProgram::start_lock`]) or are an alarm ([`SequenceProgram::alarm_while`]), and tasks ([`SequenceProgram::task`]). They
+//! outlive every loss of the connection, and begin anew with each start of the machine. Programs of several parts of a machine
+//! become one by [`SequenceProgram::merge`].
 //!
 //! # Several commanding programs
 //! A program that starts and stops a machine which others command as well takes its control lease first
@@ -222,6 +229,7 @@ pub mod scan;
 pub mod server;
 mod tables;
 mod text;
+mod time;
 pub mod transport;
 pub mod types;
 pub mod units;
@@ -241,6 +249,7 @@ pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;
 pub use plc_api_derive::Params;
 pub use run::OrderedRun;
+pub use time::Interval;
 #[cfg(any(feature = "mqtt", feature = "rest"))]
 pub use transport::options::MqttOptions;
 #[cfg(any(feature = "mqtt", feature = "rest"))]

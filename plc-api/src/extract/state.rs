@@ -32,13 +32,29 @@ impl<T: Clone + Send + Sync + 'static> FromOutput for State<T> {
 
 /// The state of a sequence program by type.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct States(Arc<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>);
+pub(crate) struct States(Arc<HashMap<TypeId, Named>>);
+
+/// A state, and the name of its type.
+type Named = (&'static str, Arc<dyn Any + Send + Sync>);
 
 impl States {
     /// Adds a state; false when there is one of its type.
     pub(crate) fn add<T: Send + Sync + 'static>(&mut self, state: T) -> bool {
         let states = Arc::make_mut(&mut self.0);
-        states.insert(TypeId::of::<T>(), Arc::new(state)).is_none()
+        let named = (std::any::type_name::<T>(), Arc::new(state) as _);
+        states.insert(TypeId::of::<T>(), named).is_none()
+    }
+
+    /// Adds those of another program; the names of those that are there already.
+    pub(crate) fn merge(&mut self, other: &Self) -> Vec<&'static str> {
+        let states = Arc::make_mut(&mut self.0);
+        let mut twice = Vec::new();
+        for (of, named) in other.0.iter() {
+            if states.insert(*of, named.clone()).is_some() {
+                twice.push(named.0);
+            }
+        }
+        twice
     }
 
     pub(crate) fn has(&self, wanted: TypeId) -> bool {
@@ -46,6 +62,6 @@ impl States {
     }
 
     fn get<T: Clone + 'static>(&self) -> Option<T> {
-        self.0.get(&TypeId::of::<T>())?.downcast_ref().cloned()
+        self.0.get(&TypeId::of::<T>())?.1.downcast_ref().cloned()
     }
 }

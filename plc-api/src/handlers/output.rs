@@ -1,16 +1,22 @@
 //! One output, as its handler uses it.
 
 use std::future::Future;
+use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
+use futures_util::FutureExt;
 use tokio::sync::{Mutex, MutexGuard, watch};
 
 use crate::claim::{Identity, OutputId};
 use crate::error::Result;
 use crate::extract::States;
+use crate::lock::lock;
 use crate::plc::Plc;
+use crate::port::BoxFuture;
 use crate::presence::Presence;
+use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{CancelReason, OutputNotice, Params, ProgressReport};
 use crate::types::request::typed::Progress;
@@ -40,6 +46,18 @@ struct Inner {
     is_answering: AtomicBool,
     /// An output asks one question at a time; others wait for this lock.
     question: Mutex<()>,
+    /// What is done when it is cancelled, last first.
+    clean_ups: std::sync::Mutex<CleanUps>,
+}
+
+/// What is done when an output is cancelled, each within its time.
+#[derive(Default)]
+struct CleanUps(Vec<(Duration, BoxFuture<'static, ()>)>);
+
+impl std::fmt::Debug for CleanUps {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("CleanUps").field(&self.0.len()).finish()
+    }
 }
 
 impl AuxOutput {
@@ -60,6 +78,7 @@ impl AuxOutput {
             states: states.clone(),
             is_answering: AtomicBool::new(false),
             question: Mutex::default(),
+            clean_ups: std::sync::Mutex::default(),
         };
         let inner = Arc::new(inner);
         (Self { inner }, Cancel(cancel))
@@ -187,6 +206,67 @@ impl AuxOutput {
         };
         let request = Progress(self.coordinate_system(), Some(self.m()), report);
         self.inner.plc.request(request).await.map(|_| ())
+    }
+
+    /// Does something when this output is cancelled and its handler has been dropped, such as moving an arm back; not when the
+    /// handler returns. It has so much time on the machine's clock, and is dropped then, with an error in the log. Of several the
+    /// last comes first. The machine does not wait for it: hold what must not begin meanwhile by an interlock or start lock.
+    ///
+    /// It is not done when the whole program is dropped, or its process ends: what must be safe then is safe by itself.
+    ///
+    /// ```
+    /// # use std::sync::{Arc, atomic::{AtomicBool, Ordering}};
+    /// # use std::time::Duration;
+    /// # use plc_api::{Alarm, AuxOutput, CancelReason, Params, Plc, SequenceProgram, fake::FakePort};
+    /// # static RETRACTED: AtomicBool = AtomicBool::new(false);
+    /// # async fn retract() { RETRACTED.store(true, Ordering::Relaxed); }
+    /// async fn load(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    ///     let arm = plc.clone();
+    ///     output.on_cancel(Duration::from_secs(10), async move {
+    ///         arm.sleep(Duration::from_millis(500)).await; // until the axes stand
+    ///         retract().await;
+    ///     });
+    ///     // ... move the arm ...
+    ///     plc.sleep(Duration::from_secs(30)).await;
+    ///     Ok(())
+    /// }
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() {
+    /// # let fake = FakePort::new([1]);
+    /// # let plc = fake.plc();
+    /// # tokio::spawn(async move { SequenceProgram::new().on(8, load).run(&plc).await });
+    /// # fake.put_out(1, 8, Params::default());
+    /// # fake.advance(Duration::from_secs(1)).await;
+    /// # fake.cancel(1, CancelReason::Stop);
+    /// # fake.advance(Duration::from_secs(1)).await;
+    /// # assert!(RETRACTED.load(Ordering::Relaxed));
+    /// # }
+    /// ```
+    pub fn on_cancel(&self, limit: Duration, clean_up: impl Future<Output = ()> + Send + 'static) {
+        lock(&self.inner.clean_ups).0.push((limit, Box::pin(clean_up)));
+    }
+
+    /// The handler has ended. A clean-up may hold the output, which holds the clean-up.
+    pub(super) fn forget_clean_ups(&self) {
+        let forgotten = std::mem::take(&mut *lock(&self.inner.clean_ups));
+        drop(forgotten);
+    }
+
+    /// Does what is to be done after a cancel.
+    pub(super) async fn clean_up(&self) {
+        loop {
+            let last = lock(&self.inner.clean_ups).0.pop();
+            let Some((limit, work)) = last else { return };
+            let work = AssertUnwindSafe(self.inner.plc.timeout(limit, work)).catch_unwind();
+            let (m, seq) = (self.m(), self.seq());
+            match work.await {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => tracing::error!(m, seq, %error, "the clean-up of a handler was cut short"),
+                Err(panicked) => {
+                    let text = panic_text(&*panicked);
+                    tracing::error!(m, seq, "the clean-up of a handler panicked: {text}");
+                }
+            }
+        }
     }
 
     /// Tells whether, when and why this output is cancelled, for destructors and for work in other tasks. The handler's

@@ -9,6 +9,8 @@ use futures_util::future::{AbortHandle, Abortable};
 use futures_util::stream::FuturesUnordered;
 use futures_util::{FutureExt, StreamExt};
 
+use tracing::Instrument;
+
 use crate::alarm::Alarm;
 use crate::claim::{OutputId, taken_up, until_answered};
 use crate::error::Result;
@@ -40,14 +42,16 @@ struct Runner {
     presence: Presence,
     // the machine knows these handlers; outputs are claimed from now on
     is_known: bool,
+    // no further output is taken
+    is_stopping: bool,
 }
 
-pub(super) async fn run(
+pub(super) async fn run<T>(
     table: Table,
-    on_redelivery: Option<Redelivery>,
-    takes_over: bool,
+    (on_redelivery, takes_over): (Option<Redelivery>, bool),
     plc: &Plc,
     handler_id: Arc<str>,
+    stop: impl Future<Output = T>,
 ) -> Result<()> {
     let said = Announced {
         codes: table.codes(),
@@ -66,8 +70,10 @@ pub(super) async fn run(
         work: FuturesUnordered::new(),
         presence,
         is_known: false,
+        is_stopping: false,
     };
-    loop {
+    let mut stop = std::pin::pin!(stop);
+    while !(runner.is_stopping && runner.running.is_empty()) {
         tokio::select! {
             // messages first: a cancel reaches a handler before it is polled again
             biased;
@@ -76,13 +82,18 @@ pub(super) async fn run(
                 None => return Ok(()),
             },
             Some(id) = runner.work.next() => runner.on_end(&id),
+            _ = &mut stop, if !runner.is_stopping => runner.is_stopping = true,
         }
     }
+    Ok(())
 }
 
 impl Drop for Runner {
     fn drop(&mut self) {
         self.cancel_where(|_| true, Some(CancelReason::Shutdown));
+        for running in self.running.values() {
+            running.output.forget_clean_ups();
+        }
     }
 }
 
@@ -177,7 +188,8 @@ impl Runner {
             }
             return;
         }
-        let Some(handler) = self.table.find(id.cs, pending.output.m) else {
+        let handler = self.table.find(id.cs, pending.output.m);
+        let Some(handler) = handler.filter(|_| !self.is_stopping) else {
             return;
         };
         let Some(verify) = taken_up(pending, self.on_redelivery) else {
@@ -192,7 +204,8 @@ impl Runner {
         let (abort, registration) = AbortHandle::new_pair();
         let work = work(output.clone(), Arc::clone(handler));
         let work = Box::pin(Abortable::new(work, registration));
-        self.work.push(Box::pin(run_to_end(work, id.clone())));
+        let ending = run_to_end(work, id.clone(), output.clone());
+        self.work.push(Box::pin(ending));
         let running = Running {
             output,
             abort,
@@ -218,13 +231,22 @@ impl Runner {
     }
 }
 
-/// Drops the future, and with it the handler, before its end is reported; a panic in its destructors ends no other.
-async fn run_to_end(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id: OutputId) -> OutputId {
-    let _aborted = (&mut work).await;
+/// Drops the future, and with it the handler, before its end is reported; a panic in its destructors ends no other. What a
+/// cancelled handler wants done then comes before the end.
+async fn run_to_end(
+    mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>,
+    id: OutputId,
+    output: AuxOutput,
+) -> OutputId {
+    let ended = (&mut work).await;
     if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| drop(work))) {
         let text = panic_text(&*panicked);
         tracing::error!(seq = id.seq, "the clean-up of a handler panicked: {text}");
     }
+    if ended.is_err() {
+        output.clean_up().await;
+    }
+    output.forget_clean_ups();
     id
 }
 
@@ -250,7 +272,15 @@ async fn work(output: AuxOutput, handler: Boxed) {
 }
 
 async fn call(output: &AuxOutput, handler: &Boxed) -> Result<(), Alarm> {
+    let span = tracing::info_span!(
+        "m_code",
+        cs = output.coordinate_system(),
+        m = output.m(),
+        seq = output.seq(),
+        run_id = output.run_id()
+    );
     let work = output.at_work_on(async { handler(output.clone(), output.plc().clone()).await });
+    let work = work.instrument(span);
     let panicked = match AssertUnwindSafe(work).catch_unwind().await {
         Ok(result) => return result,
         Err(panicked) => panicked,

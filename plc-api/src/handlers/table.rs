@@ -220,6 +220,26 @@ impl Table {
         self.declared.values().cloned().chain(hidden).collect()
     }
 
+    /// Adds what another program serves.
+    pub(super) fn merge(&mut self, other: Self) {
+        for ((cs, m), handler) in other.handlers {
+            if self.handlers.insert((cs, m), handler).is_some() {
+                self.mistakes.push(format!("M{m}{} has two handlers", place(cs)));
+            }
+        }
+        for ((cs, m), check) in other.checks {
+            if self.checks.insert((cs, m), check).is_some() {
+                self.mistakes
+                    .push(format!("M{m}{} is validated twice", place(cs)));
+            }
+        }
+        let twice = self.states.merge(&other.states).into_iter();
+        let twice = twice.map(|name| format!("merge() got a second state of type {name}"));
+        self.mistakes.extend(twice.chain(other.mistakes));
+        self.declared.extend(other.declared);
+        self.wanted.extend(other.wanted);
+    }
+
     pub(super) fn add_check(
         &mut self,
         cs: Option<CoordinateSystemNumber>,

@@ -7,6 +7,7 @@
 
 mod alarms;
 mod ask;
+mod beside;
 mod locks;
 mod outputs;
 mod scan;

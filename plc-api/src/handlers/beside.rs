@@ -1,0 +1,246 @@
+//! What runs beside the handlers: alarms that follow a level, and tasks. They belong to the program, and begin anew with each
+//! boot of the machine.
+
+use std::future::{Future, pending};
+use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
+
+use futures_util::FutureExt;
+use tokio::sync::watch;
+
+use super::SequenceProgram;
+use crate::alarm::Alarm;
+use crate::alarm_level::{AlarmLevel, SHOWN_WITHIN, is_active};
+use crate::error::{Error, Result};
+use crate::hub::{Filter, Subscription};
+use crate::plc::Plc;
+use crate::port::{BoxFuture, RETRY};
+use crate::text::panic_text;
+use crate::types::message::{Message, Payload};
+use crate::types::topic::Topic;
+use crate::types::{BootId, CoordinateSystemNumber};
+
+impl<Scope> SequenceProgram<Scope> {
+    /// Raises an alarm while a level is true: of the whole machine, or within
+    /// [`in_coordinate_system`](SequenceProgram::in_coordinate_system) of that coordinate system. It is raised once. It stays after
+    /// the level until a reset, and a reset while the level is still true does not last: the alarm comes again, as it does after a
+    /// start of the machine. When nobody sends the level any more, the alarm is raised.
+    ///
+    /// ```
+    /// # use plc_api::{Alarm, SequenceProgram, fake::FakePort};
+    /// # use tokio::sync::watch;
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # let fake = FakePort::new([1]);
+    /// # let plc = fake.plc();
+    /// let (air, is_low) = watch::channel(false);
+    /// let program = SequenceProgram::new().alarm_while(is_low, Alarm::user(20, "the air pressure is low"));
+    /// # tokio::spawn(async move { program.run(&plc).await });
+    /// # fake.settle().await;
+    /// air.send_replace(true);
+    /// # fake.settle().await;
+    /// # assert_eq!(fake.plc().alarms().await?[0].text, "the air pressure is low");
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// [`SequenceProgram::run`] refuses an alarm that is not of [`Alarm::user`], or without a text.
+    #[must_use]
+    pub fn alarm_while(mut self, level: watch::Receiver<bool>, alarm: Alarm) -> Self {
+        if alarm.user_code().is_none() || alarm.text.is_empty() {
+            self.mistake(format!(
+                "alarm_while() got alarm {}: make it by Alarm::user, with a text",
+                alarm.number
+            ));
+        }
+        let followed = FollowedAlarm {
+            cs: self.cs,
+            level,
+            alarm,
+        };
+        self.beside(move |plc| Box::pin(followed.clone().run(plc)))
+    }
+}
+
+impl SequenceProgram {
+    /// Runs a task beside the handlers, such as one that reads a sensor. It begins when the machine knows this program, and is
+    /// dropped where it waits when the machine or the program goes. At the next start of the machine it begins anew.
+    ///
+    /// `Ok` ends it until then. An error of the connection, which may pass, is logged, and the task begins anew after a second.
+    /// Any other error, or a panic, ends the sequence program with it: a task that has failed is not missed in silence. Sleep by
+    /// [`Plc::sleep`], or [`Plc::interval`].
+    ///
+    /// ```
+    /// # use plc_api::{SequenceProgram, fake::FakePort};
+    /// # use std::time::Duration;
+    /// # fn coolant_level() -> f64 { 0.5 }
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # let fake = FakePort::new([1]);
+    /// # let plc = fake.plc();
+    /// let program = SequenceProgram::new().task(|plc| async move {
+    ///     let mut second = plc.interval(Duration::from_secs(1));
+    ///     loop {
+    ///         second.tick().await;
+    ///         plc.variables().set(200, coolant_level()).await?;
+    ///     }
+    /// });
+    /// # tokio::spawn(async move { program.run(&plc).await });
+    /// # fake.advance(Duration::from_millis(10)).await;
+    /// # assert_eq!(fake.plc().variables().get(200).await?, 0.5);
+    /// # Ok(()) }
+    /// ```
+    #[must_use]
+    pub fn task<F, Work>(self, task: F) -> Self
+    where
+        F: Fn(Plc) -> Work + Send + Sync + 'static,
+        Work: Future<Output = Result<()>> + Send + 'static,
+    {
+        let task = Task(Arc::new(move |plc| Box::pin(task(plc))));
+        self.beside(move |plc| Box::pin(task.clone().run(plc)))
+    }
+}
+
+/// An alarm that follows a level.
+#[derive(Debug, Clone)]
+struct FollowedAlarm {
+    cs: Option<CoordinateSystemNumber>,
+    level: watch::Receiver<bool>,
+    alarm: Alarm,
+}
+
+/// What the machine says of its alarms.
+#[derive(Default)]
+struct Alarms {
+    online: Option<BootId>,
+    active: Option<Arc<Message>>,
+}
+
+impl Alarms {
+    fn are_active(&self, cs: Option<CoordinateSystemNumber>, number: u16) -> bool {
+        let said = self.active.as_deref();
+        let of_boot = said.filter(|message| self.online.as_ref() == Some(&message.boot_id));
+        let alarms = match of_boot.map(|message| &message.payload) {
+            Some(Payload::AlarmActive(active)) => &*active.alarms,
+            _ => &[],
+        };
+        is_active(alarms, cs, number)
+    }
+}
+
+impl FollowedAlarm {
+    /// Follows it for ever.
+    ///
+    /// # Errors
+    /// The machine refuses the alarm.
+    async fn run(mut self, plc: Plc) -> Result<()> {
+        let topics = vec![Topic::Presence, Topic::AlarmActive];
+        let mut messages = plc.port().subscribe(Filter::Topics(topics));
+        let (mut alarms, mut state, mut is_sent) = (Alarms::default(), AlarmLevel::default(), true);
+        loop {
+            let level = !is_sent || *self.level.borrow_and_update();
+            let active = alarms.are_active(self.cs, self.alarm.number);
+            if alarms.online.is_some() && state.must_raise(level, active, plc.now_s()) {
+                self.raise(&plc, is_sent).await?;
+                state.raised(plc.now_s());
+            }
+            tokio::select! {
+                biased;
+                message = messages.next() => {
+                    // without messages the machine's side has ended, and so will the handlers
+                    let Some(message) = message else { return pending().await };
+                    if let Payload::Presence(presence) = &message.payload {
+                        let online = presence.online.then(|| message.boot_id.clone());
+                        if std::mem::replace(&mut alarms.online, online) != alarms.online {
+                            state = AlarmLevel::default();
+                        }
+                    } else {
+                        alarms.active = Some(message);
+                    }
+                }
+                changed = self.level.changed(), if is_sent => is_sent = changed.is_ok(),
+                () = plc.sleep(SHOWN_WITHIN), if matches!(state, AlarmLevel::Raised { .. }) => {}
+            }
+        }
+    }
+
+    /// # Errors
+    /// The machine refuses it.
+    async fn raise(&self, plc: &Plc, is_sent: bool) -> Result<()> {
+        let mut alarm = self.alarm.clone();
+        if !is_sent {
+            alarm.text = format!("{}, or nobody watches it any more", alarm.text);
+        }
+        match plc.raise(self.cs, alarm).await {
+            Err(error) if error.may_pass() => {
+                tracing::warn!(%error, number = self.alarm.number, "an alarm is not raised yet");
+                Ok(())
+            }
+            raised => raised,
+        }
+    }
+}
+
+/// A task beside the handlers.
+#[derive(Clone)]
+struct Task(Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync>);
+
+impl Task {
+    /// Runs it in each boot of the machine.
+    ///
+    /// # Errors
+    /// It has failed, or panicked.
+    async fn run(self, plc: Plc) -> Result<()> {
+        let mut presence = plc.port().subscribe(Filter::Topics(vec![Topic::Presence]));
+        let mut boot = None;
+        loop {
+            while boot.is_none() {
+                boot = another(&mut presence, None).await;
+            }
+            tokio::select! {
+                biased;
+                now = another(&mut presence, boot.as_ref()) => boot = now,
+                ended = self.of_this_boot(&plc) => {
+                    ended?;
+                    boot = another(&mut presence, boot.as_ref()).await;
+                }
+            }
+        }
+    }
+
+    /// Runs it until it has ended by itself.
+    ///
+    /// # Errors
+    /// It has failed, or panicked.
+    async fn of_this_boot(&self, plc: &Plc) -> Result<()> {
+        loop {
+            plc.levels().announced().await;
+            let work = AssertUnwindSafe(async { (self.0)(plc.clone()).await });
+            match work.catch_unwind().await {
+                Ok(Err(error)) if error.may_pass() => {
+                    tracing::warn!(%error, "a task of a sequence program begins anew");
+                    plc.sleep(RETRY).await;
+                }
+                Ok(Err(error)) => {
+                    return Err(Error::SequenceProgram(format!("a task has failed: {error}")));
+                }
+                Ok(Ok(())) => return Ok(()),
+                Err(panicked) => {
+                    let text = format!("a task panicked: {}", panic_text(&*panicked));
+                    return Err(Error::SequenceProgram(text));
+                }
+            }
+        }
+    }
+}
+
+/// Waits until another boot than this one is online, or none.
+async fn another(presence: &mut Subscription, than: Option<&BootId>) -> Option<BootId> {
+    while let Some(message) = presence.next().await {
+        if let Payload::Presence(said) = &message.payload {
+            let online = said.online.then(|| message.boot_id.clone());
+            if online.as_ref() != than {
+                return online;
+            }
+        }
+    }
+    // the machine's side has ended, and so will the handlers
+    pending().await
+}

@@ -1,0 +1,391 @@
+//! What runs beside the handlers, and how a program ends.
+
+use std::sync::{Arc, Mutex};
+
+use plc_api::fake::FakePort;
+use plc_api::handshake::Closed;
+use plc_api::types::output::OutputState;
+use plc_api::types::refusal::{Refusal, RefusalCode};
+use plc_api::{Alarm, AuxOutput, CancelReason, Params, Plc, Redelivery, SequenceProgram, State};
+use tokio::sync::{oneshot, watch};
+
+use crate::{ms, serve};
+
+/// What happened, in order.
+type Heard = Arc<Mutex<Vec<String>>>;
+
+fn note(heard: &Heard, what: impl Into<String>) {
+    heard.lock().unwrap().push(what.into());
+}
+
+fn all(heard: &Heard) -> Vec<String> {
+    heard.lock().unwrap().clone()
+}
+
+/// Active alarms: coordinate system and text.
+async fn alarms(fake: &FakePort) -> Vec<(Option<u8>, String)> {
+    let alarms = fake.plc().alarms().await.unwrap();
+    alarms.into_iter().map(|alarm| (alarm.cs, alarm.text)).collect()
+}
+
+fn low(cs: Option<u8>) -> Vec<(Option<u8>, String)> {
+    vec![(cs, "low".to_owned())]
+}
+
+async fn ok(_output: AuxOutput) -> Result<(), Alarm> {
+    Ok(())
+}
+
+/// 10 s of work.
+async fn long(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    plc.sleep(ms(10_000)).await;
+    Ok(())
+}
+
+#[tokio::test]
+async fn an_alarm_of_a_level_is_raised_once_and_a_reset_lasts_only_without_the_level() {
+    let fake = FakePort::new([1, 2]);
+    let mill = fake.plc().coordinate_system(1);
+    let (air, is_low) = watch::channel(false);
+    let program = SequenceProgram::new().alarm_while(is_low, Alarm::user(20, "low"));
+    serve(&fake, program).await;
+    assert_eq!(alarms(&fake).await, []);
+    air.send_replace(true);
+    fake.advance(ms(5000)).await;
+    assert_eq!(alarms(&fake).await, low(None));
+    mill.reset().await.unwrap();
+    fake.settle().await;
+    assert_eq!(alarms(&fake).await, low(None), "the air is still low");
+    air.send_replace(false);
+    fake.settle().await;
+    assert_eq!(alarms(&fake).await, low(None), "it stays until a reset");
+    mill.reset().await.unwrap();
+    fake.advance(ms(5000)).await;
+    assert_eq!(alarms(&fake).await, []);
+}
+
+#[tokio::test]
+async fn an_alarm_of_a_level_comes_again_after_a_start_of_the_machine() {
+    let fake = FakePort::new([1]);
+    let (_air, is_low) = watch::channel(true);
+    let program = SequenceProgram::new().alarm_while(is_low, Alarm::user(20, "low"));
+    serve(&fake, program).await;
+    fake.restart();
+    fake.settle().await;
+    assert_eq!(alarms(&fake).await, low(None));
+}
+
+#[tokio::test]
+async fn a_level_that_nobody_sends_any_more_is_an_alarm() {
+    let fake = FakePort::new([1]);
+    let (air, is_low) = watch::channel(false);
+    let program = SequenceProgram::new().alarm_while(is_low, Alarm::user(20, "low"));
+    serve(&fake, program).await;
+    drop(air);
+    fake.settle().await;
+    let text = "low, or nobody watches it any more".to_owned();
+    assert_eq!(alarms(&fake).await, [(None, text)]);
+}
+
+#[tokio::test]
+async fn an_alarm_of_one_coordinate_system_is_that_coordinate_systems() {
+    let fake = FakePort::new([1, 2]);
+    let (_oil, is_low) = watch::channel(true);
+    let program = SequenceProgram::new()
+        .in_coordinate_system(2, |loader| loader.alarm_while(is_low, Alarm::user(20, "low")));
+    serve(&fake, program).await;
+    assert_eq!(alarms(&fake).await, low(Some(2)));
+    let mill = fake.plc().coordinate_system(1).state().await.unwrap();
+    assert_eq!(mill.alarm_count, 0);
+}
+
+#[test]
+fn an_alarm_of_a_level_is_a_users_with_a_text() {
+    let level = || watch::channel(false).1;
+    let number = Alarm {
+        number: 300,
+        text: "mine".to_owned(),
+    };
+    for alarm in [number, Alarm::user(1, "")] {
+        let program = SequenceProgram::new().alarm_while(level(), alarm);
+        let mistake = program.check().unwrap_err().to_string();
+        assert!(mistake.contains("alarm_while() got alarm"), "{mistake}");
+    }
+}
+
+/// A program with a task that notes its beginnings and that it was dropped.
+fn with_task(heard: &Heard) -> SequenceProgram {
+    struct Dropped(Heard);
+    impl Drop for Dropped {
+        fn drop(&mut self) {
+            note(&self.0, "dropped");
+        }
+    }
+    let heard = Arc::clone(heard);
+    SequenceProgram::new().on(10, ok).task(move |plc| {
+        let heard = Arc::clone(&heard);
+        async move {
+            note(&heard, format!("begun in {}", plc.port().boot_id()));
+            let _dropped = Dropped(heard);
+            let mut tick = plc.interval(ms(100));
+            loop {
+                tick.tick().await;
+            }
+        }
+    })
+}
+
+#[tokio::test]
+async fn a_task_begins_with_each_boot_of_the_machine_and_is_dropped_with_it() {
+    let fake = FakePort::new([1]);
+    let heard = Heard::default();
+    let first = fake.plc().port().boot_id();
+    let served = serve(&fake, with_task(&heard)).await;
+    fake.advance(ms(1000)).await;
+    assert_eq!(all(&heard), [format!("begun in {first}")]);
+    fake.restart();
+    fake.settle().await;
+    let second = fake.plc().port().boot_id();
+    let begun = [
+        format!("begun in {first}"),
+        "dropped".to_owned(),
+        format!("begun in {second}"),
+    ];
+    assert_eq!(all(&heard), begun);
+    served.abort();
+    fake.settle().await;
+    assert_eq!(all(&heard).len(), 4, "it is dropped with the program");
+}
+
+#[tokio::test]
+async fn a_task_that_ends_leaves_the_handlers_alone() {
+    let fake = FakePort::new([1]);
+    let served = serve(&fake, SequenceProgram::new().on(10, ok).task(async |_plc| Ok(()))).await;
+    let seq = fake.put_out(1, 10, Params::default());
+    fake.advance(ms(5000)).await;
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert!(!served.is_finished());
+}
+
+#[tokio::test]
+async fn a_task_whose_connection_fails_begins_anew_after_a_second() {
+    let fake = FakePort::new([1]);
+    let heard = Heard::default();
+    let noted = Arc::clone(&heard);
+    let program = SequenceProgram::new().task(move |plc| {
+        note(&noted, format!("{:.0}", plc.now_s()));
+        async { Err(Refusal::new(RefusalCode::Unavailable, "no broker").into()) }
+    });
+    let served = serve(&fake, program).await;
+    fake.advance(ms(2500)).await;
+    assert_eq!(all(&heard), ["0", "1", "2"]);
+    assert!(!served.is_finished());
+}
+
+#[tokio::test]
+async fn a_task_that_fails_or_panics_ends_the_program_with_its_reason() {
+    let failing = SequenceProgram::new()
+        .task(async |_plc| Err(Refusal::new(RefusalCode::Invalid, "no such sensor").into()));
+    let panicking = SequenceProgram::new().task(async |plc| {
+        assert!(plc.now_s() > 0.0, "not calibrated");
+        Ok(())
+    });
+    for (program, text) in [(failing, "no such sensor"), (panicking, "not calibrated")] {
+        let fake = FakePort::new([1]);
+        let error = serve(&fake, program).await.await.unwrap().unwrap_err();
+        assert!(error.to_string().contains(text), "{error}");
+        assert_eq!(fake.handlers().values().filter(|one| one.online).count(), 0);
+    }
+}
+
+#[tokio::test]
+async fn a_merged_program_serves_what_both_serve_with_their_states_and_tasks() {
+    const COUNT: plc_api::MCode = plc_api::MCode::new(60, "count");
+    async fn count(State(heard): State<Heard>) -> Result<(), Alarm> {
+        note(&heard, "counted");
+        Ok(())
+    }
+    let fake = FakePort::new([1]);
+    let heard = Heard::default();
+    let counter = SequenceProgram::new().state(Arc::clone(&heard)).on(COUNT, count);
+    let program = with_task(&heard).merge(counter).handler_id("mill");
+    serve(&fake, program).await;
+    let outputs = [10, 60].map(|m| fake.put_out(1, m, Params::default()));
+    fake.settle().await;
+    for seq in outputs {
+        assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    }
+    assert_eq!(all(&heard).len(), 2, "{:?}", all(&heard));
+    assert_eq!(fake.handlers().len(), 1);
+}
+
+#[test]
+fn programs_that_contradict_each_other_are_not_merged() {
+    let both = |one: SequenceProgram, other: SequenceProgram| one.merge(other).check().unwrap_err();
+    let program = SequenceProgram::new;
+    let handlers = both(program().on(8, ok), program().on(8, ok)).to_string();
+    assert_eq!(handlers, "M8 has two handlers");
+    let states = both(program().state(1_u8), program().state(2_u8)).to_string();
+    assert_eq!(states, "merge() got a second state of type u8");
+    let names = both(program().handler_id("a"), program().handler_id("b")).to_string();
+    assert_eq!(names, "merge() got programs of two names, \"a\" and \"b\"");
+    let mistakes = both(program(), program().on(30, ok)).to_string();
+    assert!(mistakes.starts_with("M30:"), "{mistakes}");
+}
+
+#[tokio::test]
+async fn of_two_answers_to_a_lost_output_a_merged_program_has_the_stricter() {
+    let program = |how: Option<Redelivery>| {
+        let program = SequenceProgram::new();
+        match how {
+            Some(how) => program.on_redelivery(how),
+            None => program,
+        }
+    };
+    let (redo, verify) = (Some(Redelivery::Redo), Some(Redelivery::Verify));
+    for (one, other, merged) in [
+        (redo, redo, redo),
+        (redo, verify, verify),
+        (redo, None, Some(Redelivery::Ask)),
+        (None, None, None),
+    ] {
+        let fake = FakePort::new([1]);
+        let both = program(one).merge(program(other)).on(10, ok).handler_id("both");
+        serve(&fake, both).await;
+        assert_eq!(fake.handlers()["both"].redelivery, merged, "{one:?} {other:?}");
+    }
+}
+
+#[tokio::test]
+async fn work_has_a_time_limit_on_the_machines_clock() {
+    let fake = FakePort::new([1]);
+    let plc = fake.plc();
+    let task = tokio::spawn(async move {
+        let done = plc.timeout(ms(200), plc.sleep(ms(100))).await;
+        let late = plc.timeout(ms(200), plc.sleep(ms(300))).await;
+        (done, late.unwrap_err().to_string(), plc.now_s())
+    });
+    fake.advance(ms(1000)).await;
+    let (done, late, now_s) = task.await.unwrap();
+    assert_eq!(done, Ok(()));
+    assert_eq!(late, "it was not done within 200ms");
+    assert!((now_s - 0.3).abs() < 1e-9, "{now_s}");
+}
+
+#[tokio::test]
+async fn an_interval_leaves_out_what_it_has_missed_and_keeps_its_phase() {
+    let fake = FakePort::new([1]);
+    let plc = fake.plc();
+    let task = tokio::spawn(async move {
+        let (mut tick, mut at) = (plc.interval(ms(100)), Vec::new());
+        for pause_ms in [0, 0, 250, 0] {
+            tick.tick().await;
+            at.push((plc.now_s() * 1e3).round());
+            plc.sleep(ms(pause_ms)).await;
+        }
+        at
+    });
+    fake.advance(ms(1000)).await;
+    assert_eq!(task.await.unwrap(), [0.0, 100.0, 200.0, 450.0]);
+}
+
+#[tokio::test]
+async fn a_program_that_stops_ends_what_is_open_and_takes_nothing_new() {
+    let fake = FakePort::new([1]);
+    let plc = fake.plc();
+    let (stop, stopped) = oneshot::channel::<()>();
+    let program = SequenceProgram::new().on(10, long).on(11, ok).handler_id("cell");
+    let served = tokio::spawn(async move { program.run_until(&plc, stopped).await });
+    fake.settle().await;
+    let open = fake.put_out(1, 10, Params::default());
+    fake.advance(ms(1000)).await;
+    stop.send(()).unwrap();
+    fake.settle().await;
+    let later = fake.put_out(1, 11, Params::default());
+    fake.advance(ms(8000)).await;
+    assert!(!served.is_finished());
+    assert_eq!(fake.pending(1)[1].state, OutputState::Output, "nobody claims it");
+    fake.advance(ms(2000)).await;
+    assert_eq!(served.await.unwrap(), Ok(()));
+    assert_eq!(fake.closed(1, open), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, later), None);
+    assert!(!fake.pending(1)[0].lost, "it was nobody's");
+    serve(&fake, SequenceProgram::new().on(11, ok).handler_id("cell")).await;
+    assert_eq!(fake.closed(1, later), Some(Closed::Reset), "the next one does it");
+}
+
+#[tokio::test]
+async fn a_program_that_stops_with_nothing_open_ends_at_once() {
+    let fake = FakePort::new([1]);
+    let plc = fake.plc();
+    let program = SequenceProgram::new().on(10, long);
+    let ended = program.run_until(&plc, std::future::ready(())).await;
+    assert_eq!(ended, Ok(()));
+}
+
+/// M10 notes two clean-ups, the second of which takes a second, and works for 10 s.
+fn with_clean_up(heard: &Heard) -> SequenceProgram {
+    let heard = Arc::clone(heard);
+    SequenceProgram::new().on(10, move |output: AuxOutput, plc: Plc| {
+        let (first, second, slow) = (Arc::clone(&heard), Arc::clone(&heard), plc.clone());
+        output.on_cancel(ms(100), async move { note(&first, "valve shut") });
+        output.on_cancel(ms(2000), async move {
+            slow.sleep(ms(1000)).await;
+            note(&second, format!("arm back at {:.0}", slow.now_s()));
+        });
+        async move {
+            plc.sleep(ms(10_000)).await;
+            Ok(())
+        }
+    })
+}
+
+#[tokio::test]
+async fn what_a_cancelled_handler_wants_done_is_done_last_first() {
+    let fake = FakePort::new([1]);
+    let heard = Heard::default();
+    serve(&fake, with_clean_up(&heard)).await;
+    fake.put_out(1, 10, Params::default());
+    fake.advance(ms(4000)).await;
+    fake.cancel(1, CancelReason::Stop);
+    fake.settle().await;
+    assert_eq!(all(&heard), [] as [&str; 0]);
+    fake.advance(ms(1000)).await;
+    assert_eq!(all(&heard), ["arm back at 5", "valve shut"]);
+}
+
+#[tokio::test]
+async fn what_a_cancelled_handler_wants_done_is_not_done_when_it_returns() {
+    let fake = FakePort::new([1]);
+    let heard = Heard::default();
+    serve(&fake, with_clean_up(&heard)).await;
+    let seq = fake.put_out(1, 10, Params::default());
+    fake.advance(ms(20_000)).await;
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(all(&heard), [] as [&str; 0]);
+}
+
+#[tokio::test]
+async fn a_clean_up_that_takes_too_long_or_panics_is_cut_short_and_the_next_is_done() {
+    let fake = FakePort::new([1]);
+    let heard = Heard::default();
+    let noted = Arc::clone(&heard);
+    let program = SequenceProgram::new().on(10, move |output: AuxOutput, plc: Plc| {
+        let noted = Arc::clone(&noted);
+        output.on_cancel(ms(100), async move { note(&noted, "valve shut") });
+        output.on_cancel(ms(100), async { panic!("the arm is gone") });
+        output.on_cancel(ms(100), std::future::pending());
+        async move {
+            plc.sleep(ms(10_000)).await;
+            Ok(())
+        }
+    });
+    serve(&fake, program).await;
+    fake.put_out(1, 10, Params::default());
+    fake.settle().await;
+    fake.cancel(1, CancelReason::Stop);
+    fake.advance(ms(99)).await;
+    assert_eq!(all(&heard), [] as [&str; 0]);
+    fake.advance(ms(1)).await;
+    assert_eq!(all(&heard), ["valve shut"]);
+}
