@@ -31,7 +31,7 @@ export function seconds(value, decimals) {
  */
 export function readNumber(text) {
   const typed = text.trim().replace("\u2212", "-").replace(",", ".");
-  return /^[-+]?(\d+\.?\d*|\.\d+)$/.test(typed) ? Number(typed) : Number.NaN;
+  return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(typed) ? Number(typed) : Number.NaN;
 }
 
 /**

@@ -67,11 +67,16 @@ export function chosenLanguage() {
   }
 }
 
-/** Keeps a choice, and reads the page again in that language. @param {string} code empty: what the browser prefers */
+/** Keeps a choice, and reads the page again in that language; false: this browser keeps nothing. @param {string} code empty: what the browser prefers */
 export function chooseLanguage(code) {
-  if (code === "") localStorage.removeItem(KEY);
-  else localStorage.setItem(KEY, code);
+  try {
+    if (code === "") localStorage.removeItem(KEY);
+    else localStorage.setItem(KEY, code);
+  } catch {
+    return false;
+  }
   location.reload();
+  return true;
 }
 
 /** @param {string | null | undefined} code */

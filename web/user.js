@@ -39,12 +39,13 @@ function showUser(app) {
     h("p", { class: "muted" }, t("user.in_view_mode_this_screen")),
     h("h3", {}, t("user.this_screen")),
     ...settings(app),
-    h("div", { class: "row end wrap" }, user?.user && leave, view, close),
+    h("div", { class: "row end wrap" }, h("a", { class: "button", href: "machines.html" }, t("machines.machines")), user?.user && leave, view, close),
   ]);
 }
 
 /** What this browser remembers. @param {import("./main.js").App} app */
-function settings({ alerts }) {
+function settings(app) {
+  const { alerts } = app;
   /** @param {string} says @param {string} about @param {() => boolean} isOn @param {(on: boolean) => unknown} set @param {() => string | null} [why] */
   const row = (says, about, isOn, set, why = () => null) => {
     const note = h("p", { class: "muted" });
@@ -61,18 +62,18 @@ function settings({ alerts }) {
     return h("div", { class: "setting" }, one, note);
   };
   return [
-    languagePicker(),
+    languagePicker(app),
     row(t("user.sound"), t("user.questions_and_alarms_are_heard"), () => alerts.isOn("sound"), (on) => alerts.choose("sound", on)),
     row(t("user.notifications"), t("user.questions_and_alarms_are_shown"), () => alerts.isOn("notification"), (on) => alerts.choose("notification", on), () => alerts.whyNot("notification")),
     row(t("user.large_targets"), t("user.for_fingers_and_gloves_on"), isLarge, chooseLarge),
   ];
 }
 
-/** The language of this screen: a choice, or what the browser prefers. */
-function languagePicker() {
+/** The language of this screen: a choice, or what the browser prefers. @param {import("./main.js").App} app */
+function languagePicker(app) {
   const chosen = chosenLanguage() ?? "";
   const choices = [["", t("user.language_of_browser")], ...Object.entries(LANGUAGES)];
-  const picker = h("select", { class: "input", onchange: () => chooseLanguage(picker.value) }, ...choices.map(([code, name]) => h("option", { value: code, lang: code || null, selected: code === chosen }, name)));
+  const picker = h("select", { class: "input", onchange: () => chooseLanguage(picker.value) || app.toast(t("alerts.this_browser_keeps_no_settings"), "error") }, ...choices.map(([code, name]) => h("option", { value: code, lang: code || null, selected: code === chosen }, name)));
   return h("div", { class: "setting language" }, h("label", { class: "row" }, t("user.language"), picker), h("p", { class: "muted" }, t("user.language_about")));
 }
 

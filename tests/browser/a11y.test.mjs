@@ -136,6 +136,20 @@ test("axe finds nothing wrong: the page of a machine that does not answer", asyn
   await close();
 });
 
+test("axe finds nothing wrong: several machines on one page", async () => {
+  const { page, close } = await openPage(browser);
+  const machine = new ScriptedMachine();
+  machine.start();
+  await machine.attach(page);
+  await page.addInitScript(() => localStorage.setItem("tandem-machines", '["http://127.0.0.1:9"]'));
+  await page.goto(`${ORIGIN}/machines.html`);
+  await page.getByText("It cannot be reached").waitFor();
+  await page.locator('.machine-tile[data-link="online"]').getByText("READY").first().waitFor();
+  await page.evaluate(AXE);
+  assert.deepEqual(await page.evaluate(async () => (await globalThis.axe.run(document)).violations.map(({ id, nodes }) => `${id}: ${nodes[0]?.html}`)), []);
+  await close();
+});
+
 for (const colorScheme of ["light", "dark"]) {
   for (const [name, show] of Object.entries(PARTS)) {
     test(`axe finds nothing wrong: ${name}, ${colorScheme}`, async () => {

@@ -192,6 +192,14 @@ const PARTS = {
     await page.keyboard.press("Escape");
     await page.locator(".command.stop").click();
     await page.locator('.status[data-execution="STOPPED"]').waitFor();
+    await page.locator(".command.reset").click();
+    await page.locator('.status[data-execution="READY"]').waitFor();
+  },
+  async machines(page) {
+    await page.evaluate(() => localStorage.setItem("tandem-machines", '["http://127.0.0.1:9"]'));
+    await page.goto(`${runtime.url}/machines`);
+    await page.locator('.machine-tile[data-link="online"] .machine-system').first().waitFor();
+    await page.locator('.machine-tile[data-link="unreachable"]').waitFor();
   },
 };
 
@@ -270,10 +278,10 @@ for (const language of ["de", "ja"]) {
         found.push(...leftOver(texts, said, english).map((text) => `${name}: ${text}`), ...outside.map((text) => `${name} at ${width}: ${text}`));
       }
     }
-    await page.locator(".command.reset").click();
     await close();
     assert.deepEqual([...new Set(found)], []);
-    assert.deepEqual(errors, []);
+    // nobody is at the address of the second machine
+    assert.deepEqual(errors.filter((text) => !text.includes("net::ERR_")), []);
   });
 }
 
@@ -281,9 +289,9 @@ for (const language of ["de", "ja"]) {
 function leftOver(texts, said, english) {
   // the screen begins its sentences with a capital, and writes names without underscores
   const plain = (text) => text.toLowerCase().replaceAll("_", " ");
+  const isEnglish = (text) => words(text).some((word) => english.has(word));
+  const suspects = [...new Set(texts)].filter((text) => isEnglish(plain(text)));
+  if (suspects.length === 0) return [];
   const told = [...said].map(plain).filter((text) => text.length > 2).sort((a, b) => b.length - a.length);
-  return [...new Set(texts)].filter((text) => {
-    const rest = told.reduce((left, one) => (left.includes(one) ? left.replaceAll(one, " ") : left), plain(text));
-    return words(rest).some((word) => english.has(word));
-  });
+  return suspects.filter((text) => isEnglish(told.reduce((left, one) => (left.includes(one) ? left.replaceAll(one, " ") : left), plain(text))));
 }

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { duration, position, programName, whole } from "../../web/format.js";
+import { duration, position, programName, readNumber, whole } from "../../web/format.js";
 import { NcText } from "../../web/nc_text.js";
 import { partsSaid } from "../../web/order.js";
 import { cells } from "../../web/path/runs.js";
@@ -134,6 +134,11 @@ test("numbers as the screen shows them", () => {
   assert.equal(duration(59_999), "59 s");
   assert.equal(duration(187_000), "3 min 07 s");
   assert.equal(programName(1), "O0001");
+});
+
+test("a number is typed with a point or a comma, and never with a sign between thousands", () => {
+  const typed = { "1.5": 1.5, "1,5": 1.5, " -,25 ": -0.25, "\u22122": -2, "+3": 3, "1e-3": 0.001, "": NaN, "-": NaN, "1.234,5": NaN, "1,234,567": NaN, "1 000": NaN, "5 mm": NaN, Infinity: NaN };
+  for (const [text, value] of Object.entries(typed)) assert.equal(readNumber(text), value, `"${text}"`);
 });
 
 test("a run tells how long it took, its parts, how it ended and for which M codes it waited", () => {

@@ -49,12 +49,14 @@ export class ScriptedMachine {
   /** Frames of either side that no real machine sends or understands. */
   wrong = [];
   reachable = true;
+  /** Whether it takes further connections. */
+  takesSockets = true;
   #sockets = new Set();
 
   /** Takes over everything that the page asks of ORIGIN. */
   async attach(page) {
     await page.routeWebSocket(/\/api\/v1\/ws$/, (socket) => {
-      if (!this.reachable) return void socket.close();
+      if (!this.reachable || !this.takesSockets) return void socket.close();
       this.#sockets.add(socket);
       socket.subscribed = new Set();
       socket.onClose(() => this.#sockets.delete(socket));

@@ -29,7 +29,7 @@ test("no text stands in the code", () => {
 });
 
 test("no text stands in the pages, but for a browser without scripts in every language", async () => {
-  for (const page of ["index.html", "api.html", "offline.html"]) {
+  for (const page of ["index.html", "api.html", "machines.html", "offline.html"]) {
     const source = await readFile(WEB + page, "utf8");
     const [body = ""] = source.split(/<body[^>]*>/).slice(1);
     const shown = body.replace(/<noscript>[^]*?<\/noscript>/g, "").replace(/<[^>]*>/g, "").trim();

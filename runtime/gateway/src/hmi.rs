@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::Path;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use rust_embed::{EmbeddedFile, RustEmbed};
@@ -30,6 +30,11 @@ const SERVED: [&str; 8] = ["html", "js", "css", "svg", "png", "ico", "woff2", "w
 const CONTENT_SECURITY_POLICY: &str =
     "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
+/// The page of several machines asks the servers that its user names; its scripts are of this server, too.
+const MACHINES_PAGE: &str = "machines.html";
+const MACHINES_POLICY: &str = "default-src 'self'; connect-src 'self' http: https: ws: wss:; object-src 'none'; base-uri 'none'; \
+                               form-action 'none'; frame-ancestors 'none'";
+
 pub(crate) fn routes() -> Router<Arc<Shared>> {
     Router::new()
         .route("/", get(serve))
@@ -37,21 +42,28 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
         .layer(CompressionLayer::new())
 }
 
-/// Adds the security headers for browsers to every response.
-pub(crate) async fn security_headers(response: Response) -> impl IntoResponse {
+/// Adds the security headers for browsers to every response, except those that it has.
+pub(crate) async fn security_headers(mut response: Response) -> Response {
     let headers = [
         (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::REFERRER_POLICY, "no-referrer"),
         (header::X_FRAME_OPTIONS, "DENY"),
     ];
-    (headers, response)
+    for (name, value) in headers {
+        response
+            .headers_mut()
+            .entry(name)
+            .or_insert(HeaderValue::from_static(value));
+    }
+    response
 }
 
 async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {
     let path = match path.as_deref().map(String::as_str) {
         None => "index.html",
         Some("api") => "api.html",
+        Some("machines") => MACHINES_PAGE,
         Some(path) => path,
     };
     let hidden = path
@@ -63,6 +75,10 @@ async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {
         .then(|| Files::get(path).or_else(|| Pictures::get(path)))
         .flatten()
     {
+        Some(file) if path == MACHINES_PAGE => {
+            let policy = [(header::CONTENT_SECURITY_POLICY, MACHINES_POLICY)];
+            (policy, file_response(file, &request)).into_response()
+        }
         Some(file) => file_response(file, &request),
         None => Problem::not_found(format!("there is nothing at /{path}")).into_response(),
     }

@@ -473,6 +473,40 @@ async fn the_hmi_is_served_with_its_type_tag_and_protection() {
 }
 
 #[tokio::test]
+async fn only_the_page_of_several_machines_may_ask_other_servers_and_it_runs_no_script_of_theirs() {
+    let port = StubPort::new();
+    for path in ["/machines", "/machines.html"] {
+        let response = call(&port, "GET", path, &[], "").await;
+        assert_eq!(
+            (response.status().as_u16(), &response.headers()["content-type"]),
+            (200, &"text/html; charset=utf-8".parse().unwrap())
+        );
+        let policies: Vec<_> = response
+            .headers()
+            .get_all("content-security-policy")
+            .iter()
+            .collect();
+        let [policy] = policies[..] else {
+            panic!("{policies:?}")
+        };
+        let policy = policy.to_str().unwrap();
+        assert!(
+            policy.contains("default-src 'self'; connect-src 'self' http: https: ws: wss:;"),
+            "{policy}"
+        );
+        assert!(!policy.contains("script-src"), "{policy}");
+    }
+    for path in ["/", "/api", "/machines.js", "/api/v1/health"] {
+        let response = call(&port, "GET", path, &[], "").await;
+        let policy = response.headers()["content-security-policy"]
+            .to_str()
+            .unwrap()
+            .to_owned();
+        assert!(!policy.contains("connect-src"), "{path}: {policy}");
+    }
+}
+
+#[tokio::test]
 async fn metrics_tell_how_punctual_the_servo_thread_is_as_prometheus_histograms() {
     let durations = |max_s| Durations {
         buckets: vec![(2e-6, 3), (4e-6, 0), (f64::INFINITY, 2)],

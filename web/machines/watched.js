@@ -1,0 +1,140 @@
+// One machine of the page: what it says, and why nothing is heard of it.
+
+import { MACHINE_TOPICS, Model } from "../model.js";
+import { Refusal, Tandem } from "../tandem.js";
+import { keepToken, tokenOf } from "./addresses.js";
+
+/** How often it is looked why there is no connection, ms, and how long an answer may take. */
+const LOOK_MS = 3000;
+const ANSWER_MS = 4000;
+/** How often the time left is asked for, ms. */
+const LEFT_MS = 2000;
+/** States in which a program is under way. */
+const RUNS = new Set(["ACTIVE", "WAIT", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED"]);
+const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state"];
+
+/**
+ * `silent`: its presence is too old; `unreachable`: nothing answers; `refused`: it answers, and this page is not allowed to read
+ * it; `login`: it asks who this is; `insecure`: a page over TLS may not ask an address without.
+ * @typedef {"connecting" | "online" | "silent" | "unreachable" | "refused" | "login" | "insecure"} LinkState
+ */
+
+export class Watched {
+  /** @type {LinkState} */
+  link = "connecting";
+  model = new Model();
+  /** Time left of the run of each coordinate system, s. @type {Map<number, number>} */
+  left = new Map();
+  address;
+  #tandem;
+  #changed;
+  #timers;
+  /** When its presence is too old unless it is said again, on the clock of `performance`. */
+  #presentUntil = Number.POSITIVE_INFINITY;
+  #isOpen = false;
+  #isLooking = false;
+
+  /** @param {string} address @param {() => void} changed */
+  constructor(address, changed) {
+    this.address = address;
+    this.#changed = changed;
+    this.#tandem = new Tandem({ url: address, token: () => tokenOf(address), name: "machines" });
+    /** @type {Set<string>} */
+    const topics = new Set();
+    const subscribe = (/** @type {string[]} */ wanted) => {
+      for (const topic of wanted) if (!topics.has(topic)) this.#tandem.on(/** @type {any} */ (topic), take);
+      for (const topic of wanted) topics.add(topic);
+    };
+    const take = (/** @type {any} */ message, /** @type {string} */ topic) => {
+      this.model.take(topic, message);
+      if (topic === "presence") this.#presentUntil = message.online && message.expires_ms ? performance.now() + message.expires_ms : Number.POSITIVE_INFINITY;
+      if (topic === "birth") subscribe([...this.model.systems.keys()].flatMap((cs) => CS_TOPICS.map((of) => `cs/${cs}/${of}`)));
+      changed();
+    };
+    subscribe(MACHINE_TOPICS);
+    this.#tandem.onLink(({ online }) => this.#onLink(online));
+    this.#timers = [setInterval(() => void this.look(), LOOK_MS), setInterval(() => void this.#readLeft(), LEFT_MS)];
+    void this.look();
+  }
+
+  /** Takes it off the page. */
+  close() {
+    this.#timers.forEach(clearInterval);
+    this.#tandem.close();
+  }
+
+  /** Logs in, with a name and a PIN or with a token; a refusal is thrown. @param {{user: string, pin: string, token: string}} given */
+  async logIn({ user, pin, token }) {
+    if (token === "") {
+      const answer = await this.#tandem.request("POST", "/login", { body: { user, pin } });
+      keepToken(this.address, (await answer.json()).token);
+    } else keepToken(this.address, token);
+    await this.look();
+    this.#tandem.retryNow();
+  }
+
+  /** Looks why there is no connection, and connects where there can be one. */
+  async look() {
+    if (this.link === "online" || this.#isLooking) return;
+    this.#isLooking = true;
+    const found = await this.#find();
+    this.#isLooking = false;
+    if (found === "connecting" && !this.#isOpen) {
+      this.#isOpen = true;
+      this.#tandem.connect();
+    }
+    const isOnline = /** @type {LinkState} */ (this.link) === "online";
+    if (!isOnline && !(found === "connecting" && this.link === "silent")) this.#be(found);
+  }
+
+  /** @returns {Promise<LinkState>} */
+  async #find() {
+    if (location.protocol === "https:" && !this.address.startsWith("https:")) return "insecure";
+    if (!(await answers(this.address))) return "unreachable";
+    try {
+      await this.#tandem.request("GET", "/machine", { timeoutMs: ANSWER_MS });
+      return "connecting";
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+      return error.problem.code === "unauthorized" ? "login" : "refused";
+    }
+  }
+
+  /** @param {boolean} online */
+  #onLink(online) {
+    if (online) return this.#be("online");
+    this.model.disconnected();
+    this.left.clear();
+    if (this.link === "online") this.#be(performance.now() > this.#presentUntil ? "silent" : "unreachable");
+  }
+
+  /** @param {LinkState} link */
+  #be(link) {
+    this.link = link;
+    this.model.online = link === "online";
+    this.#changed();
+  }
+
+  /** Asks how long the programs that run will take. */
+  async #readLeft() {
+    if (this.link !== "online") return;
+    for (const [cs, { state }] of this.model.systems) {
+      const runs = state && RUNS.has(state.execution) && state.run_kind === "program" && state.program !== null;
+      const rehearsal = runs ? await this.#tandem.get(`/programs/${state.program}/rehearsal?cs=${cs}`).catch(() => null) : null;
+      const left = rehearsal?.run?.left_s;
+      if (typeof left === "number") this.left.set(cs, left);
+      else this.left.delete(cs);
+    }
+    this.#changed();
+  }
+}
+
+/** Whether a server is there, whatever it says to this page. @param {string} address */
+async function answers(address) {
+  try {
+    await fetch(`${address}/api/v1/health`, { mode: "no-cors", cache: "no-store", signal: AbortSignal.timeout(ANSWER_MS) });
+    return true;
+  } catch {
+    return false;
+  }
+}
