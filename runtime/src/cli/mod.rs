@@ -16,6 +16,7 @@ mod lsp;
 mod man;
 mod memory;
 mod mqtt_acl;
+mod opcua;
 mod os_user;
 mod plot;
 mod serve;
@@ -92,6 +93,8 @@ enum Command {
     Journal(journal::Arguments),
     /// Makes a token for an HMI, a sequence program or another system
     Token(token::Arguments),
+    /// Serves a machine by OPC UA (starts tandem-opcua, a program of its own)
+    Opcua(opcua::Arguments),
     /// Prints the access rules of the token file for an external Mosquitto
     MqttAcl(mqtt_acl::Arguments),
     /// Prints what a shell needs to complete commands and options
@@ -125,6 +128,7 @@ pub fn run() -> ExitCode {
         Command::Store(arguments) => store::run(&arguments),
         Command::Journal(arguments) => journal::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
+        Command::Opcua(arguments) => opcua::run(&arguments),
         Command::MqttAcl(arguments) => mqtt_acl::run(&arguments),
         Command::Completions(arguments) => Ok(completions::run(&arguments)),
         Command::Man(arguments) => man::run(&arguments),

@@ -1,0 +1,261 @@
+//! Follows the machine, and tells what it says as values of variables.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use opcua::server::SubscriptionCache;
+use opcua::types::{DateTime, NodeId, StatusCode, Variant};
+use plc_api::Plc;
+use plc_api::hub::Filter;
+use plc_api::types::machine::AlarmRecord;
+use plc_api::types::message::Message;
+use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::{BootId, CoordinateSystemNumber};
+use tokio::sync::mpsc;
+
+use crate::cnc;
+use crate::events::Happened;
+use crate::instance::unknown;
+use crate::nodes::{Manager, data_value};
+use crate::own;
+use crate::values::Values;
+use crate::view::{Change, View};
+
+/// After this time without a position or a heartbeat nothing is known of the machine. Reason: it tells both ten times a second.
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// How long a machine is heard before it is believed: until then states from before its silence may be overtaken.
+const SETTLING: Duration = Duration::from_millis(300);
+
+/// How often silence is looked for.
+const WATCH: Duration = Duration::from_millis(100);
+
+/// Tells clients of one machine.
+pub struct Feed {
+    pub plc: Plc,
+    pub manager: Arc<Manager>,
+    pub subscriptions: Arc<SubscriptionCache>,
+    pub view: View,
+    /// What was told last, by path.
+    pub told: BTreeMap<String, (NodeId, Result<Variant, StatusCode>)>,
+    /// Takes what clients are told as events.
+    pub happened: mpsc::Sender<Happened>,
+    /// Alarms that clients were told of, by the start of the runtime and their ids.
+    pub alarms: BTreeMap<(BootId, u64), AlarmRecord>,
+    /// What handlers say or ask, by coordinate system.
+    pub messages: BTreeMap<CoordinateSystemNumber, String>,
+}
+
+impl Feed {
+    /// Waits until the machine is heard, and tells all that it says.
+    pub async fn begin(&mut self) {
+        self.wait_until_heard().await;
+        self.tell_all();
+    }
+
+    /// Follows the machine for ever.
+    pub async fn follow(mut self) {
+        loop {
+            self.follow_until_silent().await;
+            self.tell_away();
+            self.begin().await;
+        }
+    }
+
+    async fn wait_until_heard(&mut self) {
+        let mut messages = self.plc.port().subscribe(Filter::All);
+        let mut heard: Option<(Instant, Instant)> = None;
+        // values from before the subscription are no sign of life
+        while messages.try_next().is_some() {}
+        loop {
+            if let Ok(message) = tokio::time::timeout(WATCH, messages.next()).await {
+                let Some(message) = message else {
+                    return std::future::pending().await;
+                };
+                if is_sign_of_life(&message) {
+                    let now = Instant::now();
+                    heard = Some((heard.map_or(now, |(since, _)| since), now));
+                }
+            }
+            heard = heard.filter(|(_, last)| last.elapsed() < SILENCE);
+            let is_settled = heard.is_some_and(|(since, _)| since.elapsed() >= SETTLING);
+            if is_settled && self.plc.is_online().await {
+                return;
+            }
+        }
+    }
+
+    /// Takes in all that the machine says now.
+    fn tell_all(&mut self) {
+        let before = std::mem::take(&mut self.view);
+        let mut messages = self.plc.port().subscribe(Filter::All);
+        // presence comes first, then birth: what another start of the runtime has said is passed over
+        while let Some(message) = messages.try_next() {
+            self.view.take(&message);
+        }
+        let shape = |view: &View| {
+            (
+                view.birth.machine.clone(),
+                view.birth.coordinate_systems.clone(),
+                view.birth.motors.clone(),
+            )
+        };
+        if shape(&before) != shape(&self.view) {
+            tracing::info!("the machine is another one: its nodes are built anew");
+            self.manager.inner().rebuild(&self.manager, &self.view);
+            self.told.clear();
+        }
+        tracing::info!(machine = %self.view.birth.machine, "the machine is heard");
+        let now = DateTime::now();
+        self.tell(Change::Machine, now);
+        for number in self.view.channels.keys().copied().collect::<Vec<_>>() {
+            self.tell(Change::Channel(number), now);
+        }
+        self.tell(Change::Alarms, now);
+    }
+
+    async fn follow_until_silent(&mut self) {
+        let mut messages = self.plc.port().subscribe(Filter::All);
+        let mut heard = Instant::now();
+        loop {
+            let message = match tokio::time::timeout(WATCH, messages.next()).await {
+                Ok(None) => return,
+                Ok(Some(message)) => message,
+                Err(_) if heard.elapsed() < SILENCE => continue,
+                Err(_) => {
+                    tracing::warn!("the machine is not heard");
+                    return;
+                }
+            };
+            if is_sign_of_life(&message) {
+                heard = Instant::now();
+            }
+            let boot = self.view.boot.clone();
+            let change = self.view.take(&message);
+            if !self.view.presence.online || self.view.boot != boot {
+                tracing::warn!("the machine has gone, or was started again");
+                return;
+            }
+            if let Some(change) = change {
+                let at = DateTime::parse_from_rfc3339(&message.ts.0).unwrap_or_else(|_| DateTime::now());
+                self.tell(change, at);
+            }
+        }
+    }
+
+    /// Tells what differs from what was told.
+    fn tell(&mut self, change: Change, at: DateTime) {
+        let mut values = Values::default();
+        match change {
+            Change::Machine => {
+                cnc::machine_values(&self.view, &mut values);
+                own::machine_values(&self.view, &mut values);
+            }
+            Change::Channel(number) => {
+                if let Some((info, channel)) = self.view.channel(number) {
+                    cnc::channel_values(info, channel, &mut values);
+                    own::channel_values(info, channel, &mut values);
+                }
+            }
+            Change::Alarms => own::alarm_values(&self.view, &mut values),
+        }
+        let mut changed = Vec::new();
+        for (path, value) in values.into_iter() {
+            if let Some((id, told)) = self.told.get_mut(&path) {
+                if *told != value {
+                    changed.push((id.clone(), data_value(&value, at)));
+                    *told = value;
+                }
+            } else if let Some(id) = self.manager.inner().id(&path) {
+                changed.push((id.clone(), data_value(&value, at)));
+                self.told.insert(path, (id, value));
+            } else {
+                tracing::error!(path, "there is no such variable");
+            }
+        }
+        self.tell_events(change);
+        let values = changed.iter().map(|(id, value)| (id, None, value.clone()));
+        if let Err(status) = self.manager.set_values(&self.subscriptions, values) {
+            tracing::error!(%status, "values were not told");
+        }
+    }
+
+    /// Alarms that have come, changed or gone, and what handlers say or ask.
+    fn tell_events(&mut self, change: Change) {
+        match (change, &self.view.alarms) {
+            (Change::Alarms, Some(active)) => {
+                let boot = &self.view.boot;
+                let now = active
+                    .alarms
+                    .iter()
+                    .map(|alarm| ((boot.clone(), alarm.id), alarm.clone()));
+                let now: BTreeMap<_, _> = now.collect();
+                let before = std::mem::replace(&mut self.alarms, now);
+                for (id, alarm) in before.iter().filter(|(id, _)| !self.alarms.contains_key(*id)) {
+                    self.tell_alarm(&id.0, alarm, false);
+                }
+                for (id, alarm) in self
+                    .alarms
+                    .iter()
+                    .filter(|(id, alarm)| before.get(*id) != Some(*alarm))
+                {
+                    self.tell_alarm(&id.0, alarm, true);
+                }
+            }
+            (Change::Channel(cs), _) => {
+                let state = self
+                    .view
+                    .channels
+                    .get(&cs)
+                    .and_then(|channel| channel.state.as_ref());
+                let said = state.and_then(|state| {
+                    let waiting = state.waiting_on.as_ref()?;
+                    let question = waiting.question.as_ref().map(|question| &question.text);
+                    question
+                        .or_else(|| Some(&waiting.progress.as_ref()?.text))
+                        .cloned()
+                });
+                let text = said.unwrap_or_default();
+                let before = self.messages.insert(cs, text.clone());
+                if !text.is_empty() && before.as_ref() != Some(&text) {
+                    self.tell_event(Happened::Message { cs, text });
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn tell_alarm(&self, boot: &BootId, alarm: &AlarmRecord, is_active: bool) {
+        self.tell_event(Happened::Alarm {
+            boot: boot.clone(),
+            alarm: alarm.clone(),
+            is_active,
+        });
+    }
+
+    fn tell_event(&self, happened: Happened) {
+        if let Err(error) = self.happened.try_send(happened) {
+            tracing::warn!(%error, "an event is not told");
+        }
+    }
+
+    /// Nothing is known of a machine that is not heard: no value stays good.
+    fn tell_away(&mut self) {
+        self.view.forget();
+        let away = unknown(StatusCode::BadNoCommunication);
+        let values = self.told.values().map(|(id, _)| (id, None, away.clone()));
+        if let Err(status) = self.manager.set_values(&self.subscriptions, values) {
+            tracing::error!(%status, "values were not told");
+        }
+        self.told.clear();
+    }
+}
+
+/// True for what a machine says again and again while it is there.
+fn is_sign_of_life(message: &Message) -> bool {
+    matches!(
+        message.topic,
+        Topic::Heartbeat | Topic::CoordinateSystem(_, CsTopic::Position)
+    )
+}

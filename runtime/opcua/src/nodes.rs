@@ -1,0 +1,177 @@
+//! The address space of this server, and what its methods do.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use async_trait::async_trait;
+use opcua::nodes::NodeSetImport;
+use opcua::server::address_space::AddressSpace;
+use opcua::server::diagnostics::NamespaceMetadata;
+use opcua::server::node_manager::memory::{
+    InMemoryNodeManager, InMemoryNodeManagerImpl, InMemoryNodeManagerImplBuilder,
+};
+use opcua::server::node_manager::{MethodCall, RequestContext, ServerContext};
+use opcua::sync::RwLock;
+use opcua::types::{DataValue, Identifier, NodeId, StatusCode, Variant};
+use parking_lot::Mutex;
+
+use crate::access::Access;
+use crate::cnc;
+use crate::events::Ids;
+use crate::instance::{Builder, unknown};
+use crate::methods::{self, Outcome};
+use crate::nodesets::{CNC, NodeSet};
+use crate::own;
+use crate::view::View;
+
+/// Namespace of the nodes of this server. The identifier of each is its path.
+pub const OWN: &str = "https://github.com/tandem-nc/tandem/opcua";
+
+/// The node manager of this server.
+pub type Manager = InMemoryNodeManager<Nodes>;
+
+/// What builds the nodes when the server is made.
+pub struct NodesBuilder {
+    pub sets: Vec<NodeSet>,
+    pub view: View,
+    pub access: Arc<Access>,
+}
+
+/// The nodes of the machine, beside those of the node sets.
+pub struct Nodes {
+    namespaces: Vec<NamespaceMetadata>,
+    own: u16,
+    access: Arc<Access>,
+    /// Those that were built for the machine.
+    built: Mutex<BTreeSet<String>>,
+}
+
+impl InMemoryNodeManagerImplBuilder for NodesBuilder {
+    type Impl = Nodes;
+
+    fn build(self, context: ServerContext, space: &mut AddressSpace) -> Nodes {
+        let mut types = context.type_tree.write();
+        let mut namespaces = Vec::new();
+        for set in &self.sets {
+            space.import_node_set(set, types.namespaces_mut());
+            namespaces.extend(set.get_own_namespaces());
+        }
+        namespaces.push(OWN.to_owned());
+        namespaces.sort();
+        namespaces.dedup();
+        let namespaces: Vec<_> = namespaces
+            .into_iter()
+            .map(|namespace_uri| NamespaceMetadata {
+                namespace_index: types.namespaces_mut().add_namespace(&namespace_uri),
+                namespace_uri,
+                ..NamespaceMetadata::default()
+            })
+            .collect();
+        for namespace in &namespaces {
+            space.add_namespace(&namespace.namespace_uri, namespace.namespace_index);
+        }
+        let own = space.namespace_index(OWN).unwrap_or_default();
+        let built = build(space, own, &self.view);
+        Nodes {
+            namespaces,
+            own,
+            access: self.access,
+            built: Mutex::new(built),
+        }
+    }
+}
+
+/// Builds the nodes of a machine.
+fn build(space: &mut AddressSpace, own: u16, view: &View) -> BTreeSet<String> {
+    let mut builder = Builder::new(space, own);
+    cnc::build(&mut builder, view);
+    own::build(&mut builder, view);
+    builder.built()
+}
+
+impl Nodes {
+    /// The identifier of the node at a path, if there is one.
+    pub fn id(&self, path: &str) -> Option<NodeId> {
+        self.built
+            .lock()
+            .contains(path)
+            .then(|| NodeId::new(self.own, path))
+    }
+
+    /// Identifiers of events.
+    pub fn event_ids(&self) -> Ids {
+        let cnc = self
+            .namespaces
+            .iter()
+            .find(|namespace| namespace.namespace_uri == CNC);
+        let cnc = cnc.map_or(0, |namespace| namespace.namespace_index);
+        Ids {
+            alarm_type: NodeId::new(cnc, 1006),
+            message_type: NodeId::new(cnc, 1011),
+            own: self.own,
+        }
+    }
+
+    /// Builds the nodes anew, since the machine has become another.
+    pub fn rebuild(&self, manager: &Manager, view: &View) {
+        let mut space = manager.address_space().write();
+        let mut built = self.built.lock();
+        for path in built.iter() {
+            space.delete(&NodeId::new(self.own, path.as_str()), true);
+        }
+        *built = build(&mut space, self.own, view);
+    }
+}
+
+/// The value of a variable, or why there is none.
+pub fn data_value(value: &Result<Variant, StatusCode>, at: opcua::types::DateTime) -> DataValue {
+    let mut told = match value {
+        Ok(value) => DataValue::new_now(value.clone()),
+        Err(why) => unknown(*why),
+    };
+    told.source_timestamp = Some(at);
+    told
+}
+
+#[async_trait]
+impl InMemoryNodeManagerImpl for Nodes {
+    async fn init(&self, _: &mut AddressSpace, _: ServerContext) {}
+
+    fn name(&self) -> &'static str {
+        "tandem"
+    }
+
+    fn namespaces(&self) -> Vec<NamespaceMetadata> {
+        self.namespaces.clone()
+    }
+
+    #[allow(clippy::mut_mut, reason = "the trait has it so")]
+    async fn call(
+        &self,
+        context: &RequestContext,
+        _: &RwLock<AddressSpace>,
+        calls: &mut [&mut &mut MethodCall],
+    ) -> Result<(), StatusCode> {
+        for call in calls {
+            let Identifier::String(path) = &call.method_id().identifier else {
+                continue;
+            };
+            let Some((cs, method)) = methods::find(path.as_ref()) else {
+                continue;
+            };
+            let outcome = match self.access.plc(&context.token) {
+                Some(plc) => methods::call(plc, &context.token, cs, method, call.arguments().to_vec()).await,
+                None => Outcome::nobody(),
+            };
+            call.set_outputs(outcome.outputs());
+            call.set_diagnostic_info(outcome.diagnostics());
+            call.set_status(outcome.status);
+        }
+        Ok(())
+    }
+}
+
+/// The node manager among those of a server.
+pub fn manager(server: &opcua::server::ServerHandle) -> Option<Arc<Manager>> {
+    server.node_managers().get_of_type::<Manager>()
+}

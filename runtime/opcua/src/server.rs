@@ -1,0 +1,222 @@
+//! The server: endpoints, limits, and its life.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context, anyhow, ensure};
+use opcua::crypto::SecurityPolicy;
+use opcua::server::authenticator::AuthManager;
+use opcua::server::node_manager::memory::InMemoryNodeManagerBuilder;
+use opcua::server::{
+    ANONYMOUS_USER_TOKEN_ID, Limits, Server, ServerBuilder, ServerEndpoint, ServerHandle, SubscriptionLimits,
+};
+use opcua::types::MessageSecurityMode;
+use plc_api::Plc;
+use plc_api::hub::Filter;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+
+use crate::access::{Access, LOGIN_TIMEOUT, Machine};
+use crate::events;
+use crate::feed::Feed;
+use crate::nodes::{NodesBuilder, manager};
+use crate::nodesets;
+use crate::options::{Credentials, Options};
+use crate::view::View;
+
+/// Sessions at the same time. Reason: a plant's clients and a margin; each costs some ten kilobytes.
+const SESSIONS_MAX: usize = 200;
+
+/// Subscriptions of one session.
+const SUBSCRIPTIONS_MAX: usize = 20;
+
+/// Variables that one subscription watches. Reason: all of a machine with eight coordinate systems.
+const MONITORED_ITEMS_MAX: usize = 5000;
+
+/// Values of one variable that wait for a client; the oldest are dropped.
+const QUEUE_MAX: usize = 100;
+
+/// Bytes of one message.
+const MESSAGE_BYTES_MAX: usize = 4 * 1024 * 1024;
+
+/// Values ten times a second: as often as the machine tells positions.
+const INTERVAL_MIN_MS: f64 = 100.0;
+
+/// Pause before the machine is looked for again.
+const AGAIN_AFTER: Duration = Duration::from_secs(2);
+
+/// Serves until the process is told to end.
+///
+/// # Errors
+/// An option cannot be carried out, or the address is in use.
+pub async fn serve(options: Options) -> anyhow::Result<()> {
+    let (machine, user) = options.machine()?;
+    let listener = TcpListener::bind(options.listen)
+        .await
+        .with_context(|| format!("cannot listen on {}", options.listen))?;
+    let plc = tokio::select! {
+        plc = connect(&machine, user.as_ref()) => plc?,
+        () = told_to_end() => return Ok(()),
+    };
+    if !options.listen.ip().is_loopback() {
+        refuse_without_users(&machine).await?;
+    }
+    let mut view = View::default();
+    let mut messages = plc.port().subscribe(Filter::All);
+    while let Some(message) = messages.try_next() {
+        view.take(&message);
+    }
+    drop(messages);
+    let port = listener.local_addr()?.port();
+    let is_anonymous_allowed = options.is_anonymous_allowed(user.as_ref());
+    let access = Arc::new(Access::new(machine, is_anonymous_allowed));
+    let name = view.birth.machine.clone();
+    let (server, handle) = build(&options, port, &name, view.clone(), access)?;
+    let manager = manager(&handle).context("the node manager is missing")?;
+    let (happened, told) = mpsc::channel(events::WAITING_MAX);
+    let tells = tokio::spawn(events::tell(
+        told,
+        plc.clone(),
+        Arc::clone(handle.subscriptions()),
+        manager.inner().event_ids(),
+    ));
+    let mut feed = Feed {
+        plc,
+        manager,
+        subscriptions: Arc::clone(handle.subscriptions()),
+        view,
+        told: BTreeMap::new(),
+        happened,
+        alarms: BTreeMap::new(),
+        messages: BTreeMap::new(),
+    };
+    tokio::select! {
+        () = feed.begin() => {}
+        () = told_to_end() => return Ok(()),
+    }
+    say(&format!("OPC UA of {name}: opc.tcp://{}:{port}/", options.host()));
+    let follows = tokio::spawn(feed.follow());
+    let end = handle.token().clone();
+    tokio::spawn(async move {
+        told_to_end().await;
+        end.cancel();
+    });
+    let served = server.run_with(listener).await.map_err(|error| anyhow!(error));
+    follows.abort();
+    tells.abort();
+    served
+}
+
+/// Connects to the machine as soon as it is there.
+async fn connect(machine: &Machine, user: Option<&Credentials>) -> anyhow::Result<Plc> {
+    loop {
+        match machine
+            .connect(user.map(|(name, token)| (name.as_str(), token.as_str())))
+            .await
+        {
+            Ok(plc) => return Ok(plc),
+            Err(error @ plc_api::Error::Address { .. }) => return Err(error.into()),
+            Err(error) => {
+                tracing::warn!("{error}; looking for it again");
+                tokio::time::sleep(AGAIN_AFTER).await;
+            }
+        }
+    }
+}
+
+/// A machine without users takes commands from anybody: it must not be reached from the network.
+async fn refuse_without_users(machine: &Machine) -> anyhow::Result<()> {
+    let stranger = machine.connect(Some(("stranger", "no token of anybody")));
+    let is_taken = matches!(tokio::time::timeout(LOGIN_TIMEOUT, stranger).await, Ok(Ok(_)));
+    ensure!(
+        !is_taken,
+        "the machine has no users, so that whoever reaches this server could command it: give the runtime a token_file, or \
+         listen on the loopback"
+    );
+    Ok(())
+}
+
+fn build(
+    options: &Options,
+    port: u16,
+    machine: &str,
+    view: View,
+    access: Arc<Access>,
+) -> anyhow::Result<(Server, ServerHandle)> {
+    let host = options.host();
+    let sets = nodesets::read()?;
+    let mut builder = ServerBuilder::new()
+        .application_name(format!("Tandem {machine}"))
+        .application_uri(format!("urn:{host}:tandem:{machine}"))
+        .product_uri("https://github.com/tandem-nc/tandem")
+        .host(host)
+        .port(port)
+        .discovery_urls(vec!["/".to_owned()])
+        .pki_dir(&options.pki)
+        .create_sample_keypair(true)
+        .certificate_path("own/cert.der")
+        .private_key_path("private/private.pem")
+        .trust_client_certs(options.trust_any_client)
+        .with_authenticator(Arc::clone(&access) as Arc<dyn AuthManager>)
+        .limits(limits())
+        .diagnostics_enabled(false)
+        .with_node_manager(InMemoryNodeManagerBuilder::new(NodesBuilder {
+            sets,
+            view,
+            access,
+        }));
+    let users = [ANONYMOUS_USER_TOKEN_ID.to_owned()];
+    if options.offers_none() {
+        builder = builder.add_endpoint("none", ServerEndpoint::new_none("/", &users));
+    }
+    for (name, mode) in [
+        ("sign", MessageSecurityMode::Sign),
+        ("sign_and_encrypt", MessageSecurityMode::SignAndEncrypt),
+    ] {
+        let endpoint = ServerEndpoint::new("/", SecurityPolicy::Basic256Sha256, mode, &users);
+        builder = builder.add_endpoint(name, endpoint);
+    }
+    builder.build().map_err(|error| anyhow!(error))
+}
+
+fn limits() -> Limits {
+    Limits {
+        max_sessions: SESSIONS_MAX,
+        max_message_size: MESSAGE_BYTES_MAX,
+        max_browse_continuation_points: 20,
+        max_history_continuation_points: 1,
+        max_query_continuation_points: 1,
+        subscriptions: SubscriptionLimits {
+            max_subscriptions_per_session: SUBSCRIPTIONS_MAX,
+            max_monitored_items_per_sub: MONITORED_ITEMS_MAX,
+            max_monitored_item_queue_size: QUEUE_MAX,
+            min_sampling_interval_ms: INTERVAL_MIN_MS,
+            min_publishing_interval_ms: INTERVAL_MIN_MS,
+            ..SubscriptionLimits::default()
+        },
+        ..Limits::default()
+    }
+}
+
+/// A line on standard output. A reader that has gone is no reason to end.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout().lock(), "{line}");
+}
+
+/// Until the process is interrupted or terminated.
+async fn told_to_end() {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        if let Ok(mut terminated) = signal(SignalKind::terminate()) {
+            tokio::select! {
+                _ = tokio::signal::ctrl_c() => {}
+                _ = terminated.recv() => {}
+            }
+            return;
+        }
+    }
+    let _ = tokio::signal::ctrl_c().await;
+}

@@ -1,0 +1,136 @@
+//! What is known of the machine: the last message of each topic that clients are told of.
+
+use std::collections::BTreeMap;
+
+use plc_api::types::machine::{ActiveAlarms, Birth, CoordinateSystemInfo, MotorInfo, Presence};
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::output::Pending;
+use plc_api::types::run::RunState;
+use plc_api::types::state::{Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Tool};
+use plc_api::types::topic::Topic;
+use plc_api::types::{BootId, CoordinateSystemNumber};
+
+/// A machine.
+#[derive(Debug, Clone, Default)]
+pub struct View {
+    pub presence: Presence,
+    /// The start of the runtime that is heard.
+    pub boot: BootId,
+    pub birth: Birth,
+    pub channels: BTreeMap<CoordinateSystemNumber, Channel>,
+    pub alarms: Option<ActiveAlarms>,
+}
+
+/// A coordinate system. What has not been said since the machine was heard again is not known.
+#[derive(Debug, Clone, Default)]
+pub struct Channel {
+    pub state: Option<State>,
+    pub place: Option<ProgramPlace>,
+    pub position: Option<Position>,
+    /// The position before it.
+    pub position_before: Option<Position>,
+    pub modal: Option<Modal>,
+    pub pending: Option<Pending>,
+    pub overrides: Option<Overrides>,
+    pub spindle: Option<Spindle>,
+    /// The spindle before it.
+    pub spindle_before: Option<Spindle>,
+    pub tool: Option<Tool>,
+    pub optional_skip: Option<OptionalSkip>,
+    pub run: Option<RunState>,
+}
+
+/// What a message has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// Something of the machine as a whole.
+    Machine,
+    /// Something of a coordinate system.
+    Channel(CoordinateSystemNumber),
+    /// The alarms.
+    Alarms,
+}
+
+impl View {
+    /// Takes in a message. A state from before the last start of the runtime says nothing.
+    pub fn take(&mut self, message: &Message) -> Option<Change> {
+        if let Payload::Presence(presence) = &message.payload {
+            if presence.online && self.boot != message.boot_id {
+                self.forget();
+                self.boot = message.boot_id.clone();
+            }
+            self.presence = presence.clone();
+            return Some(Change::Machine);
+        }
+        if message.boot_id != self.boot {
+            return None;
+        }
+        match (&message.topic, &message.payload) {
+            (_, Payload::Birth(birth)) => {
+                self.birth = birth.clone();
+                Some(Change::Machine)
+            }
+            (_, Payload::AlarmActive(alarms)) => {
+                self.alarms = Some(alarms.clone());
+                Some(Change::Alarms)
+            }
+            (Topic::CoordinateSystem(cs, _), payload) => {
+                let channel = self.channels.entry(*cs).or_default();
+                channel.take(payload).then_some(Change::Channel(*cs))
+            }
+            _ => None,
+        }
+    }
+
+    /// What was said by a machine that is not heard any more.
+    pub fn forget(&mut self) {
+        self.channels.clear();
+        self.alarms = None;
+    }
+
+    pub fn motor(&self, number: u16) -> Option<&MotorInfo> {
+        self.birth.motors.iter().find(|motor| motor.number == number)
+    }
+
+    /// A coordinate system with what it is.
+    pub fn channel(&self, number: CoordinateSystemNumber) -> Option<(&CoordinateSystemInfo, &Channel)> {
+        static NOTHING: Channel = Channel::UNKNOWN;
+        let mut systems = self.birth.coordinate_systems.iter();
+        let info = systems.find(|info| info.number == number)?;
+        Some((info, self.channels.get(&number).unwrap_or(&NOTHING)))
+    }
+}
+
+impl Channel {
+    const UNKNOWN: Self = Self {
+        state: None,
+        place: None,
+        position: None,
+        position_before: None,
+        modal: None,
+        pending: None,
+        overrides: None,
+        spindle: None,
+        spindle_before: None,
+        tool: None,
+        optional_skip: None,
+        run: None,
+    };
+
+    fn take(&mut self, payload: &Payload) -> bool {
+        match payload {
+            Payload::State(said) => self.state = Some(said.clone()),
+            Payload::Program(said) => self.place = Some(said.clone()),
+            Payload::Position(said) => self.position_before = self.position.replace(said.clone()),
+            Payload::Modal(said) => self.modal = Some(said.clone()),
+            Payload::Pending(said) => self.pending = Some(said.clone()),
+            Payload::Override(said) => self.overrides = Some(*said),
+            Payload::Spindle(said) => self.spindle_before = self.spindle.replace(*said),
+            Payload::Tool(said) => self.tool = Some(*said),
+            Payload::OptionalSkip(said) => self.optional_skip = Some(said.clone()),
+            Payload::Run(said) => self.run = Some(said.clone()),
+            _ => return false,
+        }
+        true
+    }
+}

@@ -1,0 +1,56 @@
+//! `tandem opcua`: starts `tandem-opcua`, which is a program of its own.
+
+use std::ffi::OsString;
+use std::io;
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, bail};
+use clap::Args;
+
+use super::Ran;
+
+const PROGRAM: &str = "tandem-opcua";
+
+#[derive(Args)]
+#[command(after_help = "tandem-opcua --help tells its options; the book has a page on OPC UA.")]
+pub struct Arguments {
+    /// Options of tandem-opcua, such as --connect and --listen with an address each
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTION")]
+    options: Vec<OsString>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let program = beside_this().unwrap_or_else(|| PROGRAM.into());
+    let mut command = Command::new(&program);
+    command.args(&arguments.options);
+    match end_as(command) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => bail!(
+            "{PROGRAM} is not installed: it is a program of its own, and is neither beside tandem nor on PATH. \
+             Build it with cargo build --release --manifest-path runtime/opcua/Cargo.toml, and put it beside tandem"
+        ),
+        ended => ended.with_context(|| format!("cannot start {}", program.display())),
+    }
+}
+
+/// The program in the folder of this one.
+fn beside_this() -> Option<PathBuf> {
+    let beside = std::env::current_exe().ok()?.with_file_name(PROGRAM);
+    let beside = beside.with_extension(std::env::consts::EXE_EXTENSION);
+    beside.is_file().then_some(beside)
+}
+
+/// Becomes the program, so that signals reach it.
+#[cfg(unix)]
+fn end_as(mut command: Command) -> io::Result<u8> {
+    // it returns only if that fails
+    Err(std::os::unix::process::CommandExt::exec(&mut command))
+}
+
+#[cfg(not(unix))]
+fn end_as(mut command: Command) -> io::Result<u8> {
+    let code = command.status()?.code();
+    Ok(code
+        .and_then(|code| u8::try_from(code).ok())
+        .unwrap_or(super::EXIT_UNREADABLE))
+}
