@@ -85,8 +85,8 @@ mod tests {
         let Variant::ExtensionObject(millimetre) = Variant::from(MILLIMETRE) else {
             unreachable!("a unit is a structure");
         };
-        // the table of OPC 10000-8: MMT is 5067860
+        // UNECE_to_OPCUA.csv of the OPC Foundation: MMT is 5066068
         let unit = millimetre.inner_as::<EUInformation>().map(|unit| unit.unit_id);
-        assert_eq!(unit, Some(5_067_860));
+        assert_eq!(unit, Some(5_066_068));
     }
 }
