@@ -162,6 +162,28 @@ impl Clock {
         }
     }
 
+    /// Waits so long at most, in real time also where time is simulated: for what may not come although nothing else happens.
+    /// `None`: it has not come.
+    pub async fn within_real<T>(&self, limit: Duration, work: impl Future<Output = T>) -> Option<T> {
+        if !matches!(self.0, Kind::Simulated(_)) {
+            return tokio::time::timeout(limit, work).await.ok();
+        }
+        // the executor of a simulation has no clock of its own
+        let (done, is_done) = std::sync::mpsc::channel::<()>();
+        let (late, is_late) = tokio::sync::oneshot::channel();
+        let limited = std::thread::spawn(move || {
+            let _done = is_done.recv_timeout(limit);
+            let _nobody_waits = late.send(());
+        });
+        let ended = tokio::select! {
+            biased;
+            ended = work => Some(ended),
+            _ = is_late => None,
+        };
+        drop((done, limited));
+        ended
+    }
+
     /// Sleeps until `at_s` seconds after the start.
     pub async fn sleep_until_s(&self, at_s: f64) {
         let left_s = (at_s - self.now_s()).clamp(0.0, 1e9);

@@ -236,7 +236,8 @@ impl Runtime {
         self.port.stop_all().await;
         self.port.shared.closing.cancel();
         let ended = async { while self.tasks.join_next().await.is_some() {} };
-        let _ = tokio::time::timeout(Duration::from_secs(2), ended).await;
+        let clock = &self.port.shared.clock;
+        let _ = clock.within_real(Duration::from_secs(2), ended).await;
         self.tasks.shutdown().await;
         let presence = presence(&self.port.shared, false);
         (self.port.shared).publish(Topic::Presence, Payload::Presence(presence));

@@ -80,7 +80,10 @@ impl RuntimePort {
                 wait: true,
             };
             // Whatever the answer is, the task ends next.
-            let _ = tokio::time::timeout(Duration::from_secs(2), self.carry_out(stop)).await;
+            let clock = &self.shared.clock;
+            let _ = clock
+                .within_real(Duration::from_secs(2), self.carry_out(stop))
+                .await;
         }
     }
 

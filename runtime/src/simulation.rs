@@ -252,20 +252,8 @@ pub(crate) fn slot() -> Option<Slot> {
 /// # Errors
 /// The operating system gives no event queue.
 pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
-    run_in(Slot::default(), main)
-}
-
-/// The same; the simulation of the runtime is found in the slot.
-pub(crate) fn run_in<T>(slot: Slot, main: impl Future<Output = T>) -> std::io::Result<T> {
-    let stepper = Arc::clone(&slot);
-    let executor = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .on_thread_park(move || {
-            if let Some(simulation) = stepper.get() {
-                simulation.step();
-            }
-        })
-        .build()?;
+    let slot = Slot::default();
+    let mut executor = executor(&slot);
     let report = report_standstill(Arc::clone(&slot));
     let watched = async {
         tokio::select! {
@@ -274,7 +262,38 @@ pub(crate) fn run_in<T>(slot: Slot, main: impl Future<Output = T>) -> std::io::R
             never = report => match never {},
         }
     };
-    Ok(executor.block_on(SLOT.scope(slot, watched)))
+    Ok(executor.enable_all().build()?.block_on(SLOT.scope(slot, watched)))
+}
+
+/// The same without a clock other than the simulation's, and without sockets: whoever takes them panics. `on_thread` is called when
+/// something is given to another thread. The simulation of the runtime is found in the slot.
+///
+/// # Errors
+/// As [`run`].
+pub(crate) fn run_in<T>(
+    slot: Slot,
+    on_thread: impl Fn() + Send + Sync + 'static,
+    main: impl Future<Output = T>,
+) -> std::io::Result<T> {
+    // called where the thread is asked for, thus before the simulation goes on
+    let name = move || {
+        on_thread();
+        "other-thread".to_owned()
+    };
+    let executor = executor(&slot).thread_name_fn(name).build()?;
+    Ok(executor.block_on(SLOT.scope(slot, main)))
+}
+
+/// Counts servo cycles when no task is ready to run.
+fn executor(slot: &Slot) -> tokio::runtime::Builder {
+    let stepper = Arc::clone(slot);
+    let mut executor = tokio::runtime::Builder::new_current_thread();
+    executor.on_thread_park(move || {
+        if let Some(simulation) = stepper.get() {
+            simulation.step();
+        }
+    });
+    executor
 }
 
 /// Reports that simulated time has stopped: every task waits for something else.

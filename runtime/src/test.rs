@@ -72,10 +72,18 @@
 //! # Ok(()) }
 //! ```
 //!
-//! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep): ten minutes of them take milliseconds, and so do ten minutes
-//! of long lines and dwells, where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. One that waits for
-//! anything else ends the run, and [`Run::completed`] says what the program waited for.
+//! What runs beside the handlers, such as [tasks](SequenceProgram::task), runs here too, and nobody waits for its end. A model of
+//! the plant is a [`Bench::plant`].
+//!
+//! # One clock
+//! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep), [`Plc::timeout`](plc_api::Plc::timeout) and
+//! [`Plc::interval`](plc_api::Plc::interval): ten minutes of them take milliseconds, and so do ten minutes of long lines and dwells,
+//! where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. The clock of tokio (`tokio::time`),
+//! sockets, and other threads (`spawn_blocking`, `tokio::fs`) know nothing of simulated time: a run in which something uses them ends
+//! with an error that says so, and what to use. One that waits for anything else, which does not come, ends the run, too, and
+//! [`Run::completed`] says what the program waited for.
 
+mod beside;
 mod perform;
 mod record;
 #[cfg(test)]
@@ -164,6 +172,7 @@ pub struct Bench {
     programs: BTreeMap<u16, String>,
     beside: Vec<(CoordinateSystemNumber, u16)>,
     sequence_programs: Vec<SequenceProgram>,
+    plants: Vec<Action>,
     script: Vec<(Cue, Action)>,
     trace_every_s: Option<f64>,
     options: SimulationOptions,
@@ -221,6 +230,7 @@ impl Bench {
             programs: BTreeMap::new(),
             beside: Vec::new(),
             sequence_programs: Vec::new(),
+            plants: Vec::new(),
             script: Vec::new(),
             trace_every_s: None,
             options: SimulationOptions {
@@ -252,6 +262,57 @@ impl Bench {
     /// Serves the machine with a sequence program; its handlers are known before the NC program is loaded.
     pub fn serve(mut self, program: SequenceProgram) -> Self {
         self.sequence_programs.push(program);
+        self
+    }
+
+    /// A model of the plant, such as of cylinders with their switches: an async closure that runs beside the handlers from before
+    /// they begin. Nobody waits for its end, and it ends with the test; when it ends with an error, so does the test. It sleeps
+    /// by [`Plc::sleep`](plc_api::Plc::sleep) or [`Plc::interval`](plc_api::Plc::interval).
+    ///
+    /// ```
+    /// # use plc_api::{Alarm, AuxOutput, SequenceProgram, handlers::with};
+    /// # use std::time::Duration;
+    /// # use tandem_runtime::test::{Bench, TestError};
+    /// # use tokio::sync::watch;
+    /// /// Closes the valve, and waits for the switch.
+    /// async fn clamp(cell: Cell) -> Result<(), Alarm> {
+    ///     cell.valve.send_replace(true);
+    ///     let closed = cell.switch.subscribe().wait_for(|closed| *closed).await.map(|_| ());
+    ///     closed.map_err(|_| Alarm::user(10, "the switch has gone"))
+    /// }
+    ///
+    /// #[derive(Clone, Default)]
+    /// struct Cell {
+    ///     valve: watch::Sender<bool>,
+    ///     switch: watch::Sender<bool>,
+    /// }
+    ///
+    /// # fn main() -> Result<(), TestError> {
+    /// let cell = Cell::default();
+    /// let cylinder = cell.clone();
+    /// let program = SequenceProgram::new().on(10, with(cell, |_, _, cell| clamp(cell)));
+    /// let run = Bench::new()
+    ///     .serve(program)
+    ///     .plant(|scene| async move {
+    ///         let mut valve = cylinder.valve.subscribe();
+    ///         while valve.changed().await.is_ok() {
+    ///             scene.plc().sleep(Duration::from_millis(300)).await; // its stroke
+    ///             let is_open = *valve.borrow_and_update();
+    ///             cylinder.switch.send_replace(is_open);
+    ///         }
+    ///         Ok(())
+    ///     })
+    ///     .run("M10\nM30")?
+    ///     .completed()?;
+    /// assert!((run.output(10)?.took_s()? - 0.3).abs() < 0.01);
+    /// # Ok(()) }
+    /// ```
+    pub fn plant<F, Work>(mut self, plant: F) -> Self
+    where
+        F: FnOnce(Scene) -> Work + Send + 'static,
+        Work: Future<Output = plc_api::Result<()>> + Send + 'static,
+    {
+        self.plants.push(Box::new(move |scene| Box::pin(plant(scene))));
         self
     }
 

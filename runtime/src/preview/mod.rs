@@ -225,7 +225,9 @@ impl Previews {
             {
                 return Ok((cs, Arc::clone(plan)));
             }
-            let is_late = tokio::time::timeout_at(end, told.changed()).await.is_err();
+            let left = end.saturating_duration_since(tokio::time::Instant::now());
+            let clock = &inner.shared.clock;
+            let is_late = clock.within_real(left, told.changed()).await.is_none();
             if is_late {
                 return match plan.or_else(|| inner.look(cs, &program)) {
                     Some(plan) => Ok((cs, plan)),

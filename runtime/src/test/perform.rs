@@ -19,6 +19,7 @@ use tandem_model::variables::VariableArray;
 use tokio::sync::mpsc;
 use tokio::task::{AbortHandle, JoinError, JoinSet};
 
+use super::beside::{Failures, foreign, is_foreign};
 use super::record::{Ended, NonZero, OutputRecord, Run, StateChange, Stopped, SystemEnd};
 use super::trace::Tracer;
 use super::{Action, Bench, Cue, TestError};
@@ -39,8 +40,7 @@ const SETTLE_TURNS: usize = 256;
 pub struct Scene {
     plc: Plc,
     handlers: Arc<Mutex<Vec<AbortHandle>>>,
-    /// Of the first sequence program that has ended with one.
-    refusal: Arc<Mutex<Option<Error>>>,
+    failures: Failures,
 }
 
 impl Scene {
@@ -64,22 +64,9 @@ impl Scene {
     /// Another sequence program serves the machine from now on, such as after [`Scene::kill_handlers`]. When it ends with an
     /// error, such as that its `handler_id` is taken, so does the test.
     pub fn serve(&self, program: SequenceProgram) {
-        let plc = self.plc.clone();
-        let refusal = Arc::clone(&self.refusal);
-        let served = tokio::spawn(async move {
-            if let Err(error) = program.run(&plc).await {
-                refusal.lock().get_or_insert(error);
-            }
-        });
-        self.handlers.lock().push(served.abort_handle());
-    }
-
-    /// The error of a sequence program.
-    fn judge_handlers(&self) -> Result<(), TestError> {
-        let refusal = self.refusal.lock();
-        refusal.as_ref().map_or(Ok(()), |error| {
-            Err(TestError::new(format!("a sequence program ended: {error}")))
-        })
+        let (plc, failures) = (self.plc.clone(), self.failures.clone());
+        let served = async move { failures.watch("a sequence program", program.run(&plc)).await };
+        self.handlers.lock().push(tokio::spawn(served).abort_handle());
     }
 }
 
@@ -113,7 +100,10 @@ impl Bench {
         let slot = Slot::default();
         let watched = Arc::clone(&slot);
         let thread = std::thread::spawn(move || {
-            let played = simulation::run_in(slot, self.play_here(act));
+            let failures = Failures::default();
+            let (of_threads, of_test) = (failures.clone(), failures.clone());
+            let on_thread = move || of_threads.on_other_thread();
+            let played = simulation::run_in(slot, on_thread, self.play_here(of_test, act));
             // Nobody listens any more when it took too long.
             let _ = ended.send(played.map_err(TestError::new).flatten());
         });
@@ -139,7 +129,11 @@ impl Bench {
         }
     }
 
-    async fn play_here<T>(self, act: impl AsyncFnOnce(Scene, &Runtime) -> T) -> Result<T, TestError> {
+    async fn play_here<T>(
+        self,
+        failures: Failures,
+        act: impl AsyncFnOnce(Scene, &Runtime) -> T,
+    ) -> Result<T, TestError> {
         for program in &self.sequence_programs {
             program.check()?;
         }
@@ -148,22 +142,29 @@ impl Bench {
         let scene = Scene {
             plc: Plc::in_process(runtime.port()),
             handlers: Arc::default(),
-            refusal: Arc::default(),
+            failures: failures.clone(),
         };
+        // dropped, thus ended, with the test
+        let mut plants = JoinSet::new();
+        for plant in self.plants {
+            let (work, failures) = (plant(scene.clone()), failures.clone());
+            plants.spawn(async move { failures.watch("a plant", work).await });
+        }
         for program in self.sequence_programs {
             scene.serve(program);
         }
         for _ in 0..SETTLE_TURNS {
             tokio::task::yield_now().await;
         }
-        scene.judge_handlers()?;
+        failures.judge()?;
         for (number, text) in self.programs {
             let check = scene.plc.port().ask(WriteProgram(number, text)).await;
             check
                 .map_err(|refusal| TestError::new(format!("program {number} was not taken: {refusal:?}")))?;
         }
         let played = act(scene.clone(), &runtime).await;
-        let judged = scene.judge_handlers();
+        let judged = failures.judge();
+        plants.shutdown().await;
         runtime.shutdown().await;
         judged.map(|()| played)
     }
@@ -260,7 +261,10 @@ impl Stage {
                 biased;
                 Some(line) = self.lines.recv() => self.on_line(&line),
                 Some(message) = self.states.next() => self.on_message(&message),
-                Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => on_action_end(ended)?,
+                () = self.scene.failures.told() => {
+                    self.scene.failures.judge()?;
+                }
+                Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => on_action_end(ended, &self.scene.failures)?,
                 () = plc.sleep(Duration::from_secs_f64(wait_s)), if next_s.is_some() => {
                     self.cue(|cue| matches!(cue, Cue::Time(at_s) if Some(at_s) == next_s));
                 }
@@ -270,6 +274,9 @@ impl Stage {
             }
         };
         self.run.time_s = self.now_s();
+        if let Some(alarm) = self.run.alarms.iter().find(|alarm| is_foreign(&alarm.text)) {
+            return Err(foreign(alarm.text.split(" panicked").next().unwrap_or_default()));
+        }
         if let Some((cue, _)) = self.script.iter().flatten().next() {
             let text = format!("{cue} never came; it did: {}", self.run.order(1).join(", "));
             return Err(TestError::new(text));
@@ -448,12 +455,18 @@ impl Stage {
     }
 }
 
-fn on_action_end(ended: Result<(Cue, plc_api::Result<()>), JoinError>) -> Result<(), TestError> {
+fn on_action_end(
+    ended: Result<(Cue, plc_api::Result<()>), JoinError>,
+    failures: &Failures,
+) -> Result<(), TestError> {
     match ended {
         Ok((_, Ok(()))) => Ok(()),
         Ok((cue, Err(error))) => Err(TestError::new(format!("{cue}: {error}"))),
         Err(error) => match error.try_into_panic() {
-            Ok(panic) => std::panic::resume_unwind(panic),
+            Ok(panic) => {
+                failures.panicked("an action", panic);
+                failures.judge()
+            }
             Err(error) => Err(TestError::new(error)),
         },
     }

@@ -142,7 +142,7 @@ impl Run {
             .find(|(_, end)| end.execution != Execution::ProgramCompleted);
         match unended {
             None => Ok(self),
-            Some((cs, end)) => Err(self.story(cs, end)),
+            Some((cs, _)) => Err(self.story(cs)),
         }
     }
 
@@ -232,10 +232,15 @@ impl Run {
             };
             format!("coordinate system {cs} is {:?}{reason}{waits}", end.execution)
         });
-        ends.collect::<Vec<_>>().join("; ")
+        let ends = ends.collect::<Vec<_>>().join("; ");
+        let mut systems = self.systems.values();
+        if self.stopped == Stopped::NothingMoves && systems.any(|end| end.execution == Execution::Wait) {
+            return format!("{ends}; {HELP_TO_WAIT}");
+        }
+        ends
     }
 
-    fn story(&self, cs: CoordinateSystemNumber, end: &SystemEnd) -> TestError {
+    fn story(&self, cs: CoordinateSystemNumber) -> TestError {
         let why = match self.stopped {
             Stopped::ProgramsEnded => String::new(),
             Stopped::TimeLimit => format!(" within {} s", self.time_s),
@@ -251,14 +256,14 @@ impl Run {
                 .map_or_else(String::new, |line| format!(" in line {line}"));
             lines.push(format!("{} {}{line}: {}", word(alarm), alarm.number, alarm.text));
         }
-        if self.stopped == Stopped::NothingMoves && end.execution == Execution::Wait {
-            let help = "a handler that waits must sleep by plc.sleep, or wait for something that happens";
-            lines.push(help.to_owned());
-        }
         lines.push(format!("it did: {}", self.order(cs).join(", ")));
         TestError::new(lines.join("\n  "))
     }
 }
+
+/// What to do where a program waits for what does not come.
+const HELP_TO_WAIT: &str =
+    "a handler that waits must sleep by plc.sleep, or wait for something that happens on the machine";
 
 fn word(alarm: &AlarmRecord) -> &'static str {
     match alarm.severity {

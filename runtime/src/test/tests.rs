@@ -1,3 +1,4 @@
+mod beside;
 mod declared;
 
 use std::sync::Arc;

@@ -1,0 +1,110 @@
+//! What runs beside a test, and what of it ends the test.
+
+use std::any::Any;
+use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use futures_util::FutureExt;
+use parking_lot::Mutex;
+use tokio::sync::Notify;
+
+use super::TestError;
+
+/// What tokio's panics say where its clock, or its sockets, are used in a test.
+const FOREIGN: [&str; 2] = ["timers are disabled", "IO is disabled"];
+
+/// What to do instead.
+const ONE_CLOCK: &str = "a test in simulated time has one clock, that of the machine: sleep by plc.sleep, limit by plc.timeout, \
+                         repeat by plc.interval, and stand in for a socket by a model (Bench::plant)";
+
+/// True if a text, of a panic or an alarm, is of something that does not know the clock of the machine.
+pub(super) fn is_foreign(text: &str) -> bool {
+    FOREIGN.iter().any(|foreign| text.contains(foreign))
+}
+
+/// The error of a test in which something used another clock.
+pub(super) fn foreign(what: &str) -> TestError {
+    TestError::new(format!("{what} used tokio's clock or a socket: {ONE_CLOCK}"))
+}
+
+enum Failure {
+    Error(TestError),
+    Panic(Box<dyn Any + Send>),
+}
+
+/// The first failure beside a test.
+#[derive(Clone, Default)]
+pub(super) struct Failures {
+    first: Arc<Mutex<Option<Failure>>>,
+    told: Arc<Notify>,
+    other_thread: Arc<AtomicBool>,
+}
+
+impl std::fmt::Debug for Failures {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Failures").finish_non_exhaustive()
+    }
+}
+
+impl Failures {
+    /// Something has ended with an error.
+    pub(super) fn error(&self, error: TestError) {
+        self.note(Failure::Error(error));
+    }
+
+    /// Something has panicked.
+    pub(super) fn panicked(&self, what: &str, panic: Box<dyn Any + Send>) {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
+        match text {
+            Some(text) if is_foreign(text) => self.error(foreign(what)),
+            _ => self.note(Failure::Panic(panic)),
+        }
+    }
+
+    fn note(&self, failure: Failure) {
+        self.first.lock().get_or_insert(failure);
+        self.told.notify_one();
+    }
+
+    /// Something runs on a thread that does not know the clock of the machine.
+    pub(super) fn on_other_thread(&self) {
+        self.other_thread.store(true, Ordering::SeqCst);
+    }
+
+    /// Waits for a failure.
+    pub(super) async fn told(&self) {
+        self.told.notified().await;
+    }
+
+    /// Runs something beside the test, whose failure is that of the test.
+    pub(super) async fn watch(self, what: &str, work: impl Future<Output = plc_api::Result<()>>) {
+        match AssertUnwindSafe(work).catch_unwind().await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) if is_foreign(&error.to_string()) => self.error(foreign(what)),
+            Ok(Err(error)) => self.error(TestError::new(format!("{what} ended: {error}"))),
+            Err(panic) => self.panicked(what, panic),
+        }
+    }
+
+    /// # Errors
+    /// Something has failed.
+    ///
+    /// # Panics
+    /// Something has panicked.
+    pub(super) fn judge(&self) -> Result<(), TestError> {
+        match self.first.lock().take() {
+            Some(Failure::Error(error)) => return Err(error),
+            Some(Failure::Panic(panic)) => std::panic::resume_unwind(panic),
+            None => {}
+        }
+        if self.other_thread.load(Ordering::SeqCst) {
+            return Err(TestError::new(format!(
+                "something works on another thread, by spawn_blocking, tokio::fs or a name that is looked up, and simulated time \
+                 does not wait for it: do it at once where it is short, or stand in for it by a model (Bench::plant); {ONE_CLOCK}"
+            )));
+        }
+        Ok(())
+    }
+}
