@@ -22,6 +22,7 @@ mod places;
 mod position;
 mod presence_ages;
 mod problem;
+mod process;
 mod rest;
 mod server;
 mod settings;
@@ -55,6 +56,7 @@ pub use access::{
 };
 pub use error::GatewayError;
 pub use mqtt::{Connect, Event, Lost, MqttEnd, Named, Version, Wire};
+pub use process::Usage;
 pub use settings::{GatewaySettings, HTTP_LISTEN, HmiSettings, MQTT_LISTEN, MqttSettings, MtconnectSettings};
 pub use tandem_mtconnect::Version as MtconnectVersion;
 pub use tls::ServerTls;

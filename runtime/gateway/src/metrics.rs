@@ -1,4 +1,6 @@
-//! Counters of the server ends and timing of the servo thread, as Prometheus text.
+//! Counters of the server ends, states of the machine, and timing of the servo thread, as Prometheus text.
+
+mod machine;
 
 use std::fmt::{Display, Write as _};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -7,6 +9,9 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 use plc_api::server::{Durations, ServoTiming};
 use plc_api::types::machine::BrokerInUse;
+
+pub(crate) use machine::States;
+use machine::escaped;
 
 /// Counters since the start.
 #[derive(Debug, Default)]
@@ -96,7 +101,7 @@ impl Metrics {
     }
 
     /// The text of `GET /metrics`.
-    pub(crate) fn text(&self, servo: Option<&ServoTiming>) -> String {
+    pub(crate) fn text(&self, states: &States, servo: Option<&ServoTiming>) -> String {
         let mut text = Text::default();
         let responses = "tandem_http_responses_total";
         text.head(responses, "HTTP responses by class of status.");
@@ -118,9 +123,11 @@ impl Metrics {
         if let Some((broker, since)) = &self.broker.0.lock().in_use {
             text.broker(&broker.address, since.elapsed());
         }
+        text.states(states);
         if let Some(servo) = servo {
             text.servo(servo);
         }
+        text.process();
         text.0
     }
 }
@@ -155,8 +162,10 @@ impl Text {
             name,
             "How long the connection to this external MQTT broker has been there.",
         );
-        let address = address.replace('\\', "\\\\").replace('"', "\\\"");
-        self.value(&format!("{name}{{broker=\"{address}\"}}"), age.as_secs_f64());
+        self.value(
+            &format!("{name}{{broker=\"{}\"}}", escaped(address)),
+            age.as_secs_f64(),
+        );
     }
 
     fn servo(&mut self, servo: &ServoTiming) {

@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 
 use super::login::{log_in, log_out, who};
 use super::{json_response, params};
+use crate::metrics::States;
 use crate::problem::Problem;
 use crate::shared::Shared;
 
@@ -99,7 +100,8 @@ async fn health(State(shared): State<Arc<Shared>>) -> Response {
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
     let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
     // In simulated time there is no servo thread, and its metrics are left out.
-    let text = shared.metrics.text(shared.machine.servo_timing().as_ref());
+    let servo = shared.machine.servo_timing();
+    let text = (shared.metrics).text(&States::of(&shared.machine), servo.as_ref());
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
