@@ -10,7 +10,12 @@ const FILTER: &str = "warn,journal=info,mqtt5=error";
 
 /// Logs from now on.
 pub(super) fn start() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(FILTER));
+    start_with(FILTER);
+}
+
+/// Logs from now on what this filter lets through, unless `RUST_LOG` says another.
+pub(super) fn start_with(filter: &str) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(filter));
     let colours = io::stderr().is_terminal();
     let make = io::stderr;
     tracing_subscriber::fmt()

@@ -8,6 +8,7 @@ mod convert;
 mod diff;
 mod explain;
 mod findings;
+mod fleet;
 mod fmt;
 mod init;
 mod journal;
@@ -85,6 +86,8 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Compares two NC programs by way, M codes and time
     Diff(diff::Arguments),
+    /// Runs many simulated machines at one broker, each with a handler and an HMI, and measures them
+    Fleet(fleet::Arguments),
     /// Makes a certificate for TLS: of this machine, or of a client
     Cert(cert::Arguments),
     /// Looks at what a machine keeps, and mends it, while the machine does not run
@@ -124,6 +127,7 @@ pub fn run() -> ExitCode {
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
+        Command::Fleet(arguments) => fleet::run(&arguments),
         Command::Cert(arguments) => cert::run(&arguments),
         Command::Store(arguments) => store::run(&arguments),
         Command::Journal(arguments) => journal::run(&arguments),

@@ -1,0 +1,218 @@
+//! `tandem fleet`: many simulated machines at one broker, for the size of brokers and computers.
+//!
+//! Each machine is a whole one, with servo thread, data folder, REST and MQTT. To each belong a handler that resets its M codes
+//! and an HMI that reads all its topics, both over a connection of their own to the broker. All is in this process, so what a
+//! machine takes is what the process takes, divided.
+
+mod machine;
+
+use std::time::{Duration, Instant};
+
+use anyhow::ensure;
+use clap::Args;
+use futures_util::future::try_join_all;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use tandem_gateway::Usage;
+
+use super::{EXIT_FOUND, EXIT_OK, Ran, complain, say};
+use machine::{Counted, FleetMachine, Order};
+
+/// Machines of a fleet.
+const MACHINES_MAX: u64 = 1000;
+
+/// Files and sockets of one machine: three connections, a listener, its data folder, and the timers of its threads.
+const FILES_OF_MACHINE: u64 = 32;
+
+/// Machines that are started at once. Reason: a broker takes so many new connections without a backlog.
+const AT_ONCE: usize = 8;
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Machines
+    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=MACHINES_MAX))]
+    machines: u64,
+    /// Broker of all machines: mqtt://HOST:PORT, its further nodes behind commas
+    #[arg(long, value_name = "ADDRESS", default_value = "mqtt://127.0.0.1:1883")]
+    broker: String,
+    /// M codes of each machine a minute
+    #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=600))]
+    m_codes_per_minute: u32,
+    /// How long is measured, once all machines run
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    seconds: u32,
+    /// Servo period of each machine
+    #[arg(long, value_name = "MICROSECONDS", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(250..=100_000))]
+    servo_period_us: u64,
+    /// How late a servo cycle may come in motion before the machine holds
+    #[arg(long, value_name = "MILLISECONDS", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(10..=60_000))]
+    servo_late_ms: u64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    super::log::start_with("error");
+    allow_files(arguments.machines * FILES_OF_MACHINE + 256)?;
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(anyhow::Error::from)
+        .and_then(|executor| executor.block_on(fleet(arguments)))
+}
+
+/// Raises the limit of open files as far as this user may.
+fn allow_files(wanted: u64) -> anyhow::Result<()> {
+    let limit = getrlimit(Resource::Nofile);
+    if limit.current.is_none_or(|current| current >= wanted) {
+        return Ok(());
+    }
+    let most = limit.maximum.unwrap_or(wanted);
+    ensure!(
+        most >= wanted,
+        "so many machines need {wanted} open files, and this user may have {most}: raise it by ulimit -Hn, or take fewer"
+    );
+    let raised = Rlimit {
+        current: Some(wanted),
+        maximum: limit.maximum,
+    };
+    Ok(setrlimit(Resource::Nofile, raised)?)
+}
+
+async fn fleet(arguments: &Arguments) -> anyhow::Result<u8> {
+    let folder = tempfile::tempdir()?;
+    let order = Order {
+        broker: &arguments.broker,
+        folder: folder.path(),
+        servo_period_us: arguments.servo_period_us,
+        servo_late_ms: arguments.servo_late_ms,
+        interval: Duration::from_mins(1) / arguments.m_codes_per_minute,
+        run_s: arguments.seconds,
+    };
+    let machines = start(&order, arguments.machines).await?;
+    let measured = tokio::select! {
+        measured = measure(&machines, &order) => Some(measured?),
+        _ = tokio::signal::ctrl_c() => None,
+    };
+    let stopping = machines.into_iter().map(FleetMachine::stop);
+    futures_util::future::join_all(stopping).await;
+    let Some(measured) = measured else {
+        complain("stopped before the end");
+        return Ok(EXIT_FOUND);
+    };
+    Ok(measured.tell(arguments))
+}
+
+/// Starts the machines, a few at a time, and tells how far it is.
+async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine>> {
+    let numbers: Vec<u64> = (1..=count).collect();
+    let mut machines = Vec::new();
+    let mut told = Instant::now();
+    for some in numbers.chunks(AT_ONCE) {
+        machines.extend(try_join_all(some.iter().map(|number| FleetMachine::start(order, *number))).await?);
+        if told.elapsed() >= Duration::from_secs(2) {
+            say(format!("{} of {count} machines are there", machines.len()));
+            told = Instant::now();
+        }
+    }
+    Ok(machines)
+}
+
+/// Starts the programs within the time of one M code, so that they do not beat together, and counts from then on.
+async fn measure(machines: &[FleetMachine], order: &Order<'_>) -> anyhow::Result<Measured> {
+    let count = machines.len();
+    let step = order.interval / u32::try_from(count)?;
+    for machine in machines {
+        machine.run().await?;
+        tokio::time::sleep(step).await;
+    }
+    say(format!("{count} machines run; measuring for {} s", order.run_s));
+    let (begun, usage) = (Instant::now(), Usage::now());
+    for machine in machines {
+        machine.begin_to_count();
+    }
+    tokio::time::sleep(Duration::from_secs(order.run_s.into())).await;
+    let (took_s, now) = (begun.elapsed().as_secs_f64(), Usage::now());
+    let mut all = Counted::default();
+    for machine in machines {
+        all.add(machine.counted().await?);
+    }
+    let cpu_s = now.cpu_s.zip(usage.cpu_s).map(|(now, before)| now - before);
+    Ok(Measured {
+        machines: count,
+        took_s,
+        cpu_s,
+        resident_bytes: now.resident_bytes,
+        all,
+    })
+}
+
+/// What was measured of a fleet.
+struct Measured {
+    machines: usize,
+    took_s: f64,
+    cpu_s: Option<f64>,
+    resident_bytes: Option<u64>,
+    all: Counted,
+}
+
+impl Measured {
+    /// Prints the table. The exit code is that of an error where a machine did not do all that it was to do.
+    fn tell(mut self, arguments: &Arguments) -> u8 {
+        let (machines, took_s) = (self.machines as f64, self.took_s);
+        let minutes = took_s / 60.0;
+        let all = &mut self.all;
+        all.m_code_s.sort_by(f64::total_cmp);
+        let at = |per_mille: usize| {
+            let place = all.m_code_s.len().saturating_sub(1) * per_mille / 1000;
+            let value = all.m_code_s.get(place).copied().unwrap_or_default();
+            format!("{:.2} ms", value * 1000.0)
+        };
+        let per_machine = |value: Option<f64>, digits: usize, unit: &str| match value {
+            Some(value) => format!("{value:.digits$} {unit}, {:.3} {unit} each", value / machines),
+            None => "unknown".to_owned(),
+        };
+        let cpu = self.cpu_s.map(|cpu_s| cpu_s / took_s * 100.0);
+        let memory = self.resident_bytes.map(|bytes| bytes as f64 / 1024.0 / 1024.0);
+        let m_codes = all.m_code_s.len();
+        let lines = [
+            (
+                "machines",
+                format!("{}, servo period {} µs", self.machines, arguments.servo_period_us),
+            ),
+            ("measured", format!("{took_s:.1} s")),
+            (
+                "M codes",
+                format!(
+                    "{m_codes}, {:.1} a minute each",
+                    m_codes as f64 / minutes / machines
+                ),
+            ),
+            (
+                "output to reset",
+                format!("median {}, p99 {}, largest {}", at(500), at(990), at(1000)),
+            ),
+            (
+                "messages that HMIs read",
+                format!(
+                    "{:.0} a second, {:.1} each",
+                    all.messages as f64 / took_s,
+                    all.messages as f64 / took_s / machines
+                ),
+            ),
+            ("processor", per_machine(cpu, 1, "% of a core")),
+            ("memory", per_machine(memory, 0, "MiB")),
+            (
+                "servo cycles left out",
+                format!("{} of {}", all.missed_cycles, all.cycles),
+            ),
+            ("machines that do not run", all.stopped.to_string()),
+            ("handlers that were lost", all.handlers_lost.to_string()),
+        ];
+        for (what, value) in lines {
+            say(format!("  {what:<26} {value}"));
+        }
+        if all.stopped > 0 || all.handlers_lost > 0 || m_codes == 0 {
+            EXIT_FOUND
+        } else {
+            EXIT_OK
+        }
+    }
+}
