@@ -86,6 +86,7 @@
 //! # Ok(()) }
 //! ```
 
+mod asked;
 mod flags;
 mod image;
 mod operator;

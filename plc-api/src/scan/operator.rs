@@ -1,28 +1,9 @@
 //! What a scan tells and asks the operator.
 
+use super::asked::Asked;
 use super::image::Image;
 use crate::alarm::Alarm;
 use crate::types::CoordinateSystemNumber;
-use crate::types::question::check_question;
-use crate::types::refusal::{Refusal, RefusalCode};
-
-/// A question about an M code.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Asked {
-    pub(super) text: String,
-    pub(super) choices: Vec<String>,
-}
-
-impl Asked {
-    /// # Errors
-    /// Text or choices are out of range.
-    pub(super) fn check(&self) -> Result<(), Refusal> {
-        if self.choices.is_empty() {
-            return Err(Refusal::new(RefusalCode::Invalid, "a question needs a choice"));
-        }
-        check_question(&self.text, &self.choices)
-    }
-}
 
 /// Alarms and questions, which are written in every scan while they count.
 impl Image {

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::mem::take;
 
+use super::asked::Asked;
 use super::flags::Flags;
 use super::image::Image;
-use super::operator::Asked;
 use super::writes::put;
 use crate::alarm::Alarm;
 use crate::alarm_level::{AlarmLevel, is_active};

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::mem::discriminant;
 
+use super::asked::Asked;
 use super::flags::FlagPlace;
-use super::operator::Asked;
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::types::CoordinateSystemNumber;

@@ -3,6 +3,8 @@
 use super::{files, read, without_unit_tests};
 
 const LINES_MAX: usize = 600;
+/// Tables of texts grow with the screen, one line a text.
+const TEXTS_MAX: usize = 2000;
 const FUNCTION_LINES_MAX: usize = 70;
 
 #[test]
@@ -10,7 +12,12 @@ fn no_file_is_longer_than_600_lines_without_its_unit_tests() {
     let too_long: Vec<String> = files(&[".rs", ".js", ".mjs"])
         .iter()
         .map(|path| (path, without_unit_tests(&read(path)).lines().count()))
-        .filter(|(_, lines)| *lines > LINES_MAX)
+        .filter(|(path, lines)| {
+            let is_table = path
+                .parent()
+                .is_some_and(|folder| folder.ends_with("web/language"));
+            *lines > if is_table { TEXTS_MAX } else { LINES_MAX }
+        })
         .map(|(path, lines)| format!("{}: {lines} lines", path.display()))
         .collect();
     assert!(too_long.is_empty(), "{too_long:#?}");

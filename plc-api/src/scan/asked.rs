@@ -1,0 +1,22 @@
+//! A question of a scan.
+
+use crate::types::question::check_question;
+use crate::types::refusal::{Refusal, RefusalCode};
+
+/// A question about an M code.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Asked {
+    pub(super) text: String,
+    pub(super) choices: Vec<String>,
+}
+
+impl Asked {
+    /// # Errors
+    /// Text or choices are out of range.
+    pub(super) fn check(&self) -> Result<(), Refusal> {
+        if self.choices.is_empty() {
+            return Err(Refusal::new(RefusalCode::Invalid, "a question needs a choice"));
+        }
+        check_question(&self.text, &self.choices)
+    }
+}
