@@ -98,8 +98,8 @@ export type HandlerAct = "presence";
 
 /** Payload of `handler/{id}/presence`. */
 export interface HandlerPresence {
-  connection?: number; expires_ms?: number; handles: HandledCode[]; instance?: string; m_codes?: MCodeDeclaration[];
-  online: boolean; redelivery?: Redelivery; take_over?: boolean; validates: boolean;
+  connection?: number; exclusive?: boolean; expires_ms?: number; handles: HandledCode[]; instance?: string;
+  m_codes?: MCodeDeclaration[]; online: boolean; redelivery?: Redelivery; take_over?: boolean; validates: boolean;
 }
 
 /** Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was
@@ -272,9 +272,10 @@ export interface PendingMessage { boot_id: BootId; outputs: PendingOutput[]; rev
 
 /** One open output as `m_code/pending` says it. */
 export interface PendingOutput {
-  attempt: number; handler_id: string | null; how?: Redelivery; id: string; line: number; lost: boolean; m: number;
-  params: Params; program: number; progress?: Progress; question?: Question; redelivered: boolean;
-  redelivery?: Redelivery; run_id: string; seq: number; since: Timestamp; state: OutputState; timing: Timing;
+  attempt: number; handler_id: string | null; how?: Redelivery; id: string; instance?: string; line: number;
+  lost: boolean; m: number; params: Params; program: number; progress?: Progress; question?: Question;
+  redelivered: boolean; redelivery?: Redelivery; run_id: string; seq: number; since: Timestamp; state: OutputState;
+  timing: Timing;
 }
 
 /** A block of a program. */

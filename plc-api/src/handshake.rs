@@ -113,7 +113,8 @@ impl Ledger {
         Ok(seq)
     }
 
-    /// QUEUED to OUTPUT: publishes it, and starts its time limit. No effect in any other state.
+    /// QUEUED to OUTPUT, and on to CLAIMED where one exclusive handler serves it (H20): publishes it, and starts its time limit.
+    /// No effect in any other state.
     pub fn put_out(&mut self, now: Now, seq: u64) {
         let Some(place) = self.place(seq) else { return };
         let output = &mut self.open[place];
@@ -124,6 +125,11 @@ impl Ledger {
         output.since = now.time;
         output.deadline_s = output.timeout_s.map(|timeout_s| now.monotonic_s + timeout_s);
         output.notice.attempt = 1;
+        if let Some((handler_id, instance)) = self.handlers.owner_at_once(output.notice.m) {
+            output.state = OutputState::Claimed;
+            output.handler_id = Some(handler_id.to_owned());
+            output.instance = Some(instance.to_owned());
+        }
         let notice = output.notice.clone();
         self.pending_changed();
         self.effects.push(Effect::Output(notice));
@@ -351,8 +357,8 @@ impl Ledger {
     /// A handler is there: its instance speaks for it from now on, and the unclaimed outputs that it may take up are published
     /// again (H12).
     pub fn handler_online(&mut self, now: Now, handler_id: &str, presence: &HandlerPresence) {
-        self.handlers.come(handler_id, presence, now.time);
         let cs = self.cs;
+        self.handlers.come(cs, handler_id, presence, now.time);
         self.publish_again(|handlers, output| {
             let m = output.notice.m;
             presence.handles.contains(&HandledCode { cs, m })

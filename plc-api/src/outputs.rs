@@ -157,6 +157,7 @@ impl Outputs {
             validates: false,
             takes_over: self.takes_over,
             redelivery: self.on_redelivery,
+            is_exclusive: false,
         };
         let presence = Presence::new(&self.plc, id.into(), said);
         let owner = Arc::new(Owner::start(presence));

@@ -43,6 +43,8 @@ pub(crate) struct Announced {
     /// It takes the place of another instance.
     pub(crate) takes_over: bool,
     pub(crate) redelivery: Option<Redelivery>,
+    /// It begins with what the machine has claimed for it.
+    pub(crate) is_exclusive: bool,
 }
 
 /// Tells the machine when dropped that the handler is offline.
@@ -277,6 +279,7 @@ impl Presence {
             validates: self.said.validates,
             instance: Some(self.by.instance()),
             take_over: self.said.takes_over && self.announced == Announcement::Never,
+            exclusive: self.said.is_exclusive,
             redelivery: self.said.redelivery,
             m_codes: self.said.m_codes.clone(),
             expires_ms: None,

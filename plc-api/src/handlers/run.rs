@@ -1,6 +1,6 @@
 //! The loop of a sequence program: it reads messages of the machine and starts handlers.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -28,6 +28,9 @@ use crate::types::topic::{CsTopic, Topic};
 use super::output::{AuxOutput, Cancel};
 use super::table::{Boxed, Table};
 
+/// Outputs remembered as begun; `pending` is old by far fewer.
+const BEGUN_MAX: usize = 4096;
+
 struct Running {
     output: AuxOutput,
     abort: AbortHandle,
@@ -38,6 +41,8 @@ struct Runner {
     table: Table,
     on_redelivery: Option<Redelivery>,
     running: HashMap<OutputId, Running>,
+    // outputs that the machine had claimed for this instance: an old `pending` may come again after their end
+    begun: BTreeSet<OutputId>,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: Presence,
     // the machine knows these handlers; outputs are claimed from now on
@@ -59,6 +64,7 @@ pub(super) async fn run<T>(
         validates: table.validates(),
         takes_over,
         redelivery: on_redelivery,
+        is_exclusive: true,
     };
     let presence = Presence::new(plc, handler_id, said);
     // dropped after the runner, thus after the handlers
@@ -67,6 +73,7 @@ pub(super) async fn run<T>(
         table,
         on_redelivery,
         running: HashMap::new(),
+        begun: BTreeSet::new(),
         work: FuturesUnordered::new(),
         presence,
         is_known: false,
@@ -174,13 +181,35 @@ impl Runner {
         };
         self.cancel_where(is_over, None);
         for output in shown(&message) {
-            if output.state == OutputState::Output {
-                self.take_up(OutputId::of(&message, cs, output), output);
+            let id = OutputId::of(&message, cs, output);
+            match output.state {
+                OutputState::Output => self.take_up(id, output, false),
+                OutputState::Claimed if self.is_claimed_for_us(output) && self.note_begun(&id) => {
+                    self.take_up(id, output, true);
+                }
+                OutputState::Claimed | OutputState::Queued => {}
             }
         }
     }
 
-    fn take_up(&mut self, id: OutputId, pending: &PendingOutput) {
+    /// True for an output that the machine has claimed for this instance (H20).
+    fn is_claimed_for_us(&self, output: &PendingOutput) -> bool {
+        let by = &self.presence.by;
+        output.output.attempt == 1
+            && output.handler_id.as_deref() == Some(&*by.handler_id)
+            && output.instance.as_deref() == Some(&*by.instance)
+    }
+
+    /// False for an output that was begun before.
+    fn note_begun(&mut self, id: &OutputId) -> bool {
+        let is_new = !self.running.contains_key(id) && self.begun.insert(id.clone());
+        if self.begun.len() > BEGUN_MAX {
+            self.begun.pop_first();
+        }
+        is_new
+    }
+
+    fn take_up(&mut self, id: OutputId, pending: &PendingOutput, is_claimed: bool) {
         if let Some(running) = self.running.get(&id) {
             // the handler still runs: only the connection was lost
             if pending.lost && !running.abort.is_aborted() && !running.output.is_answering() {
@@ -202,7 +231,7 @@ impl Runner {
             verify,
         );
         let (abort, registration) = AbortHandle::new_pair();
-        let work = work(output.clone(), Arc::clone(handler));
+        let work = work(output.clone(), Arc::clone(handler), is_claimed);
         let work = Box::pin(Abortable::new(work, registration));
         let ending = run_to_end(work, id.clone(), output.clone());
         self.work.push(Box::pin(ending));
@@ -250,13 +279,15 @@ async fn run_to_end(
     id
 }
 
-/// Claims, runs the handler, resets. Returns when nothing is left to do.
-async fn work(output: AuxOutput, handler: Boxed) {
+/// Claims what is not claimed, runs the handler, resets. Returns when nothing is left to do.
+async fn work(output: AuxOutput, handler: Boxed, is_claimed: bool) {
     let (plc, m, seq) = (output.plc(), output.m(), output.seq());
-    let status = until_answered(plc, output.key().claim(m, output.by())).await;
-    if status != Some(HandshakeStatus::Accepted) {
-        tracing::debug!(m, seq, ?status, "output left to others");
-        return;
+    if !is_claimed {
+        let status = until_answered(plc, output.key().claim(m, output.by())).await;
+        if status != Some(HandshakeStatus::Accepted) {
+            tracing::debug!(m, seq, ?status, "output left to others");
+            return;
+        }
     }
     let result = call(&output, &handler).await;
     output.set_answering();

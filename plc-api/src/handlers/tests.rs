@@ -6,9 +6,12 @@ use super::*;
 use crate::alarm::Alarm;
 use crate::fake::FakePort;
 use crate::handshake::Closed;
-use crate::types::output::{CancelReason, HandshakeStatus, OutputState, Params};
+use crate::hub::Filter;
+use crate::types::message::Payload;
+use crate::types::output::{CancelReason, HandshakeStatus, OutputAct, OutputState, Params, Pending};
 use crate::types::refusal::RefusalCode;
 use crate::types::request::typed;
+use crate::types::topic::{CsTopic, Topic};
 use tokio::task::JoinHandle;
 
 fn params(a: f64) -> Params {
@@ -53,6 +56,54 @@ async fn a_handler_claims_runs_and_resets_once() {
     fake.advance(seconds(1)).await;
     assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
     assert_eq!(fake.pending(1), []);
+}
+
+/// A handler that counts how often it is begun, and takes VA seconds.
+fn counted() -> (Arc<AtomicUsize>, SequenceProgram) {
+    let begun = Arc::new(AtomicUsize::new(0));
+    let count = Arc::clone(&begun);
+    let program = SequenceProgram::new().on(100, move |output: AuxOutput, plc: Plc| {
+        count.fetch_add(1, Ordering::Relaxed);
+        slow(output, plc)
+    });
+    (begun, program)
+}
+
+#[tokio::test]
+async fn h20_what_the_machine_has_claimed_is_begun_without_a_claim_and_once_whatever_pending_says_later() {
+    let fake = FakePort::new([1]);
+    let (begun, program) = counted();
+    let _task = serve(&fake, program).await;
+    let results = Filter::Topics(vec![Topic::cs(1, CsTopic::Result(100))]);
+    let mut results = fake.plc().port().subscribe(results);
+    let seq = fake.put_out(1, 100, params(5.0));
+    let outputs = fake.pending(1);
+    assert_eq!(outputs[0].state, OutputState::Claimed);
+    fake.advance(seconds(5)).await;
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    let told = results.try_next().unwrap();
+    assert!(matches!(&told.payload, Payload::Result(told) if told.of == Some(OutputAct::Reset)));
+    assert_eq!(results.try_next(), None);
+    // an old message comes again, as from a broker that keeps it
+    fake.say(1, CsTopic::Pending, Payload::Pending(Pending { outputs }));
+    fake.advance(seconds(9)).await;
+    assert_eq!(begun.load(Ordering::Relaxed), 1);
+}
+
+#[tokio::test]
+async fn h20_what_is_claimed_for_another_instance_is_left_alone() {
+    let fake = FakePort::new([1]);
+    let (begun, program) = counted();
+    let _task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 100, params(5.0));
+    let mut outputs = fake.pending(1);
+    fake.settle().await;
+    assert_eq!(begun.load(Ordering::Relaxed), 1);
+    outputs[0].output.seq = seq + 1;
+    outputs[0].instance = Some("another".to_owned());
+    fake.say(1, CsTopic::Pending, Payload::Pending(Pending { outputs }));
+    fake.advance(seconds(9)).await;
+    assert_eq!(begun.load(Ordering::Relaxed), 1);
 }
 
 #[tokio::test]

@@ -82,6 +82,7 @@ impl OpenOutput {
             output: self.notice.clone(),
             state: self.state,
             handler_id: self.handler_id.clone(),
+            instance: self.instance.clone(),
             since: Timestamp::from_system_time(self.since),
             lost: self.lost,
             redelivery: self.redelivery.filter(|_| self.lost),

@@ -1,11 +1,11 @@
 //! Who speaks for a handler, and who may take up an output that its handler has lost.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::SystemTime;
 
-use crate::types::Timestamp;
 use crate::types::handler::is_own_instance;
 use crate::types::output::{HandlerPresence, HandshakeStatus, Redelivery};
+use crate::types::{CoordinateSystemNumber, Timestamp};
 
 use super::effect::OpenOutput;
 
@@ -17,6 +17,9 @@ pub(super) type Denied = (HandshakeStatus, Option<String>);
 struct Live {
     instance: Option<String>,
     redelivery: Option<Redelivery>,
+    /// M codes of the coordinate system that it serves.
+    serves: BTreeSet<u16>,
+    is_exclusive: bool,
     since: SystemTime,
 }
 
@@ -25,14 +28,22 @@ struct Live {
 pub(super) struct LiveHandlers(BTreeMap<String, Live>);
 
 impl LiveHandlers {
-    pub(super) fn come(&mut self, id: &str, presence: &HandlerPresence, since: SystemTime) {
+    pub(super) fn come(
+        &mut self,
+        cs: CoordinateSystemNumber,
+        id: &str,
+        presence: &HandlerPresence,
+        since: SystemTime,
+    ) {
         let instance = presence.instance.clone();
         let known = self.0.get(id).filter(|known| known.instance == instance);
         let since = known.map_or(since, |known| known.since);
-        let redelivery = presence.redelivery;
+        let handled = presence.handles.iter().filter(|code| code.cs == cs);
         let live = Live {
             instance,
-            redelivery,
+            redelivery: presence.redelivery,
+            serves: handled.map(|code| code.m).collect(),
+            is_exclusive: presence.exclusive,
             since,
         };
         self.0.insert(id.to_owned(), live);
@@ -44,6 +55,14 @@ impl LiveHandlers {
         if self.0.get(id).is_some_and(goes) {
             self.0.remove(id);
         }
+    }
+
+    /// Handler and instance that own an output of an M code as soon as it is made (H20).
+    pub(super) fn owner_at_once(&self, m: u16) -> Option<(&str, &str)> {
+        let mut serving = self.0.iter().filter(|(_, live)| live.serves.contains(&m));
+        let (id, live) = serving.next().filter(|(_, live)| live.is_exclusive)?;
+        let instance = live.instance.as_deref().filter(|named| is_own_instance(named))?;
+        serving.next().is_none().then_some((id, instance))
     }
 
     pub(super) fn redelivery(&self, id: &str) -> Option<Redelivery> {

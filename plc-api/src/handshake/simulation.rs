@@ -59,6 +59,10 @@ struct World {
     notices: BTreeMap<u64, u32>,
     asked: u32,
     answered: u32,
+    // the handlers that are there: their instance, and whether they are exclusive
+    there: BTreeMap<&'static str, (String, bool)>,
+    instances: u32,
+    claimed_at_once: u32,
 }
 
 impl World {
@@ -73,6 +77,9 @@ impl World {
             notices: BTreeMap::new(),
             asked: 0,
             answered: 0,
+            there: BTreeMap::new(),
+            instances: 0,
+            claimed_at_once: 0,
         }
     }
 
@@ -86,7 +93,7 @@ impl World {
     fn step(&mut self) {
         self.now_s += 0.1;
         let now = self.now();
-        match self.random.below(24) {
+        match self.random.below(25) {
             0..=2 => self.enqueue(),
             3..=5 => self.put_out(),
             6..=9 => self.send_something(),
@@ -95,6 +102,7 @@ impl World {
             21 => {
                 let handler = HANDLERS[self.random.below(HANDLERS.len())];
                 self.ledger.handler_lost(now, handler, None);
+                self.there.remove(handler);
                 for known in self.known.values_mut() {
                     if known.owner.as_deref() == Some(handler) {
                         known.owner = None;
@@ -105,6 +113,7 @@ impl World {
             }
             22 if self.random.below(2) == 0 => self.ledger.republish(now, |m| m % 2 == 0),
             22 => self.ledger.expire(now),
+            23 => self.come(),
             _ => {
                 if self.random.below(6) == 0 {
                     self.ledger.cancel_all(now, CancelReason::Stop);
@@ -112,6 +121,31 @@ impl World {
             }
         }
         self.check();
+    }
+
+    /// A handler for every M code of even number comes, or says that it is there in another way.
+    fn come(&mut self) {
+        let handler = HANDLERS[self.random.below(HANDLERS.len())];
+        let exclusive = self.random.below(2) == 0;
+        self.instances += 1;
+        let known = self.there.get(handler).map(|(instance, _)| instance.clone());
+        let instance = known.unwrap_or(format!("i{}", self.instances));
+        let presence = HandlerPresence {
+            online: true,
+            handles: vec![HandledCode { cs: 1, m: 100 }, HandledCode { cs: 1, m: 102 }],
+            instance: Some(instance.clone()),
+            exclusive,
+            ..HandlerPresence::default()
+        };
+        self.ledger.handler_online(self.now(), handler, &presence);
+        self.there.insert(handler, (instance, exclusive));
+    }
+
+    /// The owner of an output from its first moment on, by rule H20.
+    fn owner_at_once(&self, m: u16) -> Option<String> {
+        let only = self.there.first_key_value().filter(|_| self.there.len() == 1);
+        let (handler, _) = only.filter(|(_, (_, exclusive))| *exclusive && m != 101)?;
+        Some((*handler).to_owned())
     }
 
     fn enqueue(&mut self) {
@@ -154,7 +188,11 @@ impl World {
             .find(|(_, known)| !known.made && known.closed.is_none());
         if let Some((&seq, known)) = queued {
             known.made = true;
+            let m = known.m;
             self.ledger.put_out(now, seq);
+            let owner = self.owner_at_once(m);
+            self.claimed_at_once += u32::from(owner.is_some());
+            self.known.get_mut(&seq).unwrap().owner = owner;
         }
     }
 
@@ -281,7 +319,17 @@ impl World {
             }
             InFlight::Reset(m, reset) => {
                 let force = reset.force == Some(true);
-                let expected = self.expected(&reset.boot_id, reset.seq, m, &reset.handler_id, force);
+                let mut expected = self.expected(&reset.boot_id, reset.seq, m, &reset.handler_id, force);
+                // to a handler that is there its own way out is closed as well; an operator's stays open
+                if expected == HandshakeStatus::Accepted
+                    && !force
+                    && self.there.contains_key(&*reset.handler_id)
+                {
+                    let known = &self.known[&reset.seq];
+                    if known.withheld && known.owner.is_none() {
+                        expected = HandshakeStatus::Withheld;
+                    }
+                }
                 let open_before = self.ledger.open().len();
                 let status = self.ledger.reset(now, m, &reset).status;
                 assert_eq!(status, expected, "seed {} {reset:?}", self.seed);
@@ -432,7 +480,7 @@ impl World {
 
 #[test]
 fn no_output_is_lost_none_ends_twice_none_frees_another_and_every_wait_can_be_ended() {
-    let (mut asked, mut answered) = (0, 0);
+    let (mut asked, mut answered, mut claimed_at_once) = (0, 0, 0);
     for seed in 1..=SEEDS {
         let mut world = World::new(seed);
         for _ in 0..STEPS {
@@ -441,9 +489,10 @@ fn no_output_is_lost_none_ends_twice_none_frees_another_and_every_wait_can_be_en
         world.end_all();
         asked += world.asked;
         answered += world.answered;
+        claimed_at_once += world.claimed_at_once;
     }
     assert!(
-        asked > 1000 && answered > 100,
-        "only {asked} questions and {answered} answers of all schedules count"
+        asked > 1000 && answered > 100 && claimed_at_once > 1000,
+        "only {asked} questions, {answered} answers and {claimed_at_once} claims at once in all schedules"
     );
 }

@@ -341,3 +341,86 @@ fn h3_an_output_forgotten_after_the_limit_is_stale_and_one_within_it_a_duplicate
     assert_eq!(reset(&mut ledger, 2, "h"), HandshakeStatus::Duplicate);
     assert_eq!(reset(&mut ledger, last, "h"), HandshakeStatus::Duplicate);
 }
+
+fn exclusive(m: u16, instance: Option<&str>) -> HandlerPresence {
+    HandlerPresence {
+        online: true,
+        handles: vec![HandledCode { cs: 1, m }],
+        instance: instance.map(str::to_owned),
+        exclusive: true,
+        ..HandlerPresence::default()
+    }
+}
+
+fn owner(ledger: &Ledger, seq: u64) -> (OutputState, Option<String>, Option<String>) {
+    let pending = ledger.pending();
+    let output = pending
+        .outputs
+        .iter()
+        .find(|output| output.output.seq == seq)
+        .unwrap();
+    (output.state, output.handler_id.clone(), output.instance.clone())
+}
+
+#[test]
+fn h20_an_output_of_one_exclusive_handler_is_claimed_in_the_step_that_makes_it() {
+    let mut ledger = ledger();
+    ledger.handler_online(now(0.0), "mill", &exclusive(100, Some("i1")));
+    let seq = made(&mut ledger, 100);
+    let of_mill = (
+        OutputState::Claimed,
+        Some("mill".to_owned()),
+        Some("i1".to_owned()),
+    );
+    assert_eq!(owner(&ledger, seq), of_mill);
+    let [Effect::PendingChanged, Effect::Output(notice)] = &effects(&mut ledger)[..] else {
+        panic!("one pending and the output")
+    };
+    assert_eq!((notice.seq, notice.attempt), (seq, 1));
+    assert_eq!(reset(&mut ledger, seq, "other"), HandshakeStatus::NotOwner);
+    assert_eq!(reset(&mut ledger, seq, "mill"), HandshakeStatus::Accepted);
+    let of_others = made(&mut ledger, 101);
+    assert_eq!(owner(&ledger, of_others).0, OutputState::Output);
+}
+
+#[test]
+fn h20_a_handler_without_exclusive_without_an_instance_of_its_own_or_beside_another_claims_by_a_message() {
+    let shared = HandlerPresence {
+        exclusive: false,
+        ..exclusive(100, Some("i1"))
+    };
+    let beside = [exclusive(100, Some("i1")), exclusive(100, Some("i2"))];
+    for handlers in [
+        &[shared][..],
+        &[exclusive(100, None)],
+        &[exclusive(100, Some("~17"))],
+        &beside,
+    ] {
+        let mut ledger = ledger();
+        for (place, presence) in handlers.iter().enumerate() {
+            ledger.handler_online(now(0.0), &format!("h{place}"), presence);
+        }
+        let seq = made(&mut ledger, 100);
+        assert_eq!(
+            owner(&ledger, seq),
+            (OutputState::Output, None, None),
+            "{handlers:?}"
+        );
+    }
+}
+
+#[test]
+fn h20_what_was_claimed_at_once_is_lost_with_its_handler_and_never_claimed_at_once_again() {
+    let mut ledger = ledger();
+    let presence = exclusive(100, Some("i1"));
+    ledger.handler_online(now(0.0), "mill", &presence);
+    let seq = made(&mut ledger, 100);
+    ledger.handler_lost(now(1.0), "mill", Some("i1"));
+    assert!(ledger.is_lost(seq));
+    ledger.handler_online(now(2.0), "mill", &exclusive(100, Some("i2")));
+    assert_eq!(owner(&ledger, seq), (OutputState::Output, None, None));
+    assert_eq!(claim(&mut ledger, seq, "mill"), HandshakeStatus::Withheld);
+    ledger.handler_lost(now(3.0), "mill", None);
+    let later = made(&mut ledger, 100);
+    assert_eq!(owner(&ledger, later).0, OutputState::Output, "nobody is there");
+}

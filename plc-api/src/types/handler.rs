@@ -38,6 +38,7 @@ pub enum Redelivery {
 /// Payload of `handler/{id}/presence`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[allow(clippy::struct_excessive_bools, reason = "they are members of a message")]
 pub struct HandlerPresence {
     /// False: the handler has gone, or its connection was lost.
     pub online: bool,
@@ -54,6 +55,11 @@ pub struct HandlerPresence {
     /// With `online`: takes the place of the instance that is there, which is told so.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub take_over: bool,
+    /// With `instance`: it begins with an output as soon as `m_code/pending` names it and this instance as the owner. Where no
+    /// other handler serves an M code, the machine then claims each output for it in the step that makes the output, and
+    /// no claim is sent (rule H20).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub exclusive: bool,
     /// What it does with an output that was claimed when its handler was lost. The strictest counts of what is said here and in
     /// the configuration of the M code; where neither says anything, it is `ask`.
     #[serde(default, skip_serializing_if = "Option::is_none")]

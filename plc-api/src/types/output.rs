@@ -79,6 +79,9 @@ pub struct PendingOutput {
     pub state: OutputState,
     /// Its owner once claimed.
     pub handler_id: Option<String>,
+    /// Which instance of its owner, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
     /// When it came into this state.
     pub since: Timestamp,
     /// True while it waits after the handler that had claimed it has gone: that handler may have worked on it.

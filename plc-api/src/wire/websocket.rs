@@ -42,6 +42,7 @@ pub struct ClientFrame {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
+#[allow(clippy::struct_excessive_bools, reason = "they are members of a message")]
 pub struct AnnouncedHandler {
     id: String,
     online: bool,
@@ -53,6 +54,8 @@ pub struct AnnouncedHandler {
     instance: Option<String>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     take_over: bool,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    exclusive: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     redelivery: Option<Redelivery>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -102,6 +105,7 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
                 validates: presence.validates,
                 instance: presence.instance,
                 take_over: presence.take_over,
+                exclusive: presence.exclusive,
                 redelivery: presence.redelivery,
                 m_codes: presence.m_codes,
                 expires_ms: presence.expires_ms,
@@ -139,6 +143,7 @@ impl ClientFrame {
                 validates: handler.validates,
                 instance: handler.instance,
                 take_over: handler.take_over,
+                exclusive: handler.exclusive,
                 redelivery: handler.redelivery,
                 m_codes: handler.m_codes,
                 expires_ms: handler.expires_ms,

@@ -138,18 +138,33 @@ impl CoordinateSystem {
             if effects.is_empty() {
                 return;
             }
-            // Whatever is published may reach a handler: what the journal must know of it stands there before.
-            for effect in &effects {
-                if let Effect::Output(notice) = effect
-                    && notice.attempt == 1
-                {
-                    self.context.record(Event::Output(Box::new(notice.clone())));
-                }
-            }
+            self.before_effects(&effects);
             for effect in effects {
                 self.carry_out(effect);
                 self.look_at_outputs();
             }
+        }
+    }
+
+    /// Whatever is published may reach a handler: what the journal must know of it stands there before. A handler for which an
+    /// output was claimed begins as soon as it hears of it, and finds the state that goes with it.
+    fn before_effects(&mut self, effects: &[Effect]) {
+        let mut is_claimed = false;
+        for effect in effects {
+            let Effect::Output(notice) = effect else { continue };
+            if notice.attempt > 1 {
+                continue;
+            }
+            self.context.record(Event::Output(Box::new(notice.clone())));
+            let output = self.outputs.ledger.get(notice.seq);
+            if let Some(handler_id) = output.and_then(|output| output.handler_id.clone()) {
+                let seq = notice.seq;
+                self.context.record(Event::Claim { seq, handler_id });
+                is_claimed = true;
+            }
+        }
+        if is_claimed {
+            self.publish_changes();
         }
     }
 

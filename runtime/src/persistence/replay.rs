@@ -108,6 +108,7 @@ fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
                 output: *output,
                 state: OutputState::Output,
                 handler_id: None,
+                instance: None,
                 since: at.clone(),
                 lost: false,
                 progress: None,

@@ -229,11 +229,9 @@ impl Broker {
 
 /// A program in the process names its instance at random, which is no part of a history.
 fn without_instance(text: &str) -> String {
-    let named = text.split_once(r#""instance":"i-"#);
-    named.map_or_else(
-        || text.to_owned(),
-        |(before, after)| before.to_owned() + after.get(12..).unwrap_or_default(),
-    )
+    let mut parts = text.split(r#""instance":"i-"#);
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |text, after| text + after.get(12..).unwrap_or_default())
 }
 
 fn lost(why: &str) -> Lost {

@@ -129,6 +129,7 @@ class PendingOutput:
     state: OutputState
     handler_id: str | None
     since: str
+    instance: str | None = None
     lost: bool = False
     progress: Progress | None = None
     how: Redelivery | None = None

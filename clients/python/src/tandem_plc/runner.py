@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 log = logging.getLogger("tandem_plc")
 
 _RETRY_S = 0.5
+# outputs remembered as begun; `pending` is old by far fewer
+_BEGUN_MAX = 4096
 _CLEAN_UP_S = 5.0
 _REFUSALS_MAX = 10
 """Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s."""
@@ -102,6 +104,8 @@ class Runner:
         self._connection = connection
         self._plc = plc
         self._running: dict[OutputId, _Running] = {}
+        # what the machine had claimed for this instance, the oldest first
+        self._begun: dict[OutputId, None] = {}
         self._jobs: set[asyncio.Task[None]] = set()
         self._must_announce = asyncio.Event()
         self._has_announced = False
@@ -181,6 +185,7 @@ class Runner:
             ],
             "instance": self._connection.instance,
             "take_over": self._take_over,
+            "exclusive": True,
             "expires_ms": round(PRESENCE_EXPIRES_S * 1000),
             "connection": self._connection.connections,
             # what is stricter than this is kept here: such an output is not claimed
@@ -278,12 +283,33 @@ class Runner:
         ours = {output.seq for output in pending.outputs if output.handler_id in (None, self._handler_id)}
         self._cancel(lambda id_: id_[:2] == (pending.boot_id, cs) and id_[2] not in ours, None)
         for output in pending.outputs:
+            id_ = (pending.boot_id, cs, output.seq)
             if output.state is OutputState.OUTPUT and output.handler_id is None:
-                self._take_up((pending.boot_id, cs, output.seq), output)
+                self._take_up(id_, output, is_claimed=False)
+            elif self._is_claimed_for_us(output) and self._note_begun(id_):
+                self._take_up(id_, output, is_claimed=True)
+
+    def _is_claimed_for_us(self, output: PendingOutput) -> bool:
+        """Whether the machine has claimed an output for this instance when it made it."""
+        return (
+            output.state is OutputState.CLAIMED
+            and output.attempt == 1
+            and output.handler_id == self._handler_id
+            and output.instance == self._connection.instance
+        )
+
+    def _note_begun(self, id_: OutputId) -> bool:
+        """Whether an output is new: an old ``pending`` may come again after its end."""
+        if id_ in self._running or id_ in self._begun:
+            return False
+        self._begun[id_] = None
+        if len(self._begun) > _BEGUN_MAX:
+            del self._begun[next(iter(self._begun))]
+        return True
 
     # --- outputs
 
-    def _take_up(self, id_: OutputId, pending: PendingOutput) -> None:
+    def _take_up(self, id_: OutputId, pending: PendingOutput, *, is_claimed: bool) -> None:
         running = self._running.get(id_)
         if running is not None:
             # the handler still works: only its connection was lost
@@ -298,7 +324,7 @@ class Runner:
             return
         output = Output(self._connection, self._identity, id_[0], id_[1], pending, redelivered=how is Redelivery.VERIFY)
         running = self._running[id_] = _Running(output)
-        running.task = asyncio.create_task(self._work(running, entry), name=repr(output))
+        running.task = asyncio.create_task(self._work(running, entry, is_claimed=is_claimed), name=repr(output))
         running.task.add_done_callback(lambda task: self._on_end(id_, task))
 
     def _on_end(self, id_: OutputId, task: asyncio.Task[None]) -> None:
@@ -315,14 +341,15 @@ class Runner:
             if is_meant(id_):
                 running.cancel(reason)
 
-    async def _work(self, running: _Running, entry: Entry) -> None:
+    async def _work(self, running: _Running, entry: Entry, *, is_claimed: bool) -> None:
         output = running.output
-        claimed = await self._until_answered(output, "claim", {})
-        if claimed is None or claimed.status != "accepted":
-            log.debug("%r is left to others: %s", output, claimed)
-            return
-        if claimed.how is not None:
-            output.redelivered = claimed.how is Redelivery.VERIFY
+        if not is_claimed:
+            claimed = await self._until_answered(output, "claim", {})
+            if claimed is None or claimed.status != "accepted":
+                log.debug("%r is left to others: %s", output, claimed)
+                return
+            if claimed.how is not None:
+                output.redelivered = claimed.how is Redelivery.VERIFY
         alarm = await self._call(output, entry)
         if output.cancelled:
             return

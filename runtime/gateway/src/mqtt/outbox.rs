@@ -194,6 +194,7 @@ mod tests {
             output: notice(seq),
             state: OutputState::Output,
             handler_id: None,
+            instance: None,
             since: Timestamp::default(),
             lost: false,
             progress: None,
