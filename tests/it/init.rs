@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::support::binary::{root, tandem};
+use crate::support::binary::{build_beside, root};
 use crate::support::simulated::run;
 
 /// A project with the dependencies of this checkout.
@@ -19,13 +19,9 @@ fn init(folder: &Path, name: &str) -> std::path::PathBuf {
 fn what_init_writes_builds_and_its_test_passes() {
     let folder = tempfile::tempdir().unwrap();
     let project = init(folder.path(), "My Mill");
-    // built beside these tests, with the profile of this workspace: most of it is there already
-    let target = tandem().parent().and_then(Path::parent).expect("a target folder");
+    build_beside(folder.path());
     let built = Command::new(env!("CARGO"))
-        .args(["test", "--offline", "--quiet", "--target-dir"])
-        .arg(target)
-        .args(["--config", "profile.dev.debug='line-tables-only'"])
-        .args(["--config", "profile.dev.package.'*'.debug=false"])
+        .args(["test", "--quiet"])
         .current_dir(&project)
         .output()
         .expect("cargo starts");

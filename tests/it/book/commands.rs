@@ -18,7 +18,7 @@ use plc_api::Plc;
 use tandem_runtime::demo_sequence_program;
 
 use super::page::{Block, blocks, pages, read};
-use crate::support::binary::{example, forget_package, root, tandem};
+use crate::support::binary::{build_beside, example, forget_package, root, tandem};
 
 const HTTP: &str = "127.0.0.1:8080";
 const MQTT: &str = "127.0.0.1:1883";
@@ -130,16 +130,7 @@ impl Reader {
         std::fs::write(bin.join("curl"), curl).unwrap();
         let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
         std::fs::set_permissions(bin.join("curl"), mode).unwrap();
-        let target = tandem().parent().and_then(Path::parent).unwrap();
-        let cargo = home.path().join(".cargo");
-        std::fs::create_dir(&cargo).unwrap();
-        // a project is built beside these tests, with their profile: most of it is there already
-        let settings = format!(
-            "[net]\noffline = true\n[build]\ntarget-dir = \"{}\"\n[profile.dev]\ndebug = \"line-tables-only\"\n\
-             [profile.dev.package.\"*\"]\ndebug = false\n",
-            target.display()
-        );
-        std::fs::write(cargo.join("config.toml"), settings).unwrap();
+        build_beside(home.path());
         let folder = home.path().join("tandem");
         std::fs::create_dir(&folder).unwrap();
         std::os::unix::fs::symlink(root().join("examples"), folder.join("examples")).unwrap();

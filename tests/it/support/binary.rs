@@ -30,6 +30,32 @@ pub fn example(name: &str) -> PathBuf {
     built(&format!("examples/{name}"))
 }
 
+/// Makes cargo build below this folder, offline, beside these tests and with the profile of this workspace: then most of what a
+/// reader's project needs is there already.
+pub fn build_beside(folder: &Path) {
+    let manifest = std::fs::read_to_string(root().join("Cargo.toml")).expect("the manifest of the workspace");
+    let manifest: toml::Table = manifest.parse().expect("a manifest");
+    let target = tandem().parent().and_then(Path::parent).expect("a target folder");
+    let mut config = toml::Table::new();
+    let dev = manifest["profile"]["dev"].clone();
+    config.insert(
+        "profile".to_owned(),
+        toml::Table::from_iter([("dev".to_owned(), dev)]).into(),
+    );
+    config.insert(
+        "net".to_owned(),
+        toml::Table::from_iter([("offline".to_owned(), true.into())]).into(),
+    );
+    let target = target.display().to_string();
+    config.insert(
+        "build".to_owned(),
+        toml::Table::from_iter([("target-dir".to_owned(), target.into())]).into(),
+    );
+    let cargo = folder.join(".cargo");
+    std::fs::create_dir(&cargo).expect("a folder for the configuration of cargo");
+    std::fs::write(cargo.join("config.toml"), config.to_string()).expect("the configuration of cargo");
+}
+
 fn built(name: &str) -> PathBuf {
     let path = folder().join(name);
     assert!(
