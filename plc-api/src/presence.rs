@@ -287,6 +287,19 @@ impl Presence {
         }
     }
 
+    /// From now on the machine shall claim nothing for it by itself (H20).
+    pub(crate) fn claim_by_message(&mut self) {
+        self.said.is_exclusive = false;
+        if self.announced != Announcement::Never {
+            self.announce();
+        }
+    }
+
+    /// True when the machine has taken the last announcement.
+    pub(crate) fn is_settled(&self) -> bool {
+        matches!(self.announced, Announcement::Never | Announcement::Done)
+    }
+
     fn announce(&mut self) {
         if self.systems.is_empty() || self.open.online.is_none() {
             return;

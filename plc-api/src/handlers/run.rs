@@ -4,6 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
+use std::time::Duration;
 
 use futures_util::future::{AbortHandle, Abortable};
 use futures_util::stream::FuturesUnordered;
@@ -30,6 +31,9 @@ use super::table::{Boxed, Table};
 
 /// Outputs remembered as begun; `pending` is old by far fewer.
 const BEGUN_MAX: usize = 4096;
+
+/// How long a program that stops waits until the machine knows that it takes nothing more.
+const LEAVE_MAX: Duration = Duration::from_secs(2);
 
 struct Running {
     output: AuxOutput,
@@ -80,7 +84,7 @@ pub(super) async fn run<T>(
         is_stopping: false,
     };
     let mut stop = std::pin::pin!(stop);
-    while !(runner.is_stopping && runner.running.is_empty()) {
+    while !(runner.has_ended() && runner.presence.is_settled()) {
         tokio::select! {
             // messages first: a cancel reaches a handler before it is polled again
             biased;
@@ -89,7 +93,9 @@ pub(super) async fn run<T>(
                 None => return Ok(()),
             },
             Some(id) = runner.work.next() => runner.on_end(&id),
-            _ = &mut stop, if !runner.is_stopping => runner.is_stopping = true,
+            _ = &mut stop, if !runner.is_stopping => runner.on_stop(),
+            // a machine that does not answer learns from the end of the connection
+            () = plc.sleep(LEAVE_MAX), if runner.has_ended() => return Ok(()),
         }
     }
     Ok(())
@@ -105,6 +111,16 @@ impl Drop for Runner {
 }
 
 impl Runner {
+    /// Takes nothing more: from now on the machine claims nothing for it.
+    fn on_stop(&mut self) {
+        self.is_stopping = true;
+        self.presence.claim_by_message();
+    }
+
+    fn has_ended(&self) -> bool {
+        self.is_stopping && self.running.is_empty()
+    }
+
     fn on_event(&mut self, event: Event) {
         match event {
             Event::Message(_, Some(Change::Boot)) => {
@@ -218,7 +234,7 @@ impl Runner {
             return;
         }
         let handler = self.table.find(id.cs, pending.output.m);
-        let Some(handler) = handler.filter(|_| !self.is_stopping) else {
+        let Some(handler) = handler.filter(|_| is_claimed || !self.is_stopping) else {
             return;
         };
         let Some(verify) = taken_up(pending, self.on_redelivery) else {

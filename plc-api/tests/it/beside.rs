@@ -315,6 +315,22 @@ async fn a_program_that_stops_ends_what_is_open_and_takes_nothing_new() {
 }
 
 #[tokio::test]
+async fn what_the_machine_had_claimed_for_a_program_before_it_heard_of_the_stop_is_still_done() {
+    let fake = FakePort::new([1]);
+    let plc = fake.plc();
+    let (stop, stopped) = oneshot::channel::<()>();
+    let program = SequenceProgram::new().on(11, ok).handler_id("cell");
+    let served = tokio::spawn(async move { program.run_until(&plc, stopped).await });
+    fake.settle().await;
+    stop.send(()).unwrap();
+    let claimed = fake.put_out(1, 11, Params::default());
+    assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
+    fake.settle().await;
+    assert_eq!(served.await.unwrap(), Ok(()));
+    assert_eq!(fake.closed(1, claimed), Some(Closed::Reset));
+}
+
+#[tokio::test]
 async fn a_program_that_stops_with_nothing_open_ends_at_once() {
     let fake = FakePort::new([1]);
     let plc = fake.plc();
