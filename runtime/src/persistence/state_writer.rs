@@ -10,6 +10,7 @@ use parking_lot::Mutex;
 use plc_api::hub::Hub;
 use plc_api::types::data::LastRun;
 use plc_api::types::message::Payload;
+use plc_api::types::output::PendingOutput;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
@@ -225,7 +226,13 @@ impl Source {
             return before.and_then(|before| taken_over(before, state.reason));
         };
         let outputs = match self.payload(cs, CsTopic::Pending) {
-            Some(Payload::Pending(pending)) => pending.outputs,
+            // an instance is of a process, and says nothing in another boot
+            Some(Payload::Pending(pending)) => (pending.outputs.into_iter())
+                .map(|output| PendingOutput {
+                    instance: None,
+                    ..output
+                })
+                .collect(),
             _ => Vec::new(),
         };
         let executing = view.executing();
