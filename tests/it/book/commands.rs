@@ -27,7 +27,7 @@ const MQTT: &str = "127.0.0.1:1883";
 const PATIENCE: Duration = Duration::from_mins(2);
 
 /// What a test does not run: it changes the computer, needs another one, takes all tests, or is a pattern.
-const NOT_RUN: [&str; 19] = [
+const NOT_RUN: [&str; 22] = [
     "git clone",
     "RUSTFLAGS=",
     "TANDEM_TRACE=",
@@ -38,6 +38,10 @@ const NOT_RUN: [&str; 19] = [
     "cargo install",
     "cargo test",
     "tandem fleet",
+    // the OPC UA server has tests of its own: runtime/opcua/tests
+    "cargo build --release --locked --manifest-path runtime/opcua",
+    "install runtime/opcua",
+    "tandem opcua",
     "./tests/run",
     "sudo ",
     "podman ",
