@@ -5,13 +5,41 @@
 
 use std::time::Duration;
 
+/// A time that runs up to its preset time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Running {
+    preset: Duration,
+    /// When it began.
+    since: Option<Duration>,
+    elapsed: Duration,
+}
+
+impl Running {
+    const fn new(preset: Duration) -> Self {
+        Self {
+            preset,
+            since: None,
+            elapsed: Duration::ZERO,
+        }
+    }
+
+    /// Begins or goes on; true once the preset time is over.
+    fn run(&mut self, now: Duration) -> bool {
+        let since = *self.since.get_or_insert(now);
+        self.elapsed = now.saturating_sub(since).min(self.preset);
+        self.elapsed >= self.preset
+    }
+
+    fn clear(&mut self) {
+        (self.since, self.elapsed) = (None, Duration::ZERO);
+    }
+}
+
 /// `TON`: on once its input has been on for the preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OnDelay {
-    preset: Duration,
-    /// When the input came on.
-    since: Option<Duration>,
-    elapsed: Duration,
+    /// Since the input came on.
+    time: Running,
     q: bool,
 }
 
@@ -19,22 +47,19 @@ impl OnDelay {
     /// With this `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
-            preset,
-            since: None,
-            elapsed: Duration::ZERO,
+            time: Running::new(preset),
             q: false,
         }
     }
 
     /// Takes `IN` and the time of the scan; gives `Q`.
     pub fn update(&mut self, input: bool, now: Duration) -> bool {
-        if input {
-            let since = *self.since.get_or_insert(now);
-            self.elapsed = now.saturating_sub(since).min(self.preset);
+        self.q = if input {
+            self.time.run(now)
         } else {
-            (self.since, self.elapsed) = (None, Duration::ZERO);
-        }
-        self.q = input && self.elapsed >= self.preset;
+            self.time.clear();
+            false
+        };
         self.q
     }
 
@@ -45,22 +70,20 @@ impl OnDelay {
 
     /// `ET`: how long the input has been on, at most the preset time.
     pub fn elapsed(&self) -> Duration {
-        self.elapsed
+        self.time.elapsed
     }
 
     /// Sets `PT`.
     pub fn set_preset(&mut self, preset: Duration) {
-        self.preset = preset;
+        self.time.preset = preset;
     }
 }
 
 /// `TOF`: off once its input has been off for the preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OffDelay {
-    preset: Duration,
-    /// When the input went off.
-    since: Option<Duration>,
-    elapsed: Duration,
+    /// Since the input went off.
+    time: Running,
     q: bool,
 }
 
@@ -68,9 +91,7 @@ impl OffDelay {
     /// With this `PT`; off until its input has been on.
     pub const fn new(preset: Duration) -> Self {
         Self {
-            preset,
-            since: None,
-            elapsed: Duration::ZERO,
+            time: Running::new(preset),
             q: false,
         }
     }
@@ -78,11 +99,10 @@ impl OffDelay {
     /// Takes `IN` and the time of the scan; gives `Q`.
     pub fn update(&mut self, input: bool, now: Duration) -> bool {
         if input {
-            (self.q, self.since, self.elapsed) = (true, None, Duration::ZERO);
+            self.time.clear();
+            self.q = true;
         } else if self.q {
-            let since = *self.since.get_or_insert(now);
-            self.elapsed = now.saturating_sub(since).min(self.preset);
-            self.q = self.elapsed < self.preset;
+            self.q = !self.time.run(now);
         }
         self.q
     }
@@ -94,22 +114,20 @@ impl OffDelay {
 
     /// `ET`: how long the input has been off, at most the preset time; it keeps its value until the input comes on.
     pub fn elapsed(&self) -> Duration {
-        self.elapsed
+        self.time.elapsed
     }
 
     /// Sets `PT`.
     pub fn set_preset(&mut self, preset: Duration) {
-        self.preset = preset;
+        self.time.preset = preset;
     }
 }
 
 /// `TP`: on for the preset time after its input comes on, whatever the input does meanwhile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pulse {
-    preset: Duration,
-    /// When the pulse began; it may be over, with the input still on.
-    since: Option<Duration>,
-    elapsed: Duration,
+    /// Since the pulse began; it may be over, with the input still on.
+    time: Running,
     q: bool,
 }
 
@@ -117,9 +135,7 @@ impl Pulse {
     /// With this `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
-            preset,
-            since: None,
-            elapsed: Duration::ZERO,
+            time: Running::new(preset),
             q: false,
         }
     }
@@ -127,12 +143,10 @@ impl Pulse {
     /// Takes `IN` and the time of the scan; gives `Q`.
     pub fn update(&mut self, input: bool, now: Duration) -> bool {
         if input || self.q {
-            let since = *self.since.get_or_insert(now);
-            self.elapsed = now.saturating_sub(since).min(self.preset);
-            self.q = self.elapsed < self.preset;
+            self.q = !self.time.run(now);
         }
         if !input && !self.q {
-            (self.since, self.elapsed) = (None, Duration::ZERO);
+            self.time.clear();
         }
         self.q
     }
@@ -144,12 +158,12 @@ impl Pulse {
 
     /// `ET`: how long the pulse has been on, at most the preset time; it keeps its value until the input goes off.
     pub fn elapsed(&self) -> Duration {
-        self.elapsed
+        self.time.elapsed
     }
 
     /// Sets `PT`.
     pub fn set_preset(&mut self, preset: Duration) {
-        self.preset = preset;
+        self.time.preset = preset;
     }
 }
 
