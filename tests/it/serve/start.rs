@@ -4,6 +4,7 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::time::Duration;
 
+use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
 use serde_json::{Value, json};
 
 use super::{M_CODES, machine, served};
@@ -277,6 +278,42 @@ async fn the_servo_threads_punctuality_is_on_metrics_while_it_runs() {
     assert!(of(&text, &format!("{lateness}_sum")) > 0.0);
     assert!(of(&text, "tandem_servo_cycle_max_seconds") > 0.0);
     assert!(of(&text, "tandem_servo_overruns_total") <= cycles);
+}
+
+async fn waits_for_ever(_output: AuxOutput) -> Result<(), Alarm> {
+    std::future::pending().await
+}
+
+#[tokio::test]
+async fn metrics_tell_the_state_of_each_coordinate_system_its_open_m_codes_and_handlers() {
+    let (_machine, served) = served();
+    served.put_program(77, "M77\nM30\n").await.expect(201);
+    let plc = Plc::connect(&served.mqtt_url()).await.unwrap();
+    let idle = plc.clone();
+    let serving = SequenceProgram::new().handler_id("idle").on(77, waits_for_ever);
+    tokio::spawn(async move { serving.run(&idle).await });
+    until("the handler is known", async || {
+        let handlers = served.get("/handlers").await.expect(200).json();
+        (handlers["handlers"]["idle"]["online"] == true).then_some(())
+    })
+    .await;
+    let cs = plc.coordinate_system(1);
+    cs.load(77).await.unwrap();
+    cs.start().await.unwrap();
+    cs.wait_until(Execution::Wait).await.unwrap();
+    let text = served.get("/metrics").await.expect(200).body;
+    for line in [
+        "tandem_execution{cs=\"1\",execution=\"WAIT\"} 1",
+        "tandem_m_code_open_seconds{cs=\"1\",m=\"77\",state=\"CLAIMED\"} ",
+        "tandem_run_parts{cs=\"1\",program=\"77\"} 1",
+        "tandem_handler_online{handler=\"idle\"} 1",
+        "process_resident_memory_bytes ",
+    ] {
+        assert!(
+            text.lines().any(|said| said.starts_with(line)),
+            "no {line} in {text}"
+        );
+    }
 }
 
 #[tokio::test]
