@@ -1,14 +1,13 @@
 // Machines with many axes and coordinate systems, inches, three metres, and what an operator sets up.
 
 import assert from "node:assert/strict";
-import { mkdir } from "node:fs/promises";
 import { after, afterEach, before, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
+import { picture } from "./pictures.mjs";
 import { BIRTH, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { Screen, until } from "./screen.mjs";
 
-const OUT = new URL("out/", import.meta.url).pathname;
 const LETTERS = [..."XYZABCUV"];
 const SIZES = [[390, 844], [820, 1180], [1280, 800], [1920, 1080]];
 const NUMBERS = [1, 2, 3, 4, 5, 6, 7, 8];
@@ -27,7 +26,6 @@ let machine;
 let screen;
 
 before(async () => {
-  await mkdir(OUT, { recursive: true });
   browser = await launch();
 });
 after(() => browser?.close());
@@ -70,19 +68,19 @@ for (const [width, height] of SIZES) {
         return left < 0 || right > innerWidth;
       }).length), 0, "the tabs out of sight");
       await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
-      await page.screenshot({ path: `${OUT}axes-${width}-${colorScheme}.png` });
+      await picture(page, `axes-${width}-${colorScheme}`);
       await screen.openByHand();
       const canvas = await page.locator(".path-card").boundingBox();
       assert.ok(canvas && canvas.height >= 200, `By hand leaves the path ${canvas?.height} px`);
       await page.getByRole("button", { name: "Jog V plus: hold" }).scrollIntoViewIfNeeded();
-      await page.screenshot({ path: `${OUT}by-hand-${width}-${colorScheme}.png` });
+      await picture(page, `by-hand-${width}-${colorScheme}`);
       await page.keyboard.press("f");
       await page.locator(".far-axes").getByText("203.200").waitFor();
       const size = await page.locator(".far-state").evaluate((one) => parseFloat(getComputedStyle(one).fontSize));
       assert.ok(size >= Math.min(width * 0.088, height * 0.125), `the state is ${size} px high`);
       await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
       for (const label of ["Hold", "Stop", "Abort"]) assert.ok(await screen.command(label).isVisible());
-      await page.screenshot({ path: `${OUT}far-${width}-${colorScheme}.png` });
+      await picture(page, `far-${width}-${colorScheme}`);
       await page.keyboard.press("Escape");
       await page.locator(".positions").waitFor();
     });

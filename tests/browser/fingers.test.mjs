@@ -4,11 +4,10 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { SCHEMES, SIZES } from "./pictures.mjs";
+import { picture, SCHEMES, SIZES } from "./pictures.mjs";
 import { now, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { Screen } from "./screen.mjs";
 
-const OUT = new URL("out/", import.meta.url).pathname;
 const TARGET_PX = 60;
 
 let browser;
@@ -88,7 +87,7 @@ for (const [width, height] of SIZES) {
         assert.deepEqual(await small(page), [], `too small in ${name}`);
         const over = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
         assert.ok(over <= 0, `${name} is ${over} px too wide`);
-        await page.screenshot({ path: `${OUT}touch-${name}-${width}-${colorScheme}.png` });
+        await picture(page, `touch-${name}-${width}-${colorScheme}`);
       }
       assert.deepEqual(errors, []);
       await close();

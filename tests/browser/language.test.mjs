@@ -1,17 +1,16 @@
 // The screen in German and Japanese on the real runtime: no word of English is left in any view, and nothing overflows.
 
 import assert from "node:assert/strict";
-import { mkdir } from "node:fs/promises";
 import { after, before, test } from "node:test";
 
 import de from "../../web/language/de.js";
 import en from "../../web/language/en.js";
 import ja from "../../web/language/ja.js";
 import { launch, openPage } from "./browser.mjs";
+import { picture } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { until } from "./screen.mjs";
 
-const OUT = new URL("out/", import.meta.url).pathname;
 const TABLES = { en, de, ja };
 /** The last one is that in which parts are opened. */
 const SIZES = [[390, 844], [1280, 800]];
@@ -24,7 +23,6 @@ before(async () => {
   runtime = await Runtime.create();
   await runtime.start();
   browser = await launch();
-  await mkdir(OUT, { recursive: true });
 });
 after(async () => {
   await browser?.close();
@@ -273,7 +271,7 @@ for (const language of ["de", "ja"]) {
       for (const [width, height] of SIZES) {
         await page.setViewportSize({ width, height });
         await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
-        if (process.env.TANDEM_PICTURES || ["by_hand", "waiting"].includes(name)) await page.screenshot({ path: `${OUT}language-${language}-${width}-${name}.png` });
+        await picture(page, `language-${language}-${width}-${name}`);
         const { texts, outside } = await page.evaluate(look);
         found.push(...leftOver(texts, said, english).map((text) => `${name}: ${text}`), ...outside.map((text) => `${name} at ${width}: ${text}`));
       }

@@ -1,17 +1,15 @@
 // The HMI on the real runtime: what an operator does in the first minutes.
 
 import assert from "node:assert/strict";
-import { mkdir } from "node:fs/promises";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
 
 import { launch, openPage } from "./browser.mjs";
+import { picture } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { disabled, Screen, until } from "./screen.mjs";
 
-const OUT = new URL("out/", import.meta.url).pathname;
 /** Where the README's picture is kept; written when asked for. */
-const PICTURE = process.env.TANDEM_PICTURE ?? `${OUT}hmi.png`;
 
 let browser;
 let runtime;
@@ -22,7 +20,6 @@ let close;
 let screen;
 
 before(async () => {
-  await mkdir(OUT, { recursive: true });
   runtime = await Runtime.create();
   await runtime.start();
   browser = await launch();
@@ -40,8 +37,7 @@ beforeEach(async () => {
   await page.getByText("Connected", { exact: true }).waitFor();
 });
 
-afterEach(async (context) => {
-  await page.screenshot({ path: `${OUT}last-${(context?.name ?? "test").replace(/\W+/g, "-")}.png` }).catch(() => {});
+afterEach(async () => {
   await close();
   assert.deepEqual(errors, [], "the browser's console shows no errors, and all is of its form");
   assert.ok(checked.frames > 10 && checked.asked > 0 && checked.answers > 0, "frames and answers were checked");
@@ -74,7 +70,7 @@ test("program runs, waits for an M code, is reset by the button and completes", 
   await page.getByText(/Waiting \d+ s for M100 \(TOOL_LOAD\), VA=5, VB=0\.25/).waitFor();
   await page.locator('.line[aria-current="step"]', { hasText: "N120 M100" }).waitFor();
   await page.getByText("Waiting 2 s for").waitFor();
-  await page.screenshot({ path: PICTURE });
+  await picture(page, "hmi");
 
   await page.getByRole("button", { name: "Confirm M8 by hand" }).click();
   await page.getByText("1 open", { exact: true }).waitFor();
@@ -231,7 +227,7 @@ test("what is on the screen is explained by a press", async () => {
   await page.locator(".program-card .nc-g").first().click();
   await explanation.getByText("Example:").waitFor();
   await until(() => explanation.locator("img").evaluate((image) => image.complete && image.naturalWidth > 0), true, "the picture");
-  await page.screenshot({ path: `${OUT}explanation.png` });
+  await picture(page, "explanation");
   await page.keyboard.press("Escape");
   await explanation.waitFor({ state: "detached" });
 });

@@ -1,15 +1,14 @@
 // Several machines on one page: what each does, or why nothing is known of it. They are real runtimes, but for one that falls silent.
 
 import assert from "node:assert/strict";
-import { mkdir } from "node:fs/promises";
 import { after, afterEach, before, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
+import { picture } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { until } from "./screen.mjs";
 
-const OUT = new URL("out/", import.meta.url).pathname;
 
 let here;
 let other;
@@ -80,12 +79,11 @@ test("a tile says state, sentence, program and time left of each machine in the 
   await first.getByText(/^Program O0002 runs, line \d+\.$/).waitFor();
   await until(() => first.locator(".machine-left").textContent(), /^\d+ s left$/);
   await until(() => tile(other.url).getAttribute("data-tone"), "active", "what runs counts before what has stopped");
-  await mkdir(OUT, { recursive: true });
   for (const [width, height] of [[390, 844], [1280, 800]]) {
     await page.setViewportSize({ width, height });
     for (const colorScheme of ["light", "dark"]) {
       await page.emulateMedia({ colorScheme });
-      await page.screenshot({ path: `${OUT}machines-${width}-${colorScheme}.png`, fullPage: true });
+      await picture(page, `machines-${width}-${colorScheme}`, { fullPage: true });
     }
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), `nothing is wider than ${width}`);
   }

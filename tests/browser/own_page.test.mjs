@@ -8,12 +8,11 @@ import { createRequire } from "node:module";
 import { after, before, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { SCHEMES, SIZES, takePictures } from "./pictures.mjs";
+import { picture, SCHEMES, SIZES, takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { disabled, enabled, Screen, until } from "./screen.mjs";
 
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
-const OUT = new URL("out/", import.meta.url).pathname;
 const EXAMPLE = new URL("../../examples/hmi", import.meta.url).pathname;
 
 /** What the machine builder adds to the HMI. */
@@ -99,7 +98,7 @@ test("the example page of a folder shows the machine by elements, commands it, a
     assert.deepEqual(await findings(page), [], `axe, ${scheme}`);
     for (const [width, height] of SIZES) {
       await page.setViewportSize({ width, height });
-      await page.screenshot({ path: `${OUT}own-page-${width}-${scheme}.png` });
+      await picture(page, `own-page-${width}-${scheme}`);
       assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), `sideways scroll at ${width}`);
     }
   }

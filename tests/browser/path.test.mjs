@@ -1,15 +1,13 @@
 // The planned path on the real runtime: drawn before anything moves, followed while it runs, chosen by a click.
 
 import assert from "node:assert/strict";
-import { mkdir } from "node:fs/promises";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { SCHEMES, SIZES } from "./pictures.mjs";
+import { picture, SCHEMES, SIZES } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
-const OUT = new URL("out/", import.meta.url).pathname;
 /** Rounded corners, a helix, a pocket: something to look at. */
 const PART = `// Part
 G54 G90 G00 X0 Y0 Z5
@@ -43,7 +41,6 @@ const put = (path, body, type = "application/json") =>
   fetch(`${runtime.url}/api/v1${path}`, { method: "PUT", body, headers: { "Content-Type": type } });
 
 before(async () => {
-  await mkdir(OUT, { recursive: true });
   runtime = await Runtime.create();
   await runtime.start();
   await put("/programs/5", PART, "text/plain");
@@ -150,7 +147,7 @@ test("a rehearsal moves the tool along by a slider, and tells times and ranges",
   await dialog.getByText(/At 100 percent: .* at feedrate/).waitFor();
   await dialog.getByRole("cell", { name: "X", exact: true }).waitFor();
   await dialog.getByText(/^\d+ parts? completed$/).waitFor();
-  await page.screenshot({ path: `${OUT}rehearsal.png` });
+  await picture(page, "rehearsal");
   await dialog.getByRole("button", { name: "Close" }).click();
 });
 
@@ -174,7 +171,7 @@ test("pictures at every size in both schemes", async () => {
     await page.getByText(/^Cycle/).waitFor();
     for (const colorScheme of SCHEMES) {
       await page.emulateMedia({ colorScheme });
-      await page.screenshot({ path: `${OUT}path-${width}-${colorScheme}.png` });
+      await picture(page, `path-${width}-${colorScheme}`);
     }
     const tops = await page.locator(".path-summary, .path-buttons button").evaluateAll((all) => all.map((one) => one.getBoundingClientRect()).map(({ top, height }) => Math.round(top + height / 2)));
     assert.ok(Math.max(...tops) - Math.min(...tops) <= 2, `the foot of the path is one row at ${width}: ${tops}`);

@@ -1,21 +1,28 @@
-// Pictures of a part of the screen at four sizes and in both themes, kept in `out/`.
+// Pictures of the screen, to be looked at by people: kept in `out/` where TANDEM_PICTURES=1 is in the environment.
 
 import { mkdir } from "node:fs/promises";
 
 import { openPage } from "./browser.mjs";
 
+const ALL = process.env.TANDEM_PICTURES === "1";
 const OUT = new URL("out/", import.meta.url).pathname;
 export const SIZES = [[390, 844], [820, 1180], [1280, 800], [1920, 1080]];
 export const SCHEMES = ["light", "dark"];
 
+/** Takes a picture of the page as it is now, if pictures are wanted. */
+export async function picture(page, name, options = {}) {
+  if (!ALL) return;
+  await mkdir(OUT, { recursive: true });
+  await page.screenshot({ path: `${OUT}${name}.png`, ...options });
+}
+
 /**
- * Opens the page in each size, lets each of `shows` (by the picture's name) bring its part into view, one after the other, and
- * takes its picture in both themes; gives what the consoles said.
+ * Opens the page, lets each of `shows` (by the picture's name) bring its part into view, one after the other, and gives what the
+ * console said. Where pictures are wanted it is done in each size, and a picture is taken in both themes.
  */
 export async function takePictures(browser, url, shows) {
-  await mkdir(OUT, { recursive: true });
   const said = [];
-  for (const [width, height] of SIZES) {
+  for (const [width, height] of ALL ? SIZES : SIZES.slice(0, 1)) {
     const { page, errors, close } = await openPage(browser, { viewport: { width, height } });
     await page.goto(url);
     await page.getByText("Connected", { exact: true }).waitFor();
@@ -23,7 +30,7 @@ export async function takePictures(browser, url, shows) {
       await show(page);
       for (const colorScheme of SCHEMES) {
         await page.emulateMedia({ colorScheme });
-        await page.screenshot({ path: `${OUT}${name}-${width}-${colorScheme}.png` });
+        await picture(page, `${name}-${width}-${colorScheme}`);
       }
     }
     said.push(...errors);

@@ -88,8 +88,12 @@ test("the flow loads, starts, resets M80 after its work, and the program is comp
     return ["PROGRAM_COMPLETED", "STOPPED"].includes(now.execution) && now;
   });
   assert.equal(end.execution, "PROGRAM_COMPLETED", JSON.stringify(end));
-  const { lines } = await read("journal?m=80&count=20");
-  const by = lines.filter((line) => line.event === "reset").map((line) => line.handler_id);
+  // the journal is written behind what it tells of
+  const by = await until("both resets in the journal", async () => {
+    const { lines } = await read("journal?m=80&count=20");
+    const resets = lines.filter((line) => line.event === "reset");
+    return resets.length >= 2 && resets.map((line) => line.handler_id);
+  });
   assert.deepEqual(by, ["node-red", "node-red"]);
 });
 
