@@ -100,6 +100,20 @@ async fn the_python_client_does_what_the_list_says() {
     .await;
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_node_client_does_what_the_list_says() {
+    let made = Command::new(root().join("tests/node/environment")).output();
+    let made = made.expect("tests/node/environment starts");
+    let said = String::from_utf8_lossy(&made.stderr);
+    assert!(made.status.success(), "tests/node/environment: {said}");
+    let script = root().join("tests/it/clients/driver.mjs").display().to_string();
+    behaves(Driver {
+        program: PathBuf::from("/usr/bin/env"),
+        arguments: vec!["node".to_owned(), script],
+    })
+    .await;
+}
+
 /// A Python with the libraries of the package, installed where it is missing.
 fn python() -> PathBuf {
     let made = Command::new(root().join("tests/python/environment")).output();

@@ -27,7 +27,7 @@ const MQTT: &str = "127.0.0.1:1883";
 const PATIENCE: Duration = Duration::from_mins(2);
 
 /// What a test does not run: it changes the computer, needs another one, takes all tests, or is a pattern.
-const NOT_RUN: [&str; 22] = [
+const NOT_RUN: [&str; 25] = [
     "git clone",
     "RUSTFLAGS=",
     "TANDEM_TRACE=",
@@ -50,6 +50,10 @@ const NOT_RUN: [&str; 22] = [
     // what a reader does with Python is run by clients/python/tests/test_page.py
     "python3 -m venv",
     "venv/bin/pytest",
+    // and with Node, by clients/node/tests/package.test.js
+    "npm ci --prefix",
+    "npm install",
+    "node --test",
     "mosquitto_pub -t tandem/v1/mill-1/cs/1/m_code/80/answer",
     "curl -X POST https://mill:8080/api/v1/login",
 ];

@@ -1,0 +1,366 @@
+// The connection to a machine: it is made again whenever it is lost, and what was not answered is sent again.
+
+import { randomBytes } from "node:crypto";
+
+import { parseAddress } from "./address.js";
+import { Bell, sleep } from "./bell.js";
+import { ConnectError, NoAnswer, NotConnected, Refused, sentence } from "./errors.js";
+import { Hub } from "./hub.js";
+import { Link } from "./link.js";
+import { FILTERS, numberAt, patternOf, whatIsWrong } from "./topics.js";
+
+export const ANSWER_TIMEOUT_MS = 5_000;
+export const PRESENT_TIMEOUT_MS = 10_000;
+/** Requests that wait for their end; more are refused. */
+export const OUTBOX_MAX = 1_024;
+
+const BACKOFF_FIRST_MS = 100;
+const BACKOFF_MAX_MS = 5_000;
+const LOOK_AT_AGE_MS = 1_000;
+
+/**
+ * Where a program says what happens to it; `console` where nothing is given.
+ * @typedef {{debug: (...said: any[]) => void, warn: (...said: any[]) => void, error: (...said: any[]) => void}} Log
+ */
+
+/**
+ * @typedef {object} ConnectOptions
+ * @property {string} [user] where the address does not say it
+ * @property {string} [password]
+ * @property {import("./link.js").Tls} [tls] certificates of an `mqtts://` address
+ * @property {number} [timeoutMs] how long the machine may take to be there, 10 s; later it is waited for without limit
+ * @property {Log} [log] hears warnings and errors; without it, `console`
+ */
+
+/**
+ * What a result answers.
+ * @typedef {{path: string, seq: number, handlerId: string, kind: "claim" | "reset"}} ResultOf
+ */
+
+/**
+ * A message that is not known to have arrived; it is sent again on each new connection.
+ * @typedef {object} Request
+ * @property {string} path
+ * @property {string} payload
+ * @property {boolean} retain
+ * @property {string | undefined} commandId it ends with the reply to this command
+ * @property {ResultOf | undefined} resultOf it ends with this result
+ * @property {string | null} bootId of a command: the boot to which it was sent first; it is not sent to another one
+ * @property {boolean} wasSent
+ * @property {boolean} isSent on the connection of now
+ * @property {(answer: any) => void} resolve
+ * @property {(error: Error) => void} reject
+ */
+
+/** Keeps a connection to one machine, and carries requests and messages. */
+export class Connection {
+  hub = new Hub();
+  /** Tells this process from others of the same handler id; the same over all connections. */
+  instance = randomBytes(16).toString("hex");
+  clientId = `js-${randomBytes(6).toString("hex")}`;
+  /** Payload of the handler's presence after a loss of the connection. @type {string | null} */
+  will = null;
+  /** Hears each message of the machine before anybody who follows its topic. @type {(path: string, pattern: string, message: any) => void} */
+  onMessage = () => {};
+  /** Hears of the machine on each new connection and at each boot, before requests are sent again. */
+  onConnected = () => {};
+  /** Connections so far. */
+  connections = 0;
+  #options;
+  /** @type {Link | null} */
+  #link = null;
+  #isPresent = false;
+  /** @type {string | null} */
+  #toldBoot = null;
+  /** @type {Set<Request>} */
+  #requests = new Set();
+  #stopped = new AbortController();
+  #isClosing = false;
+  #trouble = "no broker has answered";
+  #refused = new Bell();
+  #news = new Set();
+  /** When the machine was heard last, ms; each connection begins anew. */
+  #heardAt = 0;
+
+  /** @param {string} address @param {ConnectOptions} [options] @param {string | null} [handlerId] */
+  constructor(address, options = {}, handlerId = null) {
+    this.address = parseAddress(address);
+    this.handlerId = handlerId;
+    this.#options = options;
+    /** @type {Log} */
+    this.log = options.log ?? { debug: () => {}, warn: console.warn, error: console.error };
+  }
+
+  /** The boot of the runtime that is online; null while it is away. @returns {string | null} */
+  get bootId() {
+    const presence = this.hub.last("presence");
+    return presence?.online ? presence.boot_id : null;
+  }
+
+  /** True while the machine can be reached. */
+  get isConnected() {
+    return this.#isPresent && this.bootId !== null;
+  }
+
+  /** Aborted when this is closed. @returns {AbortSignal} */
+  get stopped() {
+    return this.#stopped.signal;
+  }
+
+  /** Connects, and waits until the machine is there; throws a `ConnectError` where it is not, or the broker refuses this client. */
+  async start() {
+    const timeoutMs = this.#options.timeoutMs ?? PRESENT_TIMEOUT_MS;
+    void this.#keepConnected();
+    const isThere = () => this.isConnected && this.hub.last("birth") !== undefined;
+    await this.until(() => isThere() || this.#refused.isRung, AbortSignal.timeout(timeoutMs)).catch(() => {});
+    if (isThere()) return;
+    await this.stop();
+    throw new ConnectError(this.#refused.isRung ? this.#trouble : `no connection to ${this.address.shown}: ${this.#trouble}`);
+  }
+
+  /**
+   * Waits until something holds; it is asked again after each message and each loss of the connection.
+   * @param {() => boolean} holds @param {AbortSignal} [signal]
+   */
+  async until(holds, signal) {
+    const news = new Bell();
+    this.#news.add(news);
+    try {
+      while (!holds()) {
+        news.mute();
+        await news.rung(signal === undefined ? {} : { signal });
+        signal?.throwIfAborted();
+        if (this.stopped.aborted) throw new NotConnected("the connection was closed here");
+      }
+    } finally {
+      this.#news.delete(news);
+    }
+  }
+
+  /** Closes the connection; what waits for an answer gets none. */
+  async stop() {
+    this.#isClosing = true;
+    await this.#link?.close();
+    this.#stopped.abort();
+    this.#isPresent = false;
+    for (const request of this.#requests) request.reject(new NotConnected(`${request.path}: the connection was closed here`));
+    this.hub.close();
+    this.#tellNews();
+  }
+
+  #tellNews() {
+    this.#news.forEach((news) => news.ring());
+  }
+
+  async #keepConnected() {
+    const { nodes } = this.address;
+    let waitMs = BACKOFF_FIRST_MS;
+    // one node after the other, with a wait after each round and each connection
+    for (let tries = 1, at = 0; !this.stopped.aborted; tries += 1, at = (at + 1) % nodes.length) {
+      const wasConnected = await this.#oneConnection(/** @type {{host: string, port: number}} */ (nodes[at]));
+      if (wasConnected) {
+        waitMs = BACKOFF_FIRST_MS;
+        tries = 0;
+      }
+      if (tries % nodes.length !== 0) continue;
+      await sleep(waitMs * (0.5 + Math.random() / 2), this.stopped);
+      waitMs = Math.min(waitMs * 2, BACKOFF_MAX_MS);
+    }
+  }
+
+  /** One connection to its end; whether there was one. @param {{host: string, port: number}} node */
+  async #oneConnection({ host, port }) {
+    const link = new Link(this.#linkOptions(), (topic, payload, isRetained) => this.#received(topic, payload, isRetained));
+    const abandon = () => link.abandon();
+    this.stopped.addEventListener("abort", abandon);
+    for (const request of this.#requests) request.isSent = false;
+    let age;
+    try {
+      await link.open(host, port);
+      this.#link = link;
+      this.connections += 1;
+      this.#heardAt = performance.now();
+      link.subscribe(this.#filters().map((path) => `${this.address.root}/${path}`));
+      age = setInterval(() => this.#lookAtAge(), LOOK_AT_AGE_MS);
+      this.#trouble = await link.lost;
+      if (!this.#isClosing) this.log.warn(`${host}:${port}: ${this.#trouble}`);
+      return true;
+    } catch (error) {
+      this.#trouble = error instanceof ConnectError ? error.message : `${host}:${port}: ${error instanceof Error ? error.message : error}`;
+      if (error instanceof ConnectError) this.#refused.ring();
+      return false;
+    } finally {
+      clearInterval(age);
+      this.stopped.removeEventListener("abort", abandon);
+      link.abandon();
+      this.#link = null;
+      this.#isPresent = false;
+      this.#tellNews();
+    }
+  }
+
+  /** @returns {import("./link.js").LinkOptions} */
+  #linkOptions() {
+    const { address, handlerId, will } = this;
+    const { user = address.user, password = address.password, tls } = this.#options;
+    const topic = `${address.root}/handler/${handlerId}/presence`;
+    return {
+      clientId: this.clientId,
+      user,
+      password,
+      tls: address.tls ? (tls ?? {}) : null,
+      will: will === null || handlerId === null ? null : { topic, payload: will },
+    };
+  }
+
+  #filters() {
+    const own = this.handlerId === null ? [] : [`handler/${this.handlerId}/presence`, `handler/${this.handlerId}/result`];
+    return [...FILTERS, `reply/${this.clientId}`, ...own];
+  }
+
+  // --- what comes in
+
+  /** A machine that has not said in time that it is there counts as offline: no last will may tell of it. */
+  #lookAtAge() {
+    const presence = this.hub.last("presence");
+    if (!presence?.online || typeof presence.expires_ms !== "number") return;
+    if (performance.now() - this.#heardAt < presence.expires_ms) return;
+    this.log.warn("the machine has not said in time that it is still there: it counts as offline");
+    this.#take("presence", "presence", { ...presence, online: false });
+  }
+
+  /** @param {string} topic @param {Buffer} payload @param {boolean} isRetained */
+  #received(topic, payload, isRetained) {
+    const path = topic.slice(this.address.root.length + 1);
+    const pattern = patternOf(path);
+    if (pattern === undefined) return;
+    if (payload.length === 0) {
+      this.hub.forget(path);
+      return;
+    }
+    let message;
+    let wrong;
+    try {
+      message = JSON.parse(payload.toString("utf8"));
+      wrong = whatIsWrong(pattern, message);
+    } catch (error) {
+      wrong = sentence(error);
+    }
+    if (wrong !== null) {
+      this.log.warn(`a message on ${topic} is not of its form: ${wrong}`);
+      return;
+    }
+    if (pattern === "presence" && !isRetained) this.#heardAt = performance.now();
+    this.#take(path, pattern, message);
+  }
+
+  /** @param {string} path @param {string} pattern @param {any} message */
+  #take(path, pattern, message) {
+    this.hub.publish(path, message);
+    if (pattern === "cs/+/m_code/+/result") this.#onResult(path, message);
+    else if (pattern === "reply/+") this.#onReply(message);
+    else if (pattern === "presence") this.#onPresence();
+    this.onMessage(path, pattern, message);
+    this.#tellNews();
+  }
+
+  #onPresence() {
+    const { bootId } = this;
+    if (bootId === null || this.#link === null) {
+      this.#isPresent = false;
+      return;
+    }
+    if (!this.#isPresent || bootId !== this.#toldBoot) {
+      this.#isPresent = true;
+      this.#toldBoot = bootId;
+      this.onConnected();
+    }
+    for (const request of this.#requests) if (!request.isSent) this.#send(request);
+  }
+
+  /** @param {string} path @param {import("./messages.d.ts").HandshakeResultMessage} result */
+  #onResult(path, result) {
+    for (const request of this.#requests) {
+      const asked = request.resultOf;
+      if (asked === undefined || asked.path !== path || asked.seq !== result.seq || asked.handlerId !== result.handler_id) continue;
+      if ((result.of ?? asked.kind) !== asked.kind || (result.instance ?? this.instance) !== this.instance) continue;
+      // a late answer to its claim, of a machine that does not say what it answers: what is reset has left `pending` before
+      if (result.of === undefined && asked.kind === "reset" && result.status === "accepted" && this.#isOpen(path, result.seq)) continue;
+      if (result.status === "refused") request.reject(new Refused("invalid", result.text ?? "it is not right"));
+      else request.resolve(result);
+    }
+  }
+
+  /** @param {string} path @param {number} seq */
+  #isOpen(path, seq) {
+    const pending = this.hub.last(`cs/${numberAt(path, 1)}/m_code/pending`);
+    return pending?.outputs.some((/** @type {any} */ output) => output.seq === seq) ?? false;
+  }
+
+  /** @param {import("./messages.d.ts").CommandReplyMessage} reply */
+  #onReply(reply) {
+    if (reply.status === "accepted") return;
+    for (const request of this.#requests) {
+      if (request.commandId !== reply.command_id) continue;
+      if (reply.status === "rejected") request.reject(new Refused(reply.code, reply.text));
+      else request.resolve(reply);
+    }
+  }
+
+  // --- what goes out
+
+  /**
+   * Sends a message, and waits for its end: the answer, or else that the broker has it. Throws `Refused`, `NotConnected` (there was no
+   * connection in all that time, and it was not sent) or `NoAnswer` (it was sent, and no answer came).
+   * @param {string} path @param {object} payload
+   * @param {{retain?: boolean, commandId?: string, resultOf?: ResultOf, timeoutMs?: number}} [options]
+   * @returns {Promise<any>}
+   */
+  async request(path, payload, { retain = false, commandId, resultOf, timeoutMs = ANSWER_TIMEOUT_MS } = {}) {
+    if (this.stopped.aborted) throw new NotConnected(`${path}: the connection was closed here; nothing was sent`);
+    if (this.#requests.size >= OUTBOX_MAX) throw new NotConnected(`${OUTBOX_MAX} requests wait for an answer already; nothing was sent`);
+    /** @type {Request} */
+    const request = { path, payload: JSON.stringify(payload), retain, commandId, resultOf, ...NEW };
+    const answer = new Promise((resolve, reject) => {
+      request.resolve = resolve;
+      request.reject = reject;
+    });
+    const timer = setTimeout(() => {
+      const nothing = `${path}: no connection to ${this.address.shown} within ${timeoutMs / 1000} s; nothing was sent`;
+      request.reject(request.wasSent ? new NoAnswer(path, timeoutMs, commandId) : new NotConnected(nothing));
+    }, timeoutMs);
+    this.#requests.add(request);
+    this.#send(request);
+    try {
+      return await answer;
+    } finally {
+      clearTimeout(timer);
+      this.#requests.delete(request);
+    }
+  }
+
+  /** Sends a message whose fate does not matter; it is dropped where there is no connection. @param {string} path @param {object} payload */
+  post(path, payload, retain = false) {
+    if (this.isConnected) this.#link?.publish(`${this.address.root}/${path}`, JSON.stringify(payload), retain);
+  }
+
+  /** @param {Request} request */
+  #send(request) {
+    const { bootId } = this;
+    if (this.#link === null || !this.#isPresent || bootId === null) return;
+    if (request.commandId !== undefined) {
+      // another boot would not know the id, and carry it out a second time
+      if (request.bootId !== null && request.bootId !== bootId) return;
+      request.bootId = bootId;
+    }
+    const acknowledged = () => {
+      if (request.commandId === undefined && request.resultOf === undefined) request.resolve(undefined);
+    };
+    const { path, payload, retain } = request;
+    if (!this.#link.publish(`${this.address.root}/${path}`, payload, retain, acknowledged)) return;
+    request.isSent = true;
+    request.wasSent = true;
+  }
+}
+
+const NEW = { bootId: null, wasSent: false, isSent: false, resolve: () => {}, reject: () => {} };

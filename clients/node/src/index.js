@@ -1,0 +1,20 @@
+// Sequence programs for Tandem, the PLC side of a CNC machine, over MQTT.
+
+export { CoordinateSystem, Run } from "./coordinate_system.js";
+export {
+  AddressError,
+  Alarm,
+  CommandFailed,
+  ConnectError,
+  Ended,
+  NoAnswer,
+  NotConnected,
+  ProgramError,
+  Refused,
+  TakenOver,
+  TandemError,
+} from "./errors.js";
+export { Output } from "./output.js";
+export { Params } from "./params.js";
+export { Plc } from "./plc.js";
+export { Level, SequenceProgram, Serving } from "./program.js";

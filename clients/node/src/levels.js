@@ -1,0 +1,126 @@
+// Interlocks and start locks that a program has set: they are written again on each connection and at each boot.
+
+import { Bell, sleep } from "./bell.js";
+import { NoAnswer, NotConnected, Refused } from "./errors.js";
+
+const RETRY_MS = 500;
+const TIMEOUT_MS = 2_000;
+/** Sources that one program sets. */
+export const LEVELS_MAX = 256;
+
+/**
+ * A source of a lock.
+ * @typedef {{cs: number, kind: "interlock" | "start_lock", source: string}} Place
+ */
+
+/** What is wanted of each source, and who owns it. */
+export class Levels {
+  #connection;
+  /** @type {Map<string, {place: Place, value: boolean, text: string}>} */
+  #wanted = new Map();
+  /** @type {Set<string>} */
+  #dirty = new Set();
+  #announced = new Bell();
+  #work = new Bell();
+  /** The handler that owns them; it must be announced before they are written. @type {string | null} */
+  owner = null;
+
+  /** @param {import("./connection.js").Connection} connection */
+  constructor(connection) {
+    this.#connection = connection;
+  }
+
+  /**
+   * Sets a source. Throws `Refused`, such as for a source that is another handler's; and `NotConnected` or `NoAnswer`, but that a
+   * program that serves the machine waits for a connection instead.
+   * @param {Place} place @param {boolean} value @param {string} text
+   */
+  async set(place, value, text) {
+    const key = keyOf(place);
+    const before = this.#wanted.get(key);
+    if (before === undefined && this.#wanted.size >= LEVELS_MAX) throw new Refused("invalid", `one program sets at most ${LEVELS_MAX} sources`);
+    this.#wanted.set(key, { place, value, text });
+    if (this.owner === null) return this.#write(key);
+    const { stopped } = this.#connection;
+    for (;;) {
+      try {
+        await this.#announced.rung({ signal: stopped });
+        return await this.#write(key);
+      } catch (error) {
+        if (error instanceof Refused) {
+          if (before === undefined) this.#wanted.delete(key);
+          else this.#wanted.set(key, before);
+        }
+        if (stopped.aborted || !isPassing(error)) throw error;
+        this.#connection.log.warn(`${place.kind} ${place.source} is not written yet: ${error.message}`);
+        await sleep(RETRY_MS, stopped);
+      }
+    }
+  }
+
+  /** Sets a source, without waiting; `keepWritten` writes it. @param {Place} place @param {boolean} value @param {string} text */
+  want(place, value, text) {
+    const key = keyOf(place);
+    this.#wanted.set(key, { place, value, text });
+    this.#dirty.add(key);
+    this.#work.ring();
+  }
+
+  /** Writes all again: the machine has been told anew who is there. @param {string} owner */
+  onAnnounced(owner) {
+    this.owner = owner;
+    this.#announced.ring();
+    for (const key of this.#wanted.keys()) this.#dirty.add(key);
+    this.#work.ring();
+  }
+
+  /** Waits with writing: the machine does not know the owner any more. */
+  onAway() {
+    this.#announced.mute();
+  }
+
+  /** Writes what has changed, until the connection is closed. */
+  async keepWritten() {
+    const { stopped, log } = this.#connection;
+    while (!stopped.aborted) {
+      await this.#work.rung({ signal: stopped });
+      await this.#announced.rung({ signal: stopped });
+      const [key] = this.#dirty;
+      if (key === undefined) {
+        this.#work.mute();
+        continue;
+      }
+      this.#dirty.delete(key);
+      try {
+        await this.#write(key);
+      } catch (error) {
+        if (stopped.aborted) return;
+        if (isPassing(error)) {
+          this.#dirty.add(key);
+          log.warn(`${key} is not written yet: ${error.message}`);
+          await sleep(RETRY_MS, stopped);
+        } else log.error(`${key}: ${error instanceof Error ? error.message : error}`);
+      }
+    }
+  }
+
+  /** @param {string} key */
+  async #write(key) {
+    const wanted = this.#wanted.get(key);
+    if (wanted === undefined) return;
+    const { place, value, text } = wanted;
+    const owner = this.owner === null ? {} : { handler_id: this.owner };
+    const payload = { value, text, source: place.source, ...owner };
+    await this.#connection.request(`cs/${place.cs}/input/${place.kind}/set`, payload, { timeoutMs: TIMEOUT_MS });
+  }
+}
+
+/** Names a source, also to a reader of the log. @param {Place} place */
+function keyOf({ cs, kind, source }) {
+  return `${kind} ${source} of coordinate system ${cs}`;
+}
+
+/** @param {unknown} error @returns {error is NotConnected | NoAnswer} */
+function isPassing(error) {
+  return error instanceof NotConnected || error instanceof NoAnswer;
+}

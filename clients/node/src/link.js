@@ -1,0 +1,137 @@
+// One connection to a broker.
+
+import { connect } from "mqtt";
+
+import { ConnectError } from "./errors.js";
+
+const CONNECT_TIMEOUT_MS = 5_000;
+const CLOSE_TIMEOUT_MS = 500;
+const KEEP_ALIVE_S = 5;
+/** Bytes of one message; more is not read. */
+const PAYLOAD_MAX = 1 << 20;
+/** Messages that are not acknowledged; more are refused. */
+const UNACKNOWLEDGED_MAX = 2_048;
+/** CONNACK: the client identifier is refused, the password is wrong, or the user may not. */
+const REFUSED_FOR_GOOD = [2, 4, 5];
+
+/**
+ * Certificates and keys, as PEM or as `node:tls` takes them.
+ * @typedef {object} Tls
+ * @property {string | Buffer} [ca] of the broker, where the system does not know it
+ * @property {string | Buffer} [cert] of this client
+ * @property {string | Buffer} [key]
+ * @property {string} [passphrase] of the key
+ * @property {string} [servername] the broker's name in its certificate, where it is not that of the address
+ */
+
+/**
+ * @typedef {object} LinkOptions
+ * @property {string} clientId
+ * @property {string | undefined} user
+ * @property {string | undefined} password
+ * @property {Tls | null} tls
+ * @property {{topic: string, payload: string} | null} will the last will, retained
+ */
+
+/** A connection, from `open` to its loss, which `lost` tells. It is not used twice. */
+export class Link {
+  #options;
+  #onMessage;
+  /** @type {import("mqtt").MqttClient | null} */
+  #client = null;
+  #unacknowledged = 0;
+  #end = (/** @type {string} */ _why) => {};
+  /** Why the connection has ended, once it has. @type {Promise<string>} */
+  lost;
+
+  /** @param {LinkOptions} options @param {(topic: string, payload: Buffer, isRetained: boolean) => void} onMessage */
+  constructor(options, onMessage) {
+    this.#options = options;
+    this.#onMessage = onMessage;
+    this.lost = new Promise((resolve) => {
+      this.#end = resolve;
+    });
+  }
+
+  /**
+   * Connects, and waits until the broker has accepted; a `ConnectError` says that it never will.
+   * @param {string} host @param {number} port
+   */
+  async open(host, port) {
+    const { clientId, user, password, tls, will } = this.#options;
+    const client = connect({
+      ...(tls ?? {}),
+      protocol: tls === null ? "mqtt" : "mqtts",
+      host,
+      port,
+      clientId,
+      clean: true,
+      protocolVersion: 4,
+      keepalive: KEEP_ALIVE_S,
+      connectTimeout: CONNECT_TIMEOUT_MS,
+      reconnectPeriod: 0,
+      resubscribe: false,
+      ...(user === undefined ? {} : { username: user }),
+      ...(password === undefined ? {} : { password }),
+      ...(will === null ? {} : { will: { topic: will.topic, payload: Buffer.from(will.payload), qos: 1, retain: true } }),
+    });
+    this.#client = client;
+    client.on("message", (topic, payload, { retain }) => {
+      if (payload.length <= PAYLOAD_MAX) this.#onMessage(topic, payload, retain);
+    });
+    await new Promise((/** @type {(_: void) => void} */ resolve, reject) => {
+      let why = "the connection was lost";
+      client.on("connect", () => {
+        // small messages must not wait for each other
+        if ("setNoDelay" in client.stream && typeof client.stream.setNoDelay === "function") client.stream.setNoDelay(true);
+        resolve();
+      });
+      client.on("error", (error) => {
+        why = error.message;
+        const code = "code" in error ? error.code : undefined;
+        reject(REFUSED_FOR_GOOD.some((known) => known === code) ? new ConnectError(`the broker refuses this client: ${why}`) : error);
+      });
+      client.on("close", () => {
+        reject(new Error(why));
+        this.#end(why);
+      });
+    });
+  }
+
+  /** Subscribes with quality of service 1. @param {string[]} filters */
+  subscribe(filters) {
+    this.#client?.subscribe(filters, { qos: 1 });
+  }
+
+  /**
+   * Sends a message with quality of service 1; false: it cannot be taken.
+   * @param {string} topic @param {string} payload @param {boolean} retain @param {() => void} [acknowledged]
+   */
+  publish(topic, payload, retain, acknowledged) {
+    const client = this.#client;
+    if (client === null || !client.connected || this.#unacknowledged >= UNACKNOWLEDGED_MAX) return false;
+    this.#unacknowledged += 1;
+    client.publish(topic, payload, { qos: 1, retain }, (error) => {
+      this.#unacknowledged -= 1;
+      if (!error) acknowledged?.();
+    });
+    return true;
+  }
+
+  /** Sends what waits, says goodbye, and closes. */
+  async close() {
+    const client = this.#client;
+    if (client?.connected) {
+      const force = setTimeout(() => this.abandon(), CLOSE_TIMEOUT_MS);
+      await client.endAsync().catch(() => {});
+      clearTimeout(force);
+    }
+    this.abandon();
+  }
+
+  /** Closes without a goodbye: the broker sends the will. */
+  abandon() {
+    this.#client?.end(true);
+    this.#end("closed here");
+  }
+}

@@ -1,0 +1,145 @@
+// A machine: its coordinate systems, alarms, and variables.
+
+import { ANSWER_TIMEOUT_MS, Connection } from "./connection.js";
+import { CoordinateSystem } from "./coordinate_system.js";
+import { Refused } from "./errors.js";
+import { Levels } from "./levels.js";
+
+/** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
+/** @typedef {import("./messages.d.ts").AlarmRecord} AlarmRecord */
+
+/** One machine behind a broker: `const plc = await Plc.connect("mqtt://127.0.0.1:1883/mill-1"); await plc.cs(1).start()`. */
+export class Plc {
+  /** @internal */
+  connection;
+  /** @internal */
+  levels;
+  /** Numbers of the control leases of this connection, by coordinate system. @internal @type {Map<number, number>} */
+  fences = new Map();
+  #commands = 0;
+
+  /** @param {Connection} connection */
+  constructor(connection) {
+    this.connection = connection;
+    this.levels = new Levels(connection);
+  }
+
+  /**
+   * Connects to a machine. Of several nodes of a broker the first that answers is used until it is lost. Throws an `AddressError`, or a
+   * `ConnectError`: no broker answers, it refuses the user, or no machine of that name is online.
+   * @param {string} address `mqtt://[user:password@]host[:port][,host[:port]..]/[prefix/]machine`, `mqtts://` with TLS
+   * @param {import("./connection.js").ConnectOptions} [options]
+   */
+  static async connect(address, options) {
+    const connection = new Connection(address, options);
+    await connection.start();
+    return new Plc(connection);
+  }
+
+  /** Ends the connection. */
+  async close() {
+    await this.connection.stop();
+  }
+
+  /** A coordinate system by its number, from 1. If there is none, each call on it is an error. @param {number} number */
+  cs(number) {
+    return new CoordinateSystem(this, number);
+  }
+
+  /** True while the machine can be reached. */
+  get isConnected() {
+    return this.connection.isConnected;
+  }
+
+  /** The boot of the runtime that is online; null while it is away. */
+  get bootId() {
+    return this.connection.bootId;
+  }
+
+  /** What the machine is. @returns {import("./messages.d.ts").BirthMessage | undefined} */
+  get birth() {
+    return this.connection.hub.last("birth");
+  }
+
+  /**
+   * Waits until what the machine has said makes something hold, such as `() => plc.cs(1).interlock.value`.
+   * @param {() => boolean} holds @param {{signal?: AbortSignal}} [options]
+   */
+  async until(holds, { signal } = {}) {
+    await this.connection.until(holds, signal);
+  }
+
+  /** Whether the runtime is there: now, and each time that it changes. @returns {AsyncIterableIterator<import("./messages.d.ts").PresenceMessage>} */
+  presences() {
+    return this.connection.hub.follow("presence");
+  }
+
+  /** Alarms and warnings that are active, ascending by id. @returns {readonly AlarmRecord[]} */
+  get alarms() {
+    return this.connection.hub.last("alarm/active")?.alarms ?? [];
+  }
+
+  /** Each alarm that is raised, acknowledged or cleared. @returns {AsyncIterableIterator<AlarmRecord>} */
+  alarmEvents() {
+    return this.connection.hub.follow("alarm/event");
+  }
+
+  /**
+   * Raises an alarm that belongs to no output, such as low air pressure: it stops one coordinate system, or all.
+   * @param {import("./errors.js").Alarm} alarm @param {{cs?: number}} [options]
+   */
+  async raiseAlarm({ code, text }, { cs } = {}) {
+    await this.connection.request("alarm/raise", { code, text, ...(cs === undefined ? {} : { cs }) });
+  }
+
+  /**
+   * Sets the skip input of a motor (G31). Not real time: it captures where the motor is when the servo hears it.
+   * @param {number} motor @param {boolean} value
+   */
+  async setSkipInput(motor, value) {
+    await this.connection.request(`motor/${motor}/skip_input/set`, { value });
+  }
+
+  /** P variables, up to 1024 as they were at one moment. @param {number} first @param {number} [count] */
+  async readP(first, count = 1) {
+    return this.readVariables(1, "P", first, count);
+  }
+
+  /** Writes P variables, up to 1024, all or none. @param {number} first @param {readonly number[]} values */
+  async writeP(first, values) {
+    await this.writeVariables(1, "P", first, values);
+  }
+
+  /** @internal @param {number} cs @param {"P" | "Q"} kind @param {number} first @param {number} count @returns {Promise<number[]>} */
+  async readVariables(cs, kind, first, count) {
+    const { variables } = await this.ask(`cs/${cs}/variable/get`, { kind, from: first, count });
+    const values = variables?.values;
+    if (!Array.isArray(values) || values.length !== count) throw new Refused("unavailable", `the machine did not answer with ${count} values`);
+    return values.map((value) => (typeof value === "number" ? value : (WORDS.get(value) ?? NaN)));
+  }
+
+  /** @internal @param {number} cs @param {"P" | "Q"} kind @param {number} first @param {readonly number[]} values */
+  async writeVariables(cs, kind, first, values) {
+    const written = values.map((value) => (Number.isFinite(value) ? value : Number.isNaN(value) ? "NaN" : value > 0 ? "inf" : "-inf"));
+    await this.ask(`cs/${cs}/variable/set`, { kind, from: first, values: written });
+  }
+
+  /**
+   * Sends a command, and waits for its last reply.
+   * @internal
+   * @param {string} path @param {object} payload @param {{commandId?: string | undefined, timeoutMs?: number | undefined}} [options]
+   * @returns {Promise<CommandReply>}
+   */
+  async ask(path, payload, { commandId, timeoutMs = ANSWER_TIMEOUT_MS } = {}) {
+    const { clientId } = this.connection;
+    this.#commands += 1;
+    const id = commandId ?? `${clientId}-${this.#commands}`;
+    return this.connection.request(path, { ...payload, command_id: id, client_id: clientId }, { commandId: id, timeoutMs });
+  }
+}
+
+const WORDS = new Map([
+  ["NaN", NaN],
+  ["inf", Infinity],
+  ["-inf", -Infinity],
+]);

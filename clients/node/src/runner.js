@@ -1,0 +1,401 @@
+// The loop of a sequence program: it reads what the machine says, and starts handlers.
+
+import { Bell, sleep } from "./bell.js";
+import { Alarm, CODE_OF_ERROR, CODE_OF_EXCEPTION, cut, NoAnswer, NotConnected, Refused, sentence, TakenOver, TandemError } from "./errors.js";
+import { Output } from "./output.js";
+import { Params } from "./params.js";
+import { numberAt } from "./topics.js";
+
+/** The machine takes handlers for lost when it has not heard of them for so long; it is told at a third of it. */
+const PRESENCE_EXPIRES_MS = 15_000;
+const REFRESH_MS = PRESENCE_EXPIRES_MS / 3;
+const RETRY_MS = 500;
+/** Outputs remembered as begun; `pending` is old by far fewer. */
+const BEGUN_MAX = 4_096;
+const CLEAN_UP_MS = 5_000;
+const LEAVE_TIMEOUT_MS = 1_000;
+/** Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s. */
+const REFUSALS_MAX = 10;
+const REFUSAL_RETRY_MS = 1_000;
+const INSTANCE_TRIES = 4;
+const CHECK_TEXT_MAX = 1_000;
+
+/** @typedef {import("./messages.d.ts").PendingOutput} PendingOutput */
+/** @typedef {import("./messages.d.ts").PendingMessage} PendingMessage */
+/** @typedef {import("./messages.d.ts").CancelReason} CancelReason */
+/** @typedef {import("./messages.d.ts").HandshakeResultMessage} Result */
+
+/**
+ * A handler of the table.
+ * @typedef {object} Entry
+ * @property {number} m
+ * @property {number | undefined} cs undefined: all that have no handler of their own for the M code
+ * @property {(output: Output, plc: import("./plc.js").Plc) => unknown} call
+ * @property {import("./messages.d.ts").Redelivery} redelivery
+ * @property {import("./declared.js").Declared} declared
+ */
+
+/**
+ * @typedef {object} Running
+ * @property {Output} output
+ * @property {string} boot
+ * @property {boolean} isAnswering its reset is on the way: it is not cancelled any more
+ * @property {boolean} isReclaiming
+ * @property {Promise<void>} ended
+ */
+
+/** Where a handler or check stands in its table. @param {number | undefined} cs @param {number} m */
+export function place(cs, m) {
+  return `${cs ?? "all"}/${m}`;
+}
+
+/** Presence, claims, handlers and resets of one handler id. */
+export class Runner {
+  /** Rung once the machine knows these handlers. */
+  announced = new Bell();
+  #connection;
+  #plc;
+  #handlerId;
+  /** @type {import("./output.js").Identity} */
+  #identity;
+  #handlers;
+  #checks;
+  #takeOver;
+  /** @type {Map<string, Running>} */
+  #running = new Map();
+  /** What the machine had claimed for this instance, the oldest first. @type {Set<string>} */
+  #begun = new Set();
+  #mustAnnounce = new Bell();
+  #hasAnnounced = false;
+  /** @type {number[]} */
+  #announcedSystems = [];
+  #refusals = 0;
+  /** @type {TakenOver | null} */
+  #ended = null;
+  #left = new AbortController();
+
+  /**
+   * @param {string} handlerId @param {Map<string, Entry>} handlers @param {Map<string, (params: Params) => unknown>} checks
+   * @param {import("./plc.js").Plc} plc @param {import("./connection.js").Connection} connection @param {boolean} takeOver
+   */
+  constructor(handlerId, handlers, checks, plc, connection, takeOver) {
+    this.#handlerId = handlerId;
+    this.#identity = { handler_id: handlerId, instance: connection.instance };
+    this.#handlers = handlers;
+    this.#checks = checks;
+    this.#plc = plc;
+    this.#connection = connection;
+    this.#takeOver = takeOver;
+    connection.will = JSON.stringify(this.#offline());
+    connection.onMessage = (path, pattern, message) => this.#onMessage(path, pattern, message);
+    connection.onConnected = () => {
+      plc.levels.onAway();
+      this.#mustAnnounce.ring();
+    };
+  }
+
+  /** Announces the handlers whenever that must be, until `leave`; throws `TakenOver`. */
+  async run() {
+    const { signal } = this.#left;
+    this.#mustAnnounce.ring();
+    for (;;) {
+      const must = await this.#mustAnnounce.rung({ timeoutMs: REFRESH_MS, signal });
+      if (this.#ended !== null) throw this.#ended;
+      if (signal.aborted) return;
+      if (!must) {
+        if (this.#hasAnnounced) this.#connection.post(this.#presencePath, this.#online(), true);
+        continue;
+      }
+      this.#mustAnnounce.mute();
+      try {
+        await this.#announce();
+      } catch (error) {
+        if (!(error instanceof NotConnected || error instanceof NoAnswer)) throw error;
+        if (signal.aborted || this.#connection.stopped.aborted) return;
+        this.#connection.log.warn(`the machine does not know the handlers yet: ${error.message}`);
+        await sleep(RETRY_MS, signal);
+        this.#mustAnnounce.ring();
+      }
+    }
+  }
+
+  /** Ends all handlers, and tells the machine that they have gone. */
+  async leave() {
+    this.#left.abort();
+    this.#cancel(() => true, "shutdown");
+    await Promise.race([Promise.all([...this.#running.values()].map(({ ended }) => ended)), sleep(CLEAN_UP_MS, this.#connection.stopped)]);
+    if (!this.#connection.isConnected) return;
+    await this.#connection.request(this.#presencePath, this.#offline(), { retain: true, timeoutMs: LEAVE_TIMEOUT_MS }).catch((error) => {
+      this.#connection.log.warn(`the machine was not told that the handlers have gone: ${error.message}`);
+    });
+  }
+
+  // --- presence
+
+  get #presencePath() {
+    return `handler/${this.#handlerId}/presence`;
+  }
+
+  #offline() {
+    return { online: false, handles: [], validates: false, instance: this.#connection.instance };
+  }
+
+  /** @returns {number[]} */
+  #systems() {
+    return this.#plc.birth?.coordinate_systems.map(({ number }) => number) ?? [];
+  }
+
+  /** @returns {import("./messages.d.ts").HandlerPresence} */
+  #online() {
+    const entries = [...this.#handlers.values()];
+    const served = entries.flatMap(({ cs, m }) => (cs === undefined ? this.#announcedSystems : [cs]).map((of) => `${of}/${m}`));
+    const is = (/** @type {string} */ redelivery) => entries.some((entry) => entry.redelivery === redelivery);
+    return {
+      online: true,
+      handles: [...new Set(served)].map((of) => ({ cs: numberAt(of, 0), m: numberAt(of, 1) })),
+      validates: this.#checks.size > 0,
+      // a handler of one coordinate system that says nothing hides what is said for all
+      m_codes: entries
+        .filter(({ cs, declared }) => cs !== undefined || declared.name !== undefined || declared.params !== undefined)
+        .map(({ cs, m, declared }) => declared.toJson(m, cs)),
+      instance: this.#connection.instance,
+      take_over: this.#takeOver,
+      exclusive: true,
+      expires_ms: PRESENCE_EXPIRES_MS,
+      connection: this.#connection.connections,
+      // what is stricter than this is kept here: such an output is not claimed
+      redelivery: is("redo") ? "redo" : is("verify") ? "verify" : "ask",
+    };
+  }
+
+  async #announce() {
+    const connection = this.#connection;
+    // releases claims of an earlier program of the same name whose end was not noticed
+    if (!this.#hasAnnounced) await connection.request(this.#presencePath, this.#offline(), { retain: true });
+    this.#announcedSystems = this.#systems();
+    await connection.request(this.#presencePath, this.#online(), { retain: true });
+    this.#hasAnnounced = true;
+    this.announced.ring();
+    this.#plc.levels.onAnnounced(this.#handlerId);
+    this.#lookAtAll();
+  }
+
+  // --- what the machine says
+
+  /** @param {string} path @param {string} pattern @param {any} message */
+  #onMessage(path, pattern, message) {
+    const cs = numberAt(path, 1);
+    if (pattern === "cs/+/m_code/pending") this.#lookAt(cs, message);
+    else if (pattern === "cs/+/m_code/+/cancel") this.#cancel((id) => id === idOf(message.boot_id, cs, message.seq), message.reason);
+    else if (pattern === "cs/+/m_code/+/validate") this.#validate(cs, numberAt(path, 3), message);
+    else if (pattern === "presence" && message.online) {
+      this.#cancel((_id, { boot }) => boot !== message.boot_id, "shutdown");
+      this.#lookAtAll();
+    } else if (pattern === "birth") {
+      if (this.#hasAnnounced && this.#systems().join() !== this.#announcedSystems.join()) this.#mustAnnounce.ring();
+    } else if (pattern === "handler/+/result" && message.instance === this.#connection.instance) this.#onResult(message);
+    // the last will of an earlier connection, which came after the announcement
+    else if (pattern === "handler/+/presence" && !message.online && this.#hasAnnounced) this.#mustAnnounce.ring();
+  }
+
+  /** Hears what became of the presence. @param {import("./messages.d.ts").HandlerResultMessage} result */
+  #onResult({ status, text }) {
+    if (status === "accepted") {
+      this.#refusals = 0;
+      this.#takeOver = false;
+    } else if (status === "confirm") {
+      // another process has come, and the machine asks whether this one is still there
+      this.#mustAnnounce.ring();
+    } else if (status === "refused" && this.#refusals < REFUSALS_MAX) {
+      // the process before this one may just be ending
+      this.#refusals += 1;
+      void sleep(REFUSAL_RETRY_MS, this.#left.signal).then(() => this.#mustAnnounce.ring());
+    } else {
+      this.#cancel(() => true, "shutdown");
+      this.#ended ??= new TakenOver(text || `another process serves as ${this.#handlerId}`);
+      this.#mustAnnounce.ring();
+    }
+  }
+
+  /** @param {number} cs @param {number} m */
+  #find(cs, m) {
+    return this.#handlers.get(place(cs, m)) ?? this.#handlers.get(place(undefined, m));
+  }
+
+  /** @param {number} cs @param {number} m @param {import("./messages.d.ts").ValidateMessage} asked */
+  #validate(cs, m, asked) {
+    if (this.#checks.size === 0 || this.#find(cs, m) === undefined) return;
+    const ofAll = this.#handlers.has(place(cs, m)) ? undefined : this.#checks.get(place(undefined, m));
+    const check = this.#checks.get(place(cs, m)) ?? ofAll;
+    let verdict = { ok: true, text: "" };
+    try {
+      check?.(new Params(asked.params));
+    } catch (error) {
+      if (!(error instanceof Alarm)) this.#connection.log.error(`the check of M${m} has failed:`, error);
+      const text = error instanceof Alarm ? error.text : `the check of M${m} has failed: ${sentence(error)}`;
+      verdict = { ok: false, text: cut(text, CHECK_TEXT_MAX) };
+    }
+    const answer = { request_id: asked.request_id, handler_id: this.#handlerId, ...(verdict.ok ? { ok: true } : verdict) };
+    this.#connection.post(`cs/${cs}/m_code/${m}/validate_result`, answer);
+  }
+
+  #lookAtAll() {
+    for (const cs of this.#systems()) {
+      const pending = this.#connection.hub.last(`cs/${cs}/m_code/pending`);
+      if (pending !== undefined) this.#lookAt(cs, pending);
+    }
+  }
+
+  /** Ends handlers whose output is over or another handler's, and starts handlers of open ones. @param {number} cs @param {PendingMessage} pending */
+  #lookAt(cs, { boot_id: boot, outputs }) {
+    if (boot !== this.#connection.bootId || !this.announced.isRung || this.#left.signal.aborted || this.#ended !== null) return;
+    const ours = outputs.filter((output) => output.handler_id === null || output.handler_id === this.#handlerId);
+    const open = new Set(ours.map(({ seq }) => seq));
+    this.#cancel((_id, { output, boot: its }) => its === boot && output.cs === cs && !open.has(output.seq), null);
+    for (const output of ours) {
+      const id = idOf(boot, cs, output.seq);
+      if (output.state === "OUTPUT" && output.handler_id === null) this.#takeUp(id, boot, cs, output, false);
+      else if (this.#isClaimedForUs(output) && this.#noteBegun(id)) this.#takeUp(id, boot, cs, output, true);
+    }
+  }
+
+  /** Whether the machine has claimed an output for this instance when it made it. @param {PendingOutput} output */
+  #isClaimedForUs(output) {
+    const isOurs = output.handler_id === this.#handlerId && output.instance === this.#connection.instance;
+    return output.state === "CLAIMED" && output.attempt === 1 && isOurs;
+  }
+
+  /** Whether an output is new: an old `pending` may come again after its end. @param {string} id */
+  #noteBegun(id) {
+    if (this.#running.has(id) || this.#begun.has(id)) return false;
+    this.#begun.add(id);
+    const [oldest] = this.#begun;
+    if (this.#begun.size > BEGUN_MAX && oldest !== undefined) this.#begun.delete(oldest);
+    return true;
+  }
+
+  // --- outputs
+
+  /** @param {string} id @param {string} boot @param {number} cs @param {PendingOutput} pending @param {boolean} isClaimed */
+  #takeUp(id, boot, cs, pending, isClaimed) {
+    const working = this.#running.get(id);
+    if (working !== undefined) {
+      // the handler still works: only its connection was lost
+      if (pending.lost && !working.isAnswering && !working.output.cancelled) this.#reclaim(working);
+      return;
+    }
+    const entry = this.#find(cs, pending.m);
+    if (entry === undefined) return;
+    const how = pending.how ?? (pending.lost ? entry.redelivery : "redo");
+    if (how === "ask") return;
+    const output = new Output(this.#connection, this.#identity, { bootId: boot, cs }, pending, how === "verify");
+    /** @type {Running} */
+    const running = { output, boot, isAnswering: false, isReclaiming: false, ended: Promise.resolve() };
+    this.#running.set(id, running);
+    running.ended = this.#work(running, entry, isClaimed)
+      .catch((error) => this.#connection.log.error(`the handler of ${output} could not be ended:`, error))
+      .then(() => this.#onEnd(id, cs, output));
+  }
+
+  /** @param {string} id @param {number} cs @param {Output} output */
+  #onEnd(id, cs, output) {
+    this.#running.delete(id);
+    const pending = this.#connection.hub.last(`cs/${cs}/m_code/pending`);
+    if (output.cancelled && pending !== undefined) this.#lookAt(cs, pending);
+  }
+
+  /** @param {(id: string, running: Running) => boolean} isMeant @param {CancelReason | null} reason */
+  #cancel(isMeant, reason) {
+    for (const [id, running] of this.#running) {
+      if (isMeant(id, running) && !running.isAnswering && !running.output.cancelled) running.output.cancel(reason);
+    }
+  }
+
+  /** @param {Running} running @param {Entry} entry @param {boolean} isClaimed */
+  async #work(running, entry, isClaimed) {
+    const { output } = running;
+    const { log } = this.#connection;
+    if (!isClaimed) {
+      const claimed = await this.#untilAnswered(output, "claim", {});
+      if (claimed === null || claimed.status !== "accepted" || output.cancelled) {
+        log.debug(`${output} is left to others`, claimed);
+        return;
+      }
+      if (claimed.how !== undefined) output.redelivered = claimed.how === "verify";
+    }
+    const alarm = await this.#call(output, entry);
+    if (output.cancelled) return;
+    running.isAnswering = true;
+    const reset = alarm === null ? { result: "ok" } : { result: "fault", code: alarm.code, text: alarm.text };
+    const answer = await this.#untilAnswered(output, "reset", reset);
+    // a duplicate is this reset itself, sent twice because its answer was late
+    if (answer === null || (answer.status !== "accepted" && answer.status !== "duplicate")) {
+      log.warn(`the reset of ${output} did not count: ${answer?.status ?? "it was refused"}`);
+    }
+  }
+
+  /** @param {Output} output @param {Entry} entry @returns {Promise<Alarm | null>} */
+  async #call(output, entry) {
+    try {
+      entry.declared.check(output.m, output.params);
+      await entry.call(output, this.#plc);
+      return null;
+    } catch (error) {
+      if (error instanceof Alarm || output.cancelled) return error instanceof Alarm ? error : null;
+      if (error instanceof TandemError) {
+        this.#connection.log.warn(`the handler of M${output.m}: ${error.message}`);
+        return new Alarm(CODE_OF_ERROR, error.message || error.name);
+      }
+      this.#connection.log.error(`the handler of M${output.m} has failed:`, error);
+      return new Alarm(CODE_OF_EXCEPTION, `the handler of M${output.m} has failed: ${sentence(error)}`);
+    }
+  }
+
+  /**
+   * Claims or resets until the machine answers; null: it refuses that for good, or this program ends.
+   * @param {Output} output @param {"claim" | "reset"} kind @param {object} more @returns {Promise<Result | null>}
+   */
+  async #untilAnswered(output, kind, more) {
+    const { stopped, log } = this.#connection;
+    const resultOf = { path: output.path("result"), seq: output.seq, handlerId: this.#handlerId, kind };
+    for (let tries = 1; !stopped.aborted && (kind === "reset" || !output.cancelled); ) {
+      try {
+        return await this.#connection.request(output.path(kind), { ...output.named(), ...more }, { resultOf });
+      } catch (error) {
+        if (error instanceof Refused) {
+          const isOld = error.message.includes("unknown field `instance`") && tries < INSTANCE_TRIES;
+          if (!isOld) {
+            log.warn(`${kind} of ${output} is refused: ${error.message}`);
+            return null;
+          }
+          // a machine that knows no instances; an answer to an earlier try may still come
+          delete this.#identity.instance;
+          tries += 1;
+        } else if (error instanceof NotConnected || error instanceof NoAnswer) {
+          if (!stopped.aborted) log.warn(`${kind} of ${output}: ${error.message}`);
+          await sleep(RETRY_MS, stopped);
+        } else throw error;
+      }
+    }
+    return null;
+  }
+
+  /** Repeats the claim of an output on which a handler still works. @param {Running} running */
+  #reclaim(running) {
+    if (running.isReclaiming) return;
+    running.isReclaiming = true;
+    const { output } = running;
+    const claim = async () => {
+      const claimed = await this.#untilAnswered(output, "claim", {});
+      running.isReclaiming = false;
+      if (claimed?.status === "accepted") output.tellProgress();
+      else if (!running.isAnswering && !output.cancelled) output.cancel(null);
+    };
+    claim().catch((error) => this.#connection.log.error(`the claim of ${output} has failed:`, error));
+  }
+}
+
+/** @param {string} boot @param {number} cs @param {number} seq */
+function idOf(boot, cs, seq) {
+  return `${boot}/${cs}/${seq}`;
+}

@@ -1,0 +1,312 @@
+// Handlers, commands and inputs against a real machine: what the list of behaviours (tests/it/clients) does not look at.
+
+import assert from "node:assert/strict";
+import { after, before, beforeEach, test } from "node:test";
+import { setTimeout as delay } from "node:timers/promises";
+
+import { Alarm, CommandFailed, ConnectError, Ended, NoAnswer, NotConnected, Plc, Refused, SequenceProgram, TakenOver } from "../src/index.js";
+import { Machine } from "../src/testing.js";
+
+/** @typedef {import("../src/index.js").Output} Output */
+
+const quiet = { debug: () => {}, warn: () => {}, error: () => {} };
+const pocket = (/** @type {import("../src/index.js").Params} */ params) => params.whole("A", 1, 24, "the pocket");
+
+/** @type {Machine} */
+let machine;
+before(async () => {
+  machine = await Machine.start();
+});
+after(() => machine.close());
+beforeEach(() => machine.rest("POST", "/cs/1/reset?wait=1"));
+
+/** Serves a program while something is done. @param {SequenceProgram} program @param {(plc: Plc) => Promise<unknown>} work */
+async function serving(program, work) {
+  const served = await program.serve(machine.mqtt, { log: quiet });
+  try {
+    await work(served.plc);
+  } finally {
+    await served.close();
+  }
+  await served.ended;
+}
+
+/** A connection while something is done. @param {(plc: Plc) => Promise<unknown>} work */
+async function connected(work) {
+  const plc = await Plc.connect(machine.mqtt, { log: quiet });
+  try {
+    await work(plc);
+  } finally {
+    await plc.close();
+  }
+}
+
+test("the program goes on when the handler has returned, with what it has set", async () => {
+  /** @type {unknown[]} */
+  const seen = [];
+  const program = new SequenceProgram("changer").on(
+    6,
+    async ({ params, cs, line }, plc) => {
+      seen.push([pocket(params), plc.cs(cs).state.execution, line, params.B]);
+      await plc.cs(cs).selectTool(pocket(params));
+    },
+    { validate: pocket },
+  );
+  await serving(program, async () => {
+    assert.ok((await machine.run("M06 VA5\nG01 X1 F3000\nM06 VA6 VB-0.5\nM30")).completed);
+    await assert.rejects(machine.run("G01 X0 F3000\nM06 VA99\nM30"), /line 2: E0190.*VA is 99.*1 to 24/);
+  });
+  assert.deepEqual(seen, [[5, "WAIT", 1, undefined], [6, "WAIT", 3, -0.5]]);
+  assert.equal((await machine.rest("GET", "/cs/1/tool")).id, 6);
+});
+
+test("a program with parameters that are not declared is not loaded, and an alarm where they are known late", async () => {
+  /** @type {unknown[]} */
+  const seen = [];
+  const params = { A: { name: "force", unit: "kN", min: 1, max: 20 }, B: { whole: true, min: 1, max: 2, optional: true } };
+  const program = new SequenceProgram("clamp").on(12, (output) => seen.push([output.params.A, output.params.B]), { name: "clamp", params });
+  await serving(program, async () => {
+    await assert.rejects(machine.run("M12 VA50\nM30"), /line 1: E0191 M12 clamp: VA \(force\) is 50 kN; write 1 to 20 kN/);
+    await assert.rejects(machine.run("M12\nM30"), /E0191 M12 clamp needs VA \(force, 1 to 20 kN\)/);
+    assert.ok((await machine.run("M12 VA5\nM12 VA20 VB2\nM30")).completed);
+    assert.deepEqual((await machine.run("P3 = 50\nM12 VA[P3]\nM30")).alarms, ["M12 clamp: VA (force) is 50 kN; write 1 to 20 kN"]);
+    const { serves } = await machine.rest("GET", "/machine");
+    const expected = { m: 12, cs: [1], handler_id: "clamp", name: "clamp", params };
+    assert.deepEqual(serves.filter((/** @type {any} */ one) => one.handler_id === "clamp"), [expected]);
+  });
+  assert.deepEqual(seen, [[5, undefined], [20, 2]]);
+});
+
+test("what a handler or check throws is said with its name, and others are served", async () => {
+  const program = new SequenceProgram("coolant")
+    .on(7, ({ params }) => {
+      if (params.A === undefined) throw new TypeError("no such valve");
+    })
+    .on(8, () => {}, {
+      validate: () => {
+        throw new TypeError("a mistake");
+      },
+    });
+  await serving(program, async () => {
+    assert.deepEqual((await machine.run("M07\nM30")).alarms, ["the handler of M7 has failed: TypeError: no such valve"]);
+    await machine.rest("POST", "/cs/1/reset?wait=1");
+    assert.ok((await machine.run("M07 VA1\nM30")).completed);
+    await assert.rejects(machine.run("M08\nM30"), /the check of M8 has failed: TypeError: a mistake/);
+  });
+});
+
+test("questions are answered one after the other", async () => {
+  /** @type {string[]} */
+  const answers = [];
+  const program = new SequenceProgram("inspection").on(80, async (output) => {
+    output.progress("the part is at the window", 50);
+    answers.push(...(await Promise.all([output.ask("Is it clean?", ["yes", "no"]), output.ask("And dry?", ["yes", "no"])])));
+    await assert.rejects(output.ask("", ["yes"]), RangeError);
+    await assert.rejects(output.ask("Twice?", ["yes", "yes"]), RangeError);
+  });
+  await serving(program, async () => {
+    await machine.load("M80\nM30");
+    const end = await machine.started();
+    assert.equal(await machine.answer("no"), "Is it clean?");
+    const state = await machine.waitFor(({ waiting_on: waiting }) => waiting?.question?.text === "And dry?");
+    assert.deepEqual(state.waiting_on?.progress, { text: "the part is at the window", percent: 50 });
+    await machine.answer("yes");
+    assert.ok((await end()).completed);
+  });
+  assert.deepEqual(answers, ["no", "yes"]);
+});
+
+for (const verb of ["stop", "abort", "reset"]) {
+  test(`the signal of an output tells of ${verb}, and what waits for it cleans up`, async () => {
+    /** @type {unknown[]} */
+    const ends = [];
+    const program = new SequenceProgram("rinse").on(20, async (output) => {
+      output.progress("it rinses");
+      try {
+        await delay(1_000_000, undefined, { signal: output.signal });
+      } finally {
+        ends.push([output.cancelled, output.cancelReason, output.signal.reason instanceof Ended]);
+      }
+    });
+    await serving(program, async () => {
+      await machine.load("M20\nM30");
+      await machine.started();
+      await machine.waitFor(({ waiting_on: waiting }) => waiting?.progress !== undefined);
+      await machine.rest("POST", `/cs/1/${verb}?wait=1`);
+      await machine.waitFor(() => ends.length > 0);
+    });
+    assert.deepEqual(ends, [[true, verb, true]]);
+  });
+}
+
+test("a question that is open ends with its output", async () => {
+  /** @type {unknown[]} */
+  const ends = [];
+  const program = new SequenceProgram("inspection").on(80, async (output) => {
+    await output.ask("Is it clean?", ["yes", "no"]).catch((error) => ends.push(error instanceof Ended && error.reason));
+  });
+  await serving(program, async () => {
+    await machine.load("M80\nM30");
+    await machine.started();
+    await machine.waitFor(({ waiting_on: waiting }) => waiting?.question !== undefined);
+    await machine.rest("POST", "/cs/1/stop?wait=1");
+    await machine.waitFor(() => ends.length > 0);
+  });
+  assert.deepEqual(ends, ["stop"]);
+});
+
+test("what a program owns is set from its first moment on and when it changes", async () => {
+  const program = new SequenceProgram("cell");
+  const door = program.interlock(1, "door", "the door is open");
+  program.task(async (plc, signal) => {
+    await plc.until(() => plc.cs(1).interlock.value, { signal });
+    door.set(false);
+  });
+  await serving(program, async (plc) => {
+    const mill = plc.cs(1);
+    await plc.until(() => mill.interlock.sources.length > 0 && !mill.interlock.value);
+    const [source] = mill.interlock.sources;
+    assert.deepEqual([source?.source, source?.handler_id, source?.value], ["door", "cell", false]);
+    door.set(true);
+    await plc.until(() => mill.interlock.value);
+    await connected(async (other) => {
+      await other.cs(1).setInterlock(false, "", { source: "door" });
+      await other.readP(100);
+      assert.equal(mill.interlock.value, true, "its owner alone clears it");
+    });
+    door.set(false);
+    await plc.until(() => !mill.interlock.value);
+  });
+});
+
+test("a task that fails ends the program with its error", async () => {
+  const program = new SequenceProgram("cell").task(async () => {
+    throw new TypeError("a mistake");
+  });
+  await assert.rejects(program.run(machine.mqtt, { log: quiet }), /a mistake/);
+  assert.ok(!(await machine.rest("GET", "/handlers")).handlers.cell?.online);
+});
+
+test("a program runs until its signal, and the machine is told", async () => {
+  const stop = new AbortController();
+  const program = new SequenceProgram("cell").on(9, () => {}).task(() => stop.abort());
+  await program.run(machine.mqtt, { signal: stop.signal, log: quiet });
+  assert.equal((await machine.rest("GET", "/handlers")).handlers.cell.online, false);
+});
+
+test("a process that takes the place of another ends it", async () => {
+  const first = await new SequenceProgram("cell").on(9, () => {}).serve(machine.mqtt, { log: quiet });
+  const second = await new SequenceProgram("cell").on(9, () => {}).serve(machine.mqtt, { log: quiet, takeOver: true });
+  await assert.rejects(first.ended, TakenOver);
+  assert.ok((await machine.run("M09\nM30")).completed);
+  await first.close();
+  assert.ok((await machine.run("M09\nM30")).completed, "the end of the first says nothing of the second");
+  await second.close();
+});
+
+test("a run ends with all its parts, and says how", async () => {
+  await machine.rest("PUT", "/programs/1", "G01 X10 F6000\nM30");
+  await connected(async (plc) => {
+    const mill = plc.cs(1);
+    const run = await mill.run(1, { parts: 2 });
+    const { end, parts_done: parts } = await run.ended();
+    assert.deepEqual([end.how, parts], ["completed", 2]);
+    const again = await mill.run();
+    assert.notEqual(again.id, run.id);
+    assert.equal((await again.ended()).end.how, "completed");
+    assert.deepEqual(plc.birth?.coordinate_systems[0]?.axes, { X: 1, Y: 2, Z: 3 });
+  });
+});
+
+test("a refusal says why, and what has failed says so", async () => {
+  await connected(async (plc) => {
+    const mill = plc.cs(1);
+    const refused = (/** @type {string} */ code) => (/** @type {unknown} */ error) => error instanceof Refused && error.code === code;
+    await assert.rejects(mill.load(999), refused("not_found"));
+    await assert.rejects(mill.mdi("G01 X1 F"), refused("program_has_errors"));
+    assert.throws(() => plc.cs(7).state, refused("not_found"));
+    const moves = assert.rejects(mill.mdi("G01 X400 F600"), (error) => error instanceof CommandFailed && error.verb === "mdi");
+    await mill.waitUntil("ACTIVE");
+    await mill.stop();
+    await moves;
+  });
+});
+
+test("variables are what was written", async () => {
+  await connected(async (plc) => {
+    await plc.writeP(100, [1.5, NaN, Infinity, -Infinity, 0.1]);
+    assert.deepEqual(await plc.readP(100, 5), [1.5, NaN, Infinity, -Infinity, 0.1]);
+    await plc.cs(1).writeQ(10, [7]);
+    assert.deepEqual(await plc.cs(1).readQ(10), [7]);
+    await assert.rejects(plc.readP(32_767, 2), Refused);
+  });
+});
+
+test("inputs are set and seen", async () => {
+  await connected(async (plc) => {
+    const mill = plc.cs(1);
+    await mill.setOptionalSkip(3, true);
+    await mill.setOptionalStop(true);
+    await mill.setOverrides({ feed: 50 });
+    await mill.waitFor((state) => state.optional_stop && state.optional_skip.join() === "3");
+    await mill.setStartLock(true, "the pallet moves");
+    await plc.until(() => mill.startLock.value && mill.overrides.feed === 50);
+    assert.equal(mill.startLock.text, "the pallet moves");
+    await mill.setStartLock(false);
+    await mill.setOptionalStop(false);
+    await mill.setOverrides({ feed: 100 });
+    await plc.until(() => !mill.startLock.value);
+  });
+});
+
+test("an alarm of no output stops the machine", async () => {
+  await connected(async (plc) => {
+    await plc.raiseAlarm(new Alarm(20, "the air pressure is low"));
+    await plc.cs(1).waitUntil("STOPPED");
+    await plc.until(() => plc.alarms.length > 0);
+    assert.deepEqual(plc.alarms.map(({ number, text }) => [number, text]), [[10_020, "the air pressure is low"]]);
+    await plc.cs(1).acknowledgeAlarm(plc.alarms[0]?.id ?? 0);
+    await plc.cs(1).reset();
+    await plc.until(() => plc.alarms.length === 0);
+  });
+});
+
+test("a lease gives starts to its holder alone", async () => {
+  await machine.rest("PUT", "/programs/1", "G01 X10 F6000\nM30");
+  await connected((line) =>
+    connected(async (panel) => {
+      await line.cs(1).takeLease("line", { ttlMs: 10_000 });
+      await assert.rejects(panel.cs(1).load(1), Refused);
+      assert.equal((await (await line.cs(1).run(1)).ended()).end.how, "completed");
+      await line.cs(1).releaseLease();
+      assert.equal((await (await panel.cs(1).run(1)).ended()).end.how, "completed");
+    }),
+  );
+});
+
+test("a command without an answer can be repeated by its id", async () => {
+  await connected(async (plc) => {
+    const text = "G01 X350 F24000";
+    const unknown = await plc.cs(1).mdi(text, { timeoutMs: 100 }).catch((error) => error);
+    assert.ok(unknown instanceof NoAnswer && unknown.commandId !== undefined, String(unknown));
+    assert.equal((await plc.cs(1).mdi(text, { commandId: unknown.commandId })).status, "done");
+  });
+});
+
+test("without a machine, connecting says what is not there", async () => {
+  const nobody = Plc.connect("mqtt://user:secret@127.0.0.1:9/none", { timeoutMs: 200 });
+  await assert.rejects(nobody, (error) => error instanceof ConnectError && /^no connection to mqtt:\/\/127\.0\.0\.1:9\/none: .*ECONNREFUSED/.test(error.message));
+});
+
+test("without a connection nothing is sent, and what waits ends when it is closed", async () => {
+  const other = await Machine.start();
+  const plc = await Plc.connect(other.mqtt, { log: quiet });
+  await other.kill();
+  await plc.until(() => !plc.isConnected);
+  await assert.rejects(plc.cs(1).command("start", {}, { timeoutMs: 100 }), (error) => error instanceof NotConnected && /nothing was sent/.test(error.message));
+  const waits = assert.rejects(plc.cs(1).waitUntil("ACTIVE"), NotConnected);
+  await plc.close();
+  await waits;
+  await assert.rejects(plc.cs(1).start(), NotConnected);
+  await other.close();
+});

@@ -1,0 +1,102 @@
+// What `behaviours.toml` says that a driver does, by tandem-plc: `node driver.mjs ADDRESS REDELIVERY`.
+
+import { createInterface } from "node:readline";
+
+import { Alarm, Ended, Refused, SequenceProgram, TandemError } from "../../../clients/node/src/index.js";
+
+const [address, redelivery] = process.argv.slice(2);
+const say = (text) => process.stdout.write(`> ${text}\n`);
+const pocket = (params) => params.real("A", 1, 24, "the pocket");
+
+/** Handlers that wait for `go`, and those that were told before one waited. */
+const waiting = [];
+let told = 0;
+
+function go() {
+  const next = waiting.shift();
+  if (next === undefined) told += 1;
+  else next();
+}
+
+async function untilGo(signal) {
+  if (told > 0) {
+    told -= 1;
+    return;
+  }
+  await new Promise((resolve, reject) => {
+    waiting.push(resolve);
+    signal.addEventListener("abort", () => {
+      waiting.splice(waiting.indexOf(resolve), 1);
+      reject(signal.reason);
+    });
+  });
+}
+
+async function work(output) {
+  output.progress("it works", 50);
+  say(output.redelivered ? "work M22 verify" : "work M22");
+  try {
+    await untilGo(output.signal);
+  } catch (error) {
+    if (error instanceof Ended) say(`cancelled M22 ${error.reason}`);
+    throw error;
+  }
+  say("done M22");
+}
+
+const program = new SequenceProgram("driver")
+  .on(
+    20,
+    ({ params }) => say(`work M20 VA${pocket(params)}${params.B === undefined ? "" : ` VB${params.B}`}`),
+    { validate: pocket, redelivery },
+  )
+  .on(21, async (output) => say(`answer ${await output.ask("Shall it go on?", ["yes", "no"])}`), { redelivery })
+  .on(22, work, { redelivery })
+  .on(
+    23,
+    () => {
+      throw new Alarm(23, "the tank is empty");
+    },
+    { redelivery },
+  )
+  .on(
+    24,
+    () => {
+      throw new TypeError("a mistake of the handler");
+    },
+    { redelivery },
+  );
+
+async function carryOut(mill, verb, rest) {
+  if (verb === "load") return mill.load(Number(rest));
+  if (verb === "mdi") return mill.mdi(rest);
+  if (verb === "start") return mill.start(rest === "" ? {} : { commandId: rest });
+  return mill.command(verb);
+}
+
+async function hear(plc, line) {
+  const [verb, ...words] = line.split(" ");
+  const rest = words.join(" ");
+  const mill = plc.cs(1);
+  if (verb === "go") return go();
+  try {
+    if (verb === "interlock") {
+      await mill.setInterlock(rest === "on", "the door is open", { source: "door" });
+      return say("interlock set");
+    }
+    await carryOut(mill, verb, rest);
+    return say(`${verb} done`);
+  } catch (error) {
+    if (error instanceof Refused) return say(`${verb} refused ${error.code}`);
+    if (error instanceof TandemError) return say(`${verb} failed ${error.message}`);
+    throw error;
+  }
+}
+
+const serving = await program.serve(address);
+for await (const line of createInterface({ input: process.stdin })) {
+  if (line === "end") break;
+  void hear(serving.plc, line);
+}
+await serving.close();
+say("ended");
