@@ -114,8 +114,9 @@ export class Connection {
     const isThere = () => this.isConnected && this.hub.last("birth") !== undefined;
     await this.until(() => isThere() || this.#refused.isRung, AbortSignal.timeout(timeoutMs)).catch(() => {});
     if (isThere()) return;
+    const why = this.#link === null ? this.#trouble : "the broker is there, and no machine of this name is online";
     await this.stop();
-    throw new ConnectError(this.#refused.isRung ? this.#trouble : `no connection to ${this.address.shown}: ${this.#trouble}`);
+    throw new ConnectError(this.#refused.isRung ? why : `no connection to ${this.address.shown}: ${why}`);
   }
 
   /**

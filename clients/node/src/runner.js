@@ -187,7 +187,7 @@ export class Runner {
     const cs = numberAt(path, 1);
     if (pattern === "cs/+/m_code/pending") this.#lookAt(cs, message);
     else if (pattern === "cs/+/m_code/+/cancel") this.#cancel((id) => id === idOf(message.boot_id, cs, message.seq), message.reason);
-    else if (pattern === "cs/+/m_code/+/validate") this.#validate(cs, numberAt(path, 3), message);
+    else if (pattern === "cs/+/m_code/+/validate") void this.#validate(cs, numberAt(path, 3), message);
     else if (pattern === "presence" && message.online) {
       this.#cancel((_id, { boot }) => boot !== message.boot_id, "shutdown");
       this.#lookAtAll();
@@ -223,13 +223,13 @@ export class Runner {
   }
 
   /** @param {number} cs @param {number} m @param {import("./messages.d.ts").ValidateMessage} asked */
-  #validate(cs, m, asked) {
+  async #validate(cs, m, asked) {
     if (this.#checks.size === 0 || this.#find(cs, m) === undefined) return;
     const ofAll = this.#handlers.has(place(cs, m)) ? undefined : this.#checks.get(place(undefined, m));
     const check = this.#checks.get(place(cs, m)) ?? ofAll;
     let verdict = { ok: true, text: "" };
     try {
-      check?.(new Params(asked.params));
+      await check?.(new Params(asked.params));
     } catch (error) {
       if (!(error instanceof Alarm)) this.#connection.log.error(`the check of M${m} has failed:`, error);
       const text = error instanceof Alarm ? error.text : `the check of M${m} has failed: ${sentence(error)}`;

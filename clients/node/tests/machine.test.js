@@ -86,12 +86,14 @@ test("what a handler or check throws is said with its name, and others are serve
       validate: () => {
         throw new TypeError("a mistake");
       },
-    });
+    })
+    .on(9, () => {}, { validate: async () => Promise.reject(new Alarm(9, "it may not")) });
   await serving(program, async () => {
     assert.deepEqual((await machine.run("M07\nM30")).alarms, ["the handler of M7 has failed: TypeError: no such valve"]);
     await machine.rest("POST", "/cs/1/reset?wait=1");
     assert.ok((await machine.run("M07 VA1\nM30")).completed);
     await assert.rejects(machine.run("M08\nM30"), /the check of M8 has failed: TypeError: a mistake/);
+    await assert.rejects(machine.run("M09\nM30"), /it may not/);
   });
 });
 
@@ -296,6 +298,11 @@ test("a command without an answer can be repeated by its id", async () => {
 test("without a machine, connecting says what is not there", async () => {
   const nobody = Plc.connect("mqtt://user:secret@127.0.0.1:9/none", { timeoutMs: 200 });
   await assert.rejects(nobody, (error) => error instanceof ConnectError && /^no connection to mqtt:\/\/127\.0\.0\.1:9\/none: .*ECONNREFUSED/.test(error.message));
+});
+
+test("without a machine of that name, connecting says that the broker is there", async () => {
+  const nobody = Plc.connect(`${machine.mqtt}0`, { timeoutMs: 300 });
+  await assert.rejects(nobody, /mill-10: the broker is there, and no machine of this name is online/);
 });
 
 test("without a connection nothing is sent, and what waits ends when it is closed", async () => {
