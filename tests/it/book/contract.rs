@@ -7,7 +7,7 @@ use tandem_runtime::Config;
 
 use super::generated::check;
 use super::page::{blocks, pages, read};
-use crate::support::schemas::check_message;
+use crate::support::schemas::{check_asked, check_frame, check_message};
 
 fn document(name: &str) -> Value {
     serde_json::from_str(&read(&format!("runtime/gateway/api/{name}.json"))).unwrap()
@@ -106,6 +106,16 @@ fn the_page_of_topics_is_that_of_the_contract() {
 fn every_example_of_a_message_is_of_its_form() {
     let document = document("asyncapi");
     let mut found = 0;
+    for (name, message) in document["channels"]["websocket"]["messages"].as_object().unwrap() {
+        let check = if name == "WebSocketRequest" {
+            check_asked
+        } else {
+            check_frame
+        };
+        for example in message["examples"].as_array().unwrap() {
+            assert_eq!(check(&example["payload"]), Ok(()), "{name}");
+        }
+    }
     for channel in document["channels"].as_object().unwrap().values() {
         let Some(topic) = channel["address"]
             .as_str()
@@ -119,6 +129,7 @@ fn every_example_of_a_message_is_of_its_form() {
             .replace("{m}", "6")
             .replace("{id}", "changer")
             .replace("{client_id}", "panel")
+            .replace("{number}", "1")
             .replace("{verb}", "load")
             .replace("{input}", "interlock");
         for message in channel["messages"].as_object().unwrap().values() {
@@ -128,7 +139,7 @@ fn every_example_of_a_message_is_of_its_form() {
             }
         }
     }
-    assert!(found > 20, "only {found} examples");
+    assert!(found > 50, "only {found} examples");
 }
 
 /// A block `json,topic=PATH` of a page is what crosses the wire on that path.

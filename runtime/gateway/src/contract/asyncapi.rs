@@ -119,17 +119,17 @@ fn parameter_of(name: &str) -> Value {
     parameter
 }
 
-/// A message with its examples, where there are some.
-fn message(path: &str, schema: &str) -> Value {
+/// A message with its examples, which stand under the path of its topic or, for a frame of the WebSocket, under its name.
+fn message(of: &str, schema: &str) -> Value {
     let mut message = json!({"payload": reference(schema)});
-    if let Some(payloads) = EXAMPLES[path].as_array() {
+    if let Some(payloads) = EXAMPLES[of].as_array() {
         let examples = payloads.iter().map(|payload| json!({"payload": payload}));
         message["examples"] = examples.collect();
     }
     message
 }
 
-/// Payloads by path, as they cross the wire.
+/// Payloads as they cross the wire.
 static EXAMPLES: LazyLock<Value> =
     LazyLock::new(|| serde_json::from_str(include_str!("examples.json")).unwrap_or_default());
 
@@ -148,7 +148,7 @@ fn add_websocket(channels: &mut Map<String, Value>, operations: &mut Map<String,
     const SENT: [&str; 2] = ["WebSocketMessage", "WebSocketError"];
     let messages = RECEIVED.into_iter().chain(SENT);
     let messages: Map<_, _> = messages
-        .map(|name| (name.to_owned(), json!({"payload": reference(name)})))
+        .map(|name| (name.to_owned(), message(name, name)))
         .collect();
     channels.insert(
         "websocket".into(),

@@ -18,6 +18,8 @@ pub(super) fn document(schemas: &Schemas) -> Value {
             of_path.map(|(route, serves)| (route.method.to_lowercase(), operation(route, serves.right())));
         paths.insert(path.clone(), operations.collect::<Map<_, _>>().into());
     }
+    let mut schemas: Value = schemas.clone().into();
+    for_generators(&mut schemas);
     json!({
         "openapi": "3.1.0",
         "info": {
@@ -35,6 +37,60 @@ pub(super) fn document(schemas: &Schemas) -> Value {
             "securitySchemes": {"token": {"type": "http", "scheme": "bearer"}},
         },
     })
+}
+
+/// Says the same as generators of clients understand it: what some of them write otherwise does not run.
+fn for_generators(schema: &mut Value) {
+    match schema {
+        Value::Object(fields) => {
+            name_letters(fields);
+            list_words(fields);
+            fields.values_mut().for_each(for_generators);
+        }
+        Value::Array(items) => items.iter_mut().for_each(for_generators),
+        _ => {}
+    }
+}
+
+/// Of an object with a member for each letter, which names it may have: a member `D` clashes with a variable of generated code.
+fn name_letters(fields: &mut Map<String, Value>) {
+    const LETTERS: [&str; 8] = ["A", "B", "C", "D", "E", "F", "G", "H"];
+    let members = fields.get("properties").and_then(Value::as_object);
+    if !members.is_some_and(|members| members.keys().eq(LETTERS)) {
+        return;
+    }
+    let mut member = fields["properties"]["A"].clone();
+    if let Some(member) = member.as_object_mut() {
+        member.remove("description");
+    }
+    fields.remove("properties");
+    fields.insert("propertyNames".into(), json!({"enum": LETTERS}));
+    fields.insert("additionalProperties".into(), member);
+}
+
+/// Of a choice between words, the words, and what they mean in the description: generated code takes the first of several constants
+/// for the only one.
+fn list_words(fields: &mut Map<String, Value>) {
+    let choices = fields.get("oneOf").and_then(Value::as_array);
+    let Some(choices) = choices.filter(|choices| choices.iter().all(|choice| choice["const"].is_string()))
+    else {
+        return;
+    };
+    let words: Vec<Value> = choices.iter().map(|choice| choice["const"].clone()).collect();
+    let description = fields.get("description").and_then(Value::as_str);
+    let meanings = choices.iter().filter_map(|choice| {
+        let (word, meaning) = (choice["const"].as_str()?, choice["description"].as_str()?);
+        Some(format!("\n- `{word}`: {}", meaning.replace('\n', " ")))
+    });
+    let description = description
+        .map(str::to_owned)
+        .into_iter()
+        .chain(meanings)
+        .collect::<String>();
+    fields.remove("oneOf");
+    fields.insert("type".into(), "string".into());
+    fields.insert("enum".into(), words.into());
+    fields.insert("description".into(), description.trim_start().into());
 }
 
 /// What routes are about, in the order of the document.
@@ -291,19 +347,36 @@ fn responses(route: &Route, right: Option<Right>) -> Value {
         responses.insert(status.to_string(), response);
     }
     if route.headers == Headers::Cached {
-        responses.insert("304".to_owned(), json!({"description": "The client has it."}));
+        let headers = response_headers(route, 200);
+        responses.insert(
+            "304".to_owned(),
+            json!({"description": "The client has it.", "headers": headers}),
+        );
     }
     for status in refusals(route, right) {
         let mut refusal = json!({
             "description": refusal_text(status),
             "content": {"application/problem+json": {"schema": reference("Problem")}},
         });
-        if status == 429 {
-            refusal["headers"] = json!({"Retry-After": {"schema": {"type": "integer", "minimum": 1}, "description": "Seconds after which it is worth another try."}});
+        if let Some(headers) = refusal_headers(status) {
+            refusal["headers"] = headers;
         }
         responses.insert(status.to_string(), refusal);
     }
     responses.into()
+}
+
+/// What a refusal says in its head.
+fn refusal_headers(status: u16) -> Option<Value> {
+    match status {
+        401 => Some(
+            json!({"WWW-Authenticate": {"schema": {"type": "string", "enum": ["Bearer"]}, "description": "A token is needed."}}),
+        ),
+        429 => Some(
+            json!({"Retry-After": {"schema": {"type": "integer", "minimum": 1}, "description": "Seconds after which it is worth another try."}}),
+        ),
+        _ => None,
+    }
 }
 
 /// What an answer says in its head.

@@ -64,6 +64,21 @@ fn every_reference_within_the_documents_leads_somewhere() {
 }
 
 #[test]
+fn every_message_has_an_example() {
+    let document = asyncapi::document(&schemas::all());
+    for channel in document["channels"].as_object().unwrap().values() {
+        for (name, message) in channel["messages"].as_object().unwrap() {
+            let examples = message["examples"].as_array().map_or(0, Vec::len);
+            assert!(
+                examples > 0,
+                "{} {name}: examples.json has none",
+                channel["address"]
+            );
+        }
+    }
+}
+
+#[test]
 fn no_route_is_there_twice() {
     for (path, places) in ROUTES.iter() {
         for (at, (route, _)) in places.iter().enumerate() {
