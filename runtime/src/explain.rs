@@ -7,6 +7,7 @@ use plc_api::types::explained::Explained;
 use plc_api::types::words::words;
 use tandem_interp::Dialect;
 use tandem_model::alarm::{ALARMS, After, AlarmEntry};
+use tandem_structured_text::{FINDINGS, FindingEntry};
 use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
 
 use crate::config::{Config, ConfigKey};
@@ -38,6 +39,7 @@ pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
     let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
     let keys = Config::keys();
     let pages: Vec<String> = (DiagnosticEntry::find(&what).into_iter().map(of_diagnostic))
+        .chain(FindingEntry::find(&what).map(of_finding))
         .chain(alarm(&what).map(of_alarm))
         .chain(of_sequence_program(&what))
         .chain(language::pages(&what, dialect))
@@ -95,6 +97,7 @@ pub fn picture(what: &str, dialect: &Dialect) -> Option<String> {
 /// All names that have a page.
 pub fn names(dialect: &Dialect) -> Vec<String> {
     let diagnostics = DIAGNOSTICS.iter().map(|entry| entry.code.to_owned());
+    let findings = FINDINGS.iter().map(|entry| entry.code.to_owned());
     let alarms = ALARMS.iter().map(|entry| format!("alarm {}", entry.number));
     let rules = RULES
         .into_iter()
@@ -105,6 +108,7 @@ pub fn names(dialect: &Dialect) -> Vec<String> {
         [key.path, own]
     });
     diagnostics
+        .chain(findings)
         .chain(alarms)
         .chain(language::names(dialect))
         .chain(words().map(|word| word.word.to_owned()))
@@ -143,6 +147,11 @@ fn indented(text: &str) -> String {
 fn of_diagnostic(entry: &DiagnosticEntry) -> String {
     let example = format!("Example:\n\n{}", indented(entry.example));
     page(entry.code, entry.title, &[entry.explanation.to_owned(), example])
+}
+
+fn of_finding(entry: &FindingEntry) -> String {
+    let parts = [entry.explanation.to_owned(), indented(entry.example)];
+    page(entry.code, &format!("{} (Structured Text)", entry.title), &parts)
 }
 
 /// The number of `412` or `alarm 412`.

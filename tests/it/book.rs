@@ -4,7 +4,7 @@
 mod commands;
 mod container;
 mod contract;
-mod generated;
+pub mod generated;
 mod language;
 mod links;
 mod page;

@@ -37,5 +37,6 @@ mod modes;
 #[rustfmt::skip]
 mod readme;
 mod serve;
+mod structured_text;
 mod tidy;
 mod transports;

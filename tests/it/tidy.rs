@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use crate::support::binary::root;
 
 /// Sources of each crate.
-const CRATES: [&str; 10] = [
+const CRATES: [&str; 11] = [
     "plc-api/src",
     "runtime/src",
     "runtime/model/src",
@@ -23,6 +23,7 @@ const CRATES: [&str; 10] = [
     "runtime/servo/src",
     "runtime/gateway/src",
     "runtime/mtconnect/src",
+    "runtime/structured-text/src",
 ];
 
 /// Folders that are made by tools, or of what others have written.

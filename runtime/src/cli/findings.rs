@@ -134,6 +134,26 @@ impl Findings {
         ));
     }
 
+    /// Prints the findings of a program in Structured Text, and what it serves.
+    pub fn print_structured_text(&self) {
+        if let Some(text) = self.text().strip_suffix('\n') {
+            say(text);
+        }
+        let m_codes: Vec<_> = self.m_codes.iter().map(|m| format!("M{m:02}")).collect();
+        let serves = if m_codes.is_empty() {
+            "none".to_owned()
+        } else {
+            m_codes.join(" ")
+        };
+        match self.diagnostics.len() {
+            0 => say(format!(
+                "{}: 0 errors\n  M codes that it serves: {serves}",
+                self.file
+            )),
+            errors => say(format!("{}: {}", self.file, counted(errors, "error"))),
+        }
+    }
+
     fn to_json(&self) -> Value {
         json!({
             "file": self.file,

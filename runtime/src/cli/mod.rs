@@ -23,6 +23,7 @@ mod plot;
 mod serve;
 mod server_ends;
 mod simulate;
+mod st;
 mod store;
 mod token;
 
@@ -86,6 +87,8 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Compares two NC programs by way, M codes and time
     Diff(diff::Arguments),
+    /// Checks a sequence program in Structured Text, or runs it on a machine
+    St(st::Arguments),
     /// Runs many simulated machines at one broker, each with a handler and an HMI, and measures them
     Fleet(fleet::Arguments),
     /// Makes a certificate for TLS: of this machine, or of a client
@@ -127,6 +130,7 @@ pub fn run() -> ExitCode {
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
+        Command::St(arguments) => st::run(&arguments),
         Command::Fleet(arguments) => fleet::run(&arguments),
         Command::Cert(arguments) => cert::run(&arguments),
         Command::Store(arguments) => store::run(&arguments),

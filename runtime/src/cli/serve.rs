@@ -184,13 +184,13 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
 }
 
 /// Signals, listened for from the start: one that comes early must not end the process out of order.
-struct Signals {
+pub(super) struct Signals {
     interrupt: Signal,
     terminate: Signal,
     hang_up: Signal,
 }
 
-enum Received {
+pub(super) enum Received {
     /// Ctrl-C or SIGTERM: an orderly stop.
     Stop,
     /// SIGHUP: files are read again, as other servers do. A terminal that is closed sends it too, and must not stop a machine.
@@ -198,7 +198,7 @@ enum Received {
 }
 
 impl Signals {
-    fn listen() -> std::io::Result<Self> {
+    pub(super) fn listen() -> std::io::Result<Self> {
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
@@ -206,7 +206,7 @@ impl Signals {
         })
     }
 
-    async fn received(&mut self) -> Received {
+    pub(super) async fn received(&mut self) -> Received {
         tokio::select! {
             _ = self.interrupt.recv() => Received::Stop,
             _ = self.terminate.recv() => Received::Stop,

@@ -35,6 +35,7 @@ fn every_crate_of_the_layout_is_there_with_its_name() {
         ("runtime/servo", "tandem-servo"),
         ("runtime/gateway", "tandem-gateway"),
         ("runtime/mtconnect", "tandem-mtconnect"),
+        ("runtime/structured-text", "tandem-structured-text"),
     ] {
         let manifest = read(format!("{folder}/Cargo.toml").as_ref());
         assert!(
@@ -97,6 +98,7 @@ fn the_gateway_imports_plc_api_and_mtconnect_which_imports_that_alone_and_plc_ap
     };
     assert_eq!(ours("runtime/gateway"), of(&["plc-api", "tandem-mtconnect"]));
     assert_eq!(ours("runtime/mtconnect"), of(&["plc-api"]));
+    assert_eq!(ours("runtime/structured-text"), of(&["plc-api", "tandem-model"]));
     assert_eq!(ours("plc-api"), BTreeSet::new());
     assert_eq!(ours("runtime/model"), BTreeSet::new());
 }

@@ -1,0 +1,157 @@
+//! `tandem st`: sequence programs in Structured Text.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::Args;
+use plc_api::{MqttOptions, Plc, SequenceProgram, TlsFiles};
+use tandem_structured_text::Program;
+
+use super::findings::{Findings, as_json};
+use super::serve::{Received, Signals};
+use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_program, say, shown};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Program in Structured Text of IEC 61131-3 (a subset: tandem explain ST012); - is standard input
+    file: PathBuf,
+    /// Checks the program and does nothing else (this is what it does without --run)
+    #[arg(long, conflicts_with = "run")]
+    check: bool,
+    /// Runs the program, if it is right, until Ctrl-C: then it takes no further M code, and ends those that are open; a second
+    /// Ctrl-C ends at once
+    #[arg(long, requires = "connect")]
+    run: bool,
+    /// The machine of --run: mqtt://[user:token@]host[:port]/[prefix/]machine, with TLS mqtts://
+    #[arg(long, value_name = "ADDRESS", requires = "run")]
+    connect: Option<String>,
+    /// Time from one scan to the next, ms
+    #[arg(long, value_name = "MS", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    period_ms: u64,
+    /// Name of the sequence program at the machine; without it the user, or a name of its own
+    #[arg(long, value_name = "ID", requires = "run")]
+    handler_id: Option<String>,
+    /// Takes the place of a program of the same name
+    #[arg(long, requires = "handler_id")]
+    take_over: bool,
+    /// User of the machine, which an address should not contain
+    #[arg(long, value_name = "NAME", requires = "token_file")]
+    user: Option<String>,
+    /// File with the token of that user
+    #[arg(long, value_name = "FILE", requires = "user")]
+    token_file: Option<PathBuf>,
+    /// Certificate authorities that the machine's certificate is checked by, PEM; without it those of the system
+    #[arg(long, value_name = "FILE", requires = "run")]
+    ca_file: Option<PathBuf>,
+    /// Findings as text for people, or as JSON as tandem check writes it
+    #[arg(long, value_enum, default_value = "text", conflicts_with = "run")]
+    format: Format,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    Text,
+    Json,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let source = read_program(&arguments.file)?;
+    let (program, findings) = compiled(&arguments.file, source);
+    let is_right = program.is_some();
+    if arguments.run {
+        let Some(program) = program else {
+            complain(findings.text().trim_end());
+            return Ok(EXIT_FOUND);
+        };
+        super::log::start();
+        return run_program(arguments, program);
+    }
+    match arguments.format {
+        Format::Json => say(as_json(&[findings])),
+        Format::Text => findings.print_structured_text(),
+    }
+    Ok(if is_right { EXIT_OK } else { EXIT_FOUND })
+}
+
+/// The program, if it is right, and what was found in it.
+fn compiled(path: &Path, source: String) -> (Option<Program>, Findings) {
+    let file = shown(path);
+    let (program, diagnostics) = match Program::compile(&file, &source) {
+        Ok(program) => (Some(program), Vec::new()),
+        Err(diagnostics) => (None, diagnostics),
+    };
+    let mut m_codes: Vec<u16> = program
+        .iter()
+        .flat_map(Program::m_codes)
+        .map(|(_, m)| m)
+        .collect();
+    m_codes.sort_unstable();
+    m_codes.dedup();
+    let source = Arc::from(source);
+    let findings = Findings {
+        file,
+        source,
+        diagnostics,
+        m_codes,
+        programs: Vec::new(),
+    };
+    (program, findings)
+}
+
+fn run_program(arguments: &Arguments, program: Program) -> Ran {
+    let address = arguments.connect.as_deref().unwrap_or_default();
+    let password = match &arguments.token_file {
+        None => None,
+        Some(file) => {
+            let token =
+                std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+            Some(token.trim().to_owned())
+        }
+    };
+    let options = MqttOptions {
+        username: arguments.user.clone(),
+        password,
+        tls: TlsFiles {
+            ca_file: arguments.ca_file.clone(),
+            ..TlsFiles::default()
+        },
+        ..MqttOptions::default()
+    };
+    let mut sequence = program.sequence_program(Duration::from_millis(arguments.period_ms));
+    if let Some(id) = &arguments.handler_id {
+        sequence = sequence.handler_id(id);
+    }
+    if arguments.take_over {
+        sequence = sequence.take_over();
+    }
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()?
+        .block_on(serve(address, options, sequence))?;
+    Ok(EXIT_OK)
+}
+
+async fn serve(address: &str, options: MqttOptions, sequence: SequenceProgram) -> anyhow::Result<()> {
+    let mut signals = Signals::listen()?;
+    let plc = Plc::connect_with(address, options).await?;
+    say("The program runs. Ctrl-C ends it.");
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let mut stop = Some(stop);
+    let mut running = Box::pin(sequence.run_until(&plc, stopped));
+    loop {
+        tokio::select! {
+            ended = &mut running => return Ok(ended?),
+            received = signals.received() => match (received, stop.take()) {
+                (Received::HangUp, kept) => stop = kept,
+                (Received::Stop, Some(first)) => {
+                    // the receiver is the program, which runs
+                    let _ = first.send(());
+                    say("It takes no further M code, and ends when those that are open have ended; Ctrl-C ends it at once.");
+                }
+                (Received::Stop, None) => return Ok(()),
+            },
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Units to one program: who calls whom, and where functions have their variables.
+
+use super::{Arc, BTreeSet, Checker, Code, CodeUnit, Needs, Section};
+use crate::code::Stmt;
+use crate::finding::{RECURSION, TOO_DEEP};
+use crate::limits::CALL_DEPTH_MAX;
+use crate::tree::UnitKind;
+
+impl Checker<'_> {
+    /// All in one, unless there are findings.
+    pub(super) fn link(mut self, program: usize, bodies: Vec<Vec<Stmt>>) -> Option<(Code, Needs)> {
+        let mut depths = vec![None; self.file.units.len()];
+        for unit in 0..depths.len() {
+            self.depth(unit, &mut depths, &mut BTreeSet::new());
+        }
+        if !self.findings.is_empty() {
+            return None;
+        }
+        let mut code = Code {
+            program,
+            memory: self.frames.get(program)?.initial.len(),
+            ..Code::default()
+        };
+        for (number, body) in bodies.into_iter().enumerate() {
+            let frame = &self.frames[number];
+            let is_function = self.file.units[number].kind == UnitKind::Function;
+            let base = if is_function { code.memory } else { 0 };
+            if is_function {
+                code.memory += frame.initial.len();
+            }
+            let temporary = frame
+                .variables
+                .iter()
+                .filter(|variable| variable.section == Section::Temporary);
+            let slots = temporary.flat_map(|variable| {
+                let size = self.size(&variable.of);
+                variable.offset..variable.offset + size
+            });
+            let temporary = slots
+                .filter_map(|slot| Some((slot, frame.initial.get(slot)?.clone())))
+                .collect();
+            code.units.push(CodeUnit {
+                body,
+                initial: Arc::from(frame.initial.as_slice()),
+                temporary,
+                base,
+            });
+        }
+        #[cfg(test)]
+        for variable in &self.frames[program].variables {
+            if let Some(kind) = variable.of.elementary() {
+                code.names.insert(variable.name.clone(), (variable.offset, kind));
+            }
+        }
+        Some((code, self.needs))
+    }
+
+    /// How deep the calls of a unit go; a finding if it calls itself, or too deep.
+    fn depth(&mut self, unit: usize, known: &mut Vec<Option<usize>>, open: &mut BTreeSet<usize>) -> usize {
+        if let Some(depth) = known[unit] {
+            return depth;
+        }
+        open.insert(unit);
+        let mut deepest = 1;
+        for (called, span) in self.calls.get(&unit).cloned().unwrap_or_default() {
+            if open.contains(&called) {
+                let what = format!("{} calls itself", self.file.units[called].name.text);
+                self.found(
+                    &RECURSION,
+                    span,
+                    what,
+                    "write a loop; IEC 61131-3 allows no recursion",
+                );
+                continue;
+            }
+            let depth = 1 + self.depth(called, known, open);
+            if depth == CALL_DEPTH_MAX + 1 {
+                let what = format!("the calls go more than {CALL_DEPTH_MAX} deep");
+                self.found(&TOO_DEEP, span, what, "call fewer within each other");
+            }
+            deepest = deepest.max(depth);
+        }
+        open.remove(&unit);
+        known[unit] = Some(deepest);
+        deepest
+    }
+}

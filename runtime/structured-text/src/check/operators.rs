@@ -1,0 +1,244 @@
+//! Operators with two sides.
+
+use tandem_model::Span;
+
+use super::Checker;
+use super::expressions::{Of, Typed};
+use crate::calculate::{calculate, compare, scale_time};
+use crate::code::ExprKind;
+use crate::finding::{CONSTANT_FAULT, TYPE};
+use crate::tree::Binary;
+use crate::types::{Elementary, Type};
+use crate::value::Value;
+
+impl Checker<'_> {
+    pub(super) fn binary(
+        &mut self,
+        operator: Binary,
+        left: Typed,
+        right: Typed,
+        span: Span,
+    ) -> Option<Typed> {
+        if let (Of::Type(Type::Enumeration(..)), Of::Type(_)) = (&left.of, &right.of)
+            && left.of == right.of
+            && matches!(operator, Binary::Equal | Binary::NotEqual)
+        {
+            return self.comparison(operator, left, right, span);
+        }
+        let is_scaled = matches!(operator, Binary::Multiply | Binary::Divide);
+        if left.elementary() == Some(Elementary::Time) && is_scaled {
+            return self.scaled(operator, left, right, span);
+        }
+        if operator == Binary::Power {
+            return self.power(left, right, span);
+        }
+        let untyped = |typed: &Typed| matches!(typed.of, Of::Integer | Of::Real);
+        if untyped(&left) && untyped(&right) && !matches!(operator, Binary::And | Binary::Or | Binary::Xor) {
+            return self.untyped(operator, &left, &right, span);
+        }
+        let Some(kind) = common(&left, &right) else {
+            let what = format!(
+                "{} and {} have no common type for {}",
+                left.of,
+                right.of,
+                operator.text()
+            );
+            self.found(
+                &TYPE,
+                span,
+                what,
+                "convert one of them, such as by DINT_TO_REAL(...)",
+            );
+            return None;
+        };
+        self.takes(operator, kind, span)?;
+        let of = Type::from(kind);
+        let left = self.become_type(left, &of)?;
+        let right = self.become_type(right, &of)?;
+        let typed = |expr| Typed {
+            expr,
+            of: Of::Type(of.clone()),
+        };
+        let (left, right) = (typed(left), typed(right));
+        if operator.is_comparison() {
+            return self.comparison(operator, left, right, span);
+        }
+        let values = left.value().zip(right.value());
+        let folded = values.map(|(left, right)| calculate(operator, kind, left, right));
+        let node = ExprKind::Calculate(operator, kind, Box::new((left.expr, right.expr)));
+        self.folded(folded, node, Of::Type(of), span)
+    }
+
+    /// A finding if an operator does not take values of a type.
+    fn takes(&mut self, operator: Binary, kind: Elementary, span: Span) -> Option<()> {
+        let fits = match operator {
+            Binary::And | Binary::Or | Binary::Xor => kind == Elementary::Bool || kind.is_bits(),
+            Binary::Modulo => kind.is_int(),
+            Binary::Add | Binary::Subtract => kind.is_num() || kind == Elementary::Time,
+            Binary::Multiply | Binary::Divide | Binary::Power => kind.is_num(),
+            _ => true,
+        };
+        if !fits {
+            let help = match operator {
+                Binary::And | Binary::Or | Binary::Xor => "write BOOL or bit strings; compare numbers: a > 0",
+                Binary::Modulo => "write integers",
+                _ if kind.is_bits() => "convert bit strings to integers, such as by WORD_TO_UINT(...)",
+                _ if kind == Elementary::String => "join strings by CONCAT(...)",
+                _ => "write numbers",
+            };
+            let what = format!("{} does not take {}", operator.text(), kind.text());
+            self.found(&TYPE, span, what, help);
+        }
+        fits.then_some(())
+    }
+
+    fn comparison(&mut self, operator: Binary, left: Typed, right: Typed, span: Span) -> Option<Typed> {
+        let folded = left
+            .value()
+            .zip(right.value())
+            .map(|(left, right)| Ok(compare(operator, left, right)));
+        let node = ExprKind::Compare(operator, Box::new((left.expr, right.expr)));
+        self.folded(folded, node, Of::Type(Type::BOOL), span)
+    }
+
+    /// Two literals without a type: so is the result.
+    fn untyped(&mut self, operator: Binary, left: &Typed, right: &Typed, span: Span) -> Option<Typed> {
+        let (one, other) = (left.value()?.clone(), right.value()?.clone());
+        let is_integer = left.of == Of::Integer && right.of == Of::Integer;
+        let real = |value: &Value| Value::Real(value.real());
+        if operator.is_comparison() {
+            let value = if is_integer {
+                compare(operator, &one, &other)
+            } else {
+                compare(operator, &real(&one), &real(&other))
+            };
+            return Some(Typed::constant(value, Of::Type(Type::BOOL), span));
+        }
+        if operator == Binary::Modulo && !is_integer {
+            self.found(&TYPE, span, "MOD takes integers", "write integers");
+            return None;
+        }
+        let calculated = if is_integer {
+            // any type of 64 bits
+            let low = calculate(operator, Elementary::Lint, &one, &other);
+            low.or_else(|fault| calculate(operator, Elementary::Ulint, &one, &other).map_err(|_| fault))
+        } else {
+            calculate(operator, Elementary::Lreal, &real(&one), &real(&other))
+        };
+        match calculated {
+            Ok(value) => Some(Typed::constant(
+                value,
+                if is_integer { Of::Integer } else { Of::Real },
+                span,
+            )),
+            Err(fault) => {
+                self.found(
+                    &CONSTANT_FAULT,
+                    span,
+                    format!("this constant is {fault}"),
+                    "write another value",
+                );
+                None
+            }
+        }
+    }
+
+    /// `TIME * ANY_NUM`, `TIME / ANY_NUM`.
+    fn scaled(&mut self, operator: Binary, time: Typed, by: Typed, span: Span) -> Option<Typed> {
+        let by = match by.of {
+            Of::Integer => self.become_type(by, &Elementary::Lint.into())?,
+            Of::Real => self.become_type(by, &Elementary::Lreal.into())?,
+            _ if by.elementary().is_some_and(Elementary::is_num) => by.expr,
+            of => {
+                let what = format!("a TIME is multiplied and divided by numbers, not {of}");
+                self.found(&TYPE, span, what, "write a number");
+                return None;
+            }
+        };
+        let by = Typed {
+            expr: by,
+            of: Of::Integer,
+        };
+        let folded = time
+            .value()
+            .zip(by.value())
+            .map(|(time, by)| scale_time(operator, time, by));
+        let node = ExprKind::ScaleTime(operator, Box::new((time.expr, by.expr)));
+        self.folded(folded, node, Of::Type(Elementary::Time.into()), span)
+    }
+
+    /// `ANY_REAL ** ANY_NUM`.
+    pub(super) fn power(&mut self, base: Typed, exponent: Typed, span: Span) -> Option<Typed> {
+        let kind = match base.of {
+            Of::Integer | Of::Real => exponent
+                .elementary()
+                .filter(|kind| kind.is_real())
+                .unwrap_or(Elementary::Lreal),
+            _ => {
+                let Some(kind) = base.elementary().filter(|kind| kind.is_real()) else {
+                    let what = format!("the base of ** is a REAL or an LREAL, not {}", base.of);
+                    self.found(&TYPE, span, what, "convert it, such as by DINT_TO_LREAL(...)");
+                    return None;
+                };
+                kind
+            }
+        };
+        let base = self.become_type(base, &kind.into())?;
+        // a value of its own type is as good as any: the result has that of the base
+        let exponent = self.become_type(exponent, &Elementary::Lreal.into())?;
+        let of = Of::Type(kind.into());
+        let (base, exponent) = (
+            Typed {
+                expr: base,
+                of: of.clone(),
+            },
+            Typed {
+                expr: exponent,
+                of: of.clone(),
+            },
+        );
+        let values = base.value().zip(exponent.value());
+        let folded = values.map(|(base, exponent)| calculate(Binary::Power, kind, base, exponent));
+        let node = ExprKind::Calculate(Binary::Power, kind, Box::new((base.expr, exponent.expr)));
+        self.folded(folded, node, of, span)
+    }
+}
+
+/// The type that both sides become.
+pub(super) fn common(left: &Typed, right: &Typed) -> Option<Elementary> {
+    match (&left.of, &right.of) {
+        (Of::Integer | Of::Real, Of::Type(_)) => literal_beside(left, right.elementary()?),
+        (Of::Type(_), Of::Integer | Of::Real) => literal_beside(right, left.elementary()?),
+        (Of::Integer, Of::Integer) => Some(Elementary::Lint),
+        (Of::Integer | Of::Real, Of::Integer | Of::Real) => Some(Elementary::Lreal),
+        (Of::Type(left), Of::Type(right)) => left.elementary()?.common(right.elementary()?),
+        _ => None,
+    }
+}
+
+/// The type of both, where one is a literal without a type.
+fn literal_beside(literal: &Typed, other: Elementary) -> Option<Elementary> {
+    if literal.of == Of::Real {
+        if other.is_real() {
+            return Some(other);
+        }
+        return [Elementary::Real, Elementary::Lreal]
+            .into_iter()
+            .find(|real| other.is_int() && other.widens_to(*real));
+    }
+    let Some(value) = literal.value().map(Value::int) else {
+        return Some(other);
+    };
+    let fits = |kind: &Elementary| {
+        kind.range()
+            .is_some_and(|(low, high)| (low..=high).contains(&value))
+    };
+    if fits(&other) || !(other.is_int() || other.is_bits()) {
+        return Some(other);
+    }
+    let wider = Elementary::ALL
+        .iter()
+        .copied()
+        .find(|kind| other.widens_to(*kind) && fits(kind));
+    Some(wider.unwrap_or(other))
+}

@@ -1,0 +1,172 @@
+//! A checked program: variables are places in the memory, types fit.
+
+use std::sync::Arc;
+
+use tandem_model::Span;
+
+use crate::blocks::BuiltIn;
+use crate::functions::Run;
+use crate::machine::MachineFunction;
+use crate::tree::Binary;
+use crate::types::Elementary;
+use crate::value::Value;
+
+/// An expression, and where it stands.
+#[derive(Debug, Clone)]
+pub(crate) struct Expr {
+    pub kind: ExprKind,
+    pub span: Span,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) enum ExprKind {
+    Constant(Value),
+    Load(Box<Place>),
+    /// Of a `BOOL` or a bit string.
+    Not(Box<Expr>, Elementary),
+    Minus(Box<Expr>, Elementary),
+    /// Both sides have become the type.
+    Calculate(Binary, Elementary, Box<(Expr, Expr)>),
+    /// A `TIME` by a number.
+    ScaleTime(Binary, Box<(Expr, Expr)>),
+    Compare(Binary, Box<(Expr, Expr)>),
+    /// A value as one of another type.
+    Convert(Box<Expr>, Elementary, Elementary),
+    Truncate(Box<Expr>, Elementary),
+    Standard(Run, Elementary, Vec<Expr>),
+    Machine(&'static MachineFunction, Vec<Expr>),
+    Call(Box<FunctionCall>),
+}
+
+/// Where a variable is.
+#[derive(Debug, Clone)]
+pub(crate) struct Place {
+    pub root: Root,
+    /// Slots behind the root.
+    pub offset: usize,
+    pub indices: Vec<IndexOf>,
+    pub span: Span,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Root {
+    /// The variables of the unit that runs.
+    Frame,
+    /// The variables of a function, by the number of its unit.
+    Function(usize),
+    /// What a `VAR_IN_OUT` stands for; its address is in this slot of the frame.
+    Reference(usize),
+}
+
+/// One index of an array.
+#[derive(Debug, Clone)]
+pub(crate) struct IndexOf {
+    pub value: Expr,
+    pub low: i64,
+    pub high: i64,
+    /// Slots from one element to the next.
+    pub stride: usize,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) enum Stmt {
+    Assign {
+        to: Place,
+        value: Expr,
+        /// Characters of a `STRING` variable.
+        text_max: Option<usize>,
+    },
+    /// Of arrays and structures.
+    Copy {
+        to: Place,
+        from: Place,
+        size: usize,
+    },
+    Block(Box<BlockCall>),
+    /// A function for what it does.
+    Evaluate(Expr),
+    If(Vec<(Expr, Vec<Stmt>)>, Vec<Stmt>),
+    Case {
+        selector: Expr,
+        branches: Vec<Branch>,
+        otherwise: Vec<Stmt>,
+    },
+    For(Box<ForLoop>),
+    While(Expr, Vec<Stmt>),
+    Repeat(Vec<Stmt>, Expr),
+    Exit,
+    Continue,
+    Return,
+}
+
+/// A branch of CASE: its ranges of values, and its statements.
+pub(crate) type Branch = (Vec<(i128, i128)>, Vec<Stmt>);
+
+#[derive(Debug, Clone)]
+pub(crate) struct ForLoop {
+    pub variable: Place,
+    pub of: Elementary,
+    pub from: Expr,
+    pub to: Expr,
+    pub by: Option<Expr>,
+    pub body: Vec<Stmt>,
+}
+
+/// A call of an instance of a function block.
+#[derive(Debug, Clone)]
+pub(crate) struct BlockCall {
+    pub instance: Place,
+    pub inputs: Vec<Stmt>,
+    pub block: BlockOf,
+    /// Slots of `VAR_IN_OUT` in the instance, and what they stand for.
+    pub references: Vec<(usize, Place)>,
+    pub outputs: Vec<Stmt>,
+    pub span: Span,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) enum BlockOf {
+    Unit(usize),
+    BuiltIn(&'static BuiltIn),
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct FunctionCall {
+    pub unit: usize,
+    /// Slots of inputs, and what goes there.
+    pub inputs: Vec<(usize, Operand)>,
+    pub references: Vec<(usize, Place)>,
+    pub outputs: Vec<Stmt>,
+    /// Slot of the result.
+    pub result: Option<usize>,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) enum Operand {
+    Value(Expr, Option<usize>),
+    Copy(Place, usize),
+}
+
+/// A program organization unit.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct CodeUnit {
+    pub body: Vec<Stmt>,
+    /// Values at the start; of a function at each call.
+    pub initial: Arc<[Value]>,
+    /// Temporary variables of a function block: slots with their values at each call.
+    pub temporary: Vec<(usize, Value)>,
+    /// Where the variables of a function are in the memory.
+    pub base: usize,
+}
+
+/// All units, and which of them is the program.
+#[derive(Debug, Default)]
+pub(crate) struct Code {
+    pub units: Vec<CodeUnit>,
+    pub program: usize,
+    /// Slots of the memory.
+    pub memory: usize,
+    /// Variables of the program with one value: their slots and types.
+    #[cfg(test)]
+    pub names: std::collections::HashMap<String, (usize, Elementary)>,
+}

@@ -1,0 +1,179 @@
+//! The machine, as function blocks and functions see it: the image of the scan, and what outlasts a scan.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use plc_api::Alarm;
+use plc_api::scan::Image;
+use plc_api::types::CoordinateSystemNumber;
+
+use crate::types::Elementary;
+use crate::value::Value;
+
+/// A P variable, or a Q variable of a coordinate system.
+pub(crate) type VariableNumber = (Option<CoordinateSystemNumber>, u32);
+
+/// What a program needs of the machine, known before it runs.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Needs {
+    pub m_codes: BTreeSet<(CoordinateSystemNumber, u16)>,
+    pub positions: BTreeSet<CoordinateSystemNumber>,
+    pub variables: BTreeSet<VariableNumber>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum LockKind {
+    Interlock,
+    StartLock,
+}
+
+/// Levels of function blocks. One that is not called keeps its level, as each output of a function block; of several for the
+/// same input it is on while any of them is.
+#[derive(Debug, Default)]
+pub(crate) struct Levels {
+    /// By the address of the instance.
+    locks: BTreeMap<(LockKind, CoordinateSystemNumber, usize), (bool, String)>,
+    alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16, usize), (bool, String)>,
+}
+
+impl Levels {
+    pub fn lock(
+        &mut self,
+        kind: LockKind,
+        cs: CoordinateSystemNumber,
+        instance: usize,
+        level: (bool, String),
+    ) {
+        self.locks.insert((kind, cs, instance), level);
+    }
+
+    pub fn alarm(
+        &mut self,
+        cs: Option<CoordinateSystemNumber>,
+        code: u16,
+        instance: usize,
+        level: (bool, String),
+    ) {
+        self.alarms.insert((cs, code, instance), level);
+    }
+
+    /// Writes all of them.
+    pub fn write(&self, image: &mut Image) {
+        let mut locks: BTreeMap<(LockKind, CoordinateSystemNumber), (bool, Vec<&str>)> = BTreeMap::new();
+        for ((kind, cs, _), (is_on, text)) in &self.locks {
+            let lock = locks.entry((*kind, *cs)).or_default();
+            if *is_on {
+                lock.0 = true;
+                lock.1.push(text);
+            }
+        }
+        for ((kind, cs), (is_on, texts)) in locks {
+            let mut text = texts.join("; ");
+            if let Some((end, _)) = text.char_indices().nth(plc_api::types::lock::LOCK_TEXT_MAX) {
+                text.truncate(end);
+            }
+            match kind {
+                LockKind::Interlock => image.set_interlock(cs, is_on, text),
+                LockKind::StartLock => image.set_start_lock(cs, is_on, text),
+            }
+        }
+        let mut alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), Option<&str>> = BTreeMap::new();
+        for ((cs, code, _), (is_on, text)) in &self.alarms {
+            let alarm = alarms.entry((*cs, *code)).or_default();
+            if *is_on && alarm.is_none() {
+                *alarm = Some(text);
+            }
+        }
+        for ((cs, code), text) in alarms {
+            image.set_alarm(cs, text.is_some(), Alarm::user(code, text.unwrap_or_default()));
+        }
+    }
+}
+
+/// The machine for one scan.
+pub(crate) struct Machine<'a> {
+    pub image: &'a mut Image,
+    pub levels: &'a mut Levels,
+    /// The last values of the variables that are read.
+    pub variables: &'a BTreeMap<VariableNumber, f64>,
+}
+
+/// A function that reads or writes the machine.
+#[derive(Debug)]
+pub(crate) struct MachineFunction {
+    pub name: &'static str,
+    /// Names and types; the first ones, up to `constants`, are known before the program runs.
+    pub parameters: &'static [(&'static str, Elementary)],
+    pub constants: usize,
+    pub gives: Option<Elementary>,
+    pub about: &'static str,
+    pub run: fn(&mut Machine, &[Value]) -> Value,
+}
+
+/// Functions that read or write the machine.
+pub(crate) static MACHINE_FUNCTIONS: [MachineFunction; 4] = [
+    MachineFunction {
+        name: "P",
+        parameters: &[("NUMBER", Elementary::Udint)],
+        constants: 1,
+        gives: Some(Elementary::Lreal),
+        about: "the P variable `Number`, as it was before the scan; while the machine does not answer, its last value, at first 0",
+        run: |machine, values| {
+            let number = (None, number(&values[0]));
+            Value::Real(machine.variables.get(&number).copied().unwrap_or(0.0))
+        },
+    },
+    MachineFunction {
+        name: "Q",
+        parameters: &[("CS", Elementary::Usint), ("NUMBER", Elementary::Udint)],
+        constants: 2,
+        gives: Some(Elementary::Lreal),
+        about: "the Q variable `Number` of coordinate system `CS`, in the same way",
+        run: |machine, values| {
+            let number = (Some(system(&values[0])), number(&values[1]));
+            Value::Real(machine.variables.get(&number).copied().unwrap_or(0.0))
+        },
+    },
+    MachineFunction {
+        name: "SET_P",
+        parameters: &[("NUMBER", Elementary::Udint), ("IN", Elementary::Lreal)],
+        constants: 0,
+        gives: None,
+        about: "sets a P variable behind the scan; `P` shows it in a later one",
+        run: |machine, values| {
+            machine.image.set_p(number(&values[0]), values[1].real());
+            Value::Bool(true)
+        },
+    },
+    MachineFunction {
+        name: "SET_Q",
+        parameters: &[
+            ("CS", Elementary::Usint),
+            ("NUMBER", Elementary::Udint),
+            ("IN", Elementary::Lreal),
+        ],
+        constants: 1,
+        gives: None,
+        about: "sets a Q variable of coordinate system `CS` in the same way",
+        run: |machine, values| {
+            machine
+                .image
+                .set_q(system(&values[0]), number(&values[1]), values[2].real());
+            Value::Bool(true)
+        },
+    },
+];
+
+/// The function of a name in upper case.
+pub(crate) fn machine_function(name: &str) -> Option<&'static MachineFunction> {
+    MACHINE_FUNCTIONS.iter().find(|function| function.name == name)
+}
+
+/// A number of the machine; its range is that of its type.
+fn number(value: &Value) -> u32 {
+    u32::try_from(value.int()).unwrap_or(u32::MAX)
+}
+
+/// A coordinate system; the machine refuses those that it has not.
+pub(crate) fn system(value: &Value) -> CoordinateSystemNumber {
+    CoordinateSystemNumber::try_from(value.int()).unwrap_or(CoordinateSystemNumber::MAX)
+}

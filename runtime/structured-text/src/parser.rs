@@ -1,0 +1,385 @@
+//! Tokens to the tree. After a mistake it goes on with the next statement, so that one text tells all its mistakes.
+
+mod declarations;
+mod expressions;
+mod statements;
+
+use tandem_model::Span;
+
+use crate::finding::{FindingEntry, Findings, NOT_IN_SUBSET, RESERVED, SYNTAX, TOO_DEEP, TOO_LARGE};
+use crate::limits::{NESTING_MAX, UNITS_MAX};
+use crate::tokens::{Token, TokenKind};
+use crate::tree::{File, Name, UnitKind};
+
+/// A finding has been noted.
+#[derive(Debug)]
+struct Refused;
+
+type Parsed<T> = Result<T, Refused>;
+
+/// Keywords of the language, which are no names.
+const KEYWORDS: [&str; 62] = [
+    "AND",
+    "ARRAY",
+    "AT",
+    "BY",
+    "CASE",
+    "CLASS",
+    "CONFIGURATION",
+    "CONSTANT",
+    "CONTINUE",
+    "DO",
+    "ELSE",
+    "ELSIF",
+    "END_CASE",
+    "END_CLASS",
+    "END_CONFIGURATION",
+    "END_FOR",
+    "END_FUNCTION",
+    "END_FUNCTION_BLOCK",
+    "END_IF",
+    "END_INTERFACE",
+    "END_METHOD",
+    "END_NAMESPACE",
+    "END_PROGRAM",
+    "END_REPEAT",
+    "END_RESOURCE",
+    "END_STRUCT",
+    "END_TYPE",
+    "END_VAR",
+    "END_WHILE",
+    "EXIT",
+    "FALSE",
+    "FOR",
+    "FUNCTION",
+    "FUNCTION_BLOCK",
+    "IF",
+    "INTERFACE",
+    "METHOD",
+    "MOD",
+    "NAMESPACE",
+    "NOT",
+    "OF",
+    "OR",
+    "PROGRAM",
+    "REPEAT",
+    "RESOURCE",
+    "RETAIN",
+    "RETURN",
+    "STRUCT",
+    "THEN",
+    "TO",
+    "TRUE",
+    "TYPE",
+    "UNTIL",
+    "USING",
+    "VAR",
+    "VAR_EXTERNAL",
+    "VAR_GLOBAL",
+    "VAR_INPUT",
+    "VAR_OUTPUT",
+    "VAR_IN_OUT",
+    "WHILE",
+    "XOR",
+];
+
+/// Words of the standard, or of other implementations, that are not part of this subset, and what to write instead.
+const OUTSIDE: [(&str, &str); 34] = [
+    (
+        "RETAIN",
+        "leave it out, and keep the value in a P variable: P(100), SET_P(100, value)",
+    ),
+    (
+        "PERSISTENT",
+        "leave it out, and keep the value in a P variable: P(100), SET_P(100, value)",
+    ),
+    ("NON_RETAIN", "leave it out; no variable is retained"),
+    (
+        "AT",
+        "leave it out; the machine is read and written by function blocks such as MCODE",
+    ),
+    (
+        "VAR_GLOBAL",
+        "declare the variable in the PROGRAM, and pass it by VAR_INPUT or VAR_IN_OUT",
+    ),
+    ("VAR_EXTERNAL", "pass the variable by VAR_INPUT or VAR_IN_OUT"),
+    ("VAR_ACCESS", "leave it out"),
+    ("VAR_CONFIG", "leave it out"),
+    (
+        "CONFIGURATION",
+        "leave it out; the period is given by tandem st --period-ms",
+    ),
+    (
+        "RESOURCE",
+        "leave it out; the period is given by tandem st --period-ms",
+    ),
+    (
+        "TASK",
+        "leave it out; the period is given by tandem st --period-ms",
+    ),
+    ("CLASS", "write a FUNCTION_BLOCK"),
+    ("INTERFACE", "write a FUNCTION_BLOCK"),
+    ("METHOD", "write a FUNCTION, or a FUNCTION_BLOCK of its own"),
+    ("PROPERTY", "write VAR_OUTPUT"),
+    ("EXTENDS", "declare the other function block as a variable"),
+    ("IMPLEMENTS", "leave it out"),
+    ("ABSTRACT", "leave it out"),
+    ("FINAL", "leave it out"),
+    ("NAMESPACE", "leave it out"),
+    ("USING", "leave it out"),
+    ("POINTER", "pass the variable by VAR_IN_OUT"),
+    ("REFERENCE", "pass the variable by VAR_IN_OUT"),
+    ("REF_TO", "pass the variable by VAR_IN_OUT"),
+    ("R_EDGE", "use an R_TRIG"),
+    ("F_EDGE", "use an F_TRIG"),
+    ("INITIAL_STEP", "write a CASE over the steps"),
+    ("STEP", "write a CASE over the steps"),
+    ("TRANSITION", "write an IF"),
+    ("ACTION", "write a FUNCTION_BLOCK"),
+    ("UNION", "write a STRUCT"),
+    ("JMP", "write an IF or a loop"),
+    ("GOTO", "write an IF or a loop"),
+    ("LABEL", "write an IF or a loop"),
+];
+
+/// Parses a text; mistakes are findings.
+pub(crate) fn parse(tokens: &[Token], findings: &mut Findings) -> File {
+    let mut parser = Parser {
+        tokens,
+        at: 0,
+        depth: 0,
+        findings,
+    };
+    parser.file()
+}
+
+struct Parser<'a> {
+    /// The last is `End`.
+    tokens: &'a [Token],
+    at: usize,
+    /// Statements and expressions around what is parsed.
+    depth: usize,
+    findings: &'a mut Findings,
+}
+
+impl Parser<'_> {
+    fn file(&mut self) -> File {
+        let mut file = File::default();
+        while !self.is_end() {
+            let before = self.at;
+            if self.top_level(&mut file).is_err() {
+                self.skip_to_top_level(before);
+            }
+            if file.types.len() + file.units.len() > UNITS_MAX {
+                let what = format!("there are more than {UNITS_MAX} types, functions and function blocks");
+                self.findings
+                    .push(&TOO_LARGE, self.span(), what, "write a smaller program");
+                return file;
+            }
+        }
+        file
+    }
+
+    fn top_level(&mut self, file: &mut File) -> Parsed<()> {
+        if self.takes("TYPE") {
+            return self.types(&mut file.types);
+        }
+        let kind = if self.takes("PROGRAM") {
+            UnitKind::Program
+        } else if self.takes("FUNCTION_BLOCK") {
+            UnitKind::FunctionBlock
+        } else if self.takes("FUNCTION") {
+            UnitKind::Function
+        } else {
+            return Err(self.expected("PROGRAM, FUNCTION_BLOCK, FUNCTION or TYPE"));
+        };
+        let unit = self.unit(kind)?;
+        file.units.push(unit);
+        Ok(())
+    }
+
+    fn skip_to_top_level(&mut self, before: usize) {
+        if self.at == before {
+            self.advance();
+        }
+        while !self.is_end()
+            && !["PROGRAM", "FUNCTION_BLOCK", "FUNCTION", "TYPE"]
+                .iter()
+                .any(|word| self.is(word))
+        {
+            self.advance();
+        }
+    }
+
+    // --- tokens
+
+    fn token(&self) -> Option<&Token> {
+        self.tokens.get(self.at)
+    }
+
+    fn span(&self) -> Span {
+        self.token()
+            .or(self.tokens.last())
+            .map(|token| token.span)
+            .unwrap_or_default()
+    }
+
+    /// Of the token before.
+    fn last_span(&self) -> Span {
+        let last = self.at.checked_sub(1).and_then(|at| self.tokens.get(at));
+        last.map(|token| token.span).unwrap_or_default()
+    }
+
+    fn advance(&mut self) {
+        self.at += 1;
+    }
+
+    fn is_end(&self) -> bool {
+        self.token().is_none_or(|token| token.kind == TokenKind::End)
+    }
+
+    fn is_text(token: &Token, text: &str) -> bool {
+        match &token.kind {
+            TokenKind::Name(name) => name == text,
+            TokenKind::Symbol(symbol) => *symbol == text,
+            TokenKind::Literal(..) | TokenKind::Refused | TokenKind::End => false,
+        }
+    }
+
+    /// True if the token is this keyword or symbol.
+    fn is(&self, text: &str) -> bool {
+        self.token().is_some_and(|token| Self::is_text(token, text))
+    }
+
+    fn is_any(&self, texts: &[&str]) -> bool {
+        texts.iter().any(|text| self.is(text))
+    }
+
+    /// True if the one after is this keyword or symbol.
+    fn is_next(&self, text: &str) -> bool {
+        self.tokens
+            .get(self.at + 1)
+            .is_some_and(|token| Self::is_text(token, text))
+    }
+
+    fn takes(&mut self, text: &str) -> bool {
+        let is = self.is(text);
+        if is {
+            self.advance();
+        }
+        is
+    }
+
+    fn expect(&mut self, text: &str) -> Parsed<()> {
+        if self.takes(text) {
+            Ok(())
+        } else {
+            Err(self.expected(text))
+        }
+    }
+
+    /// A name that may be declared.
+    fn name(&mut self) -> Parsed<Name> {
+        let span = self.span();
+        let Some(TokenKind::Name(text)) = self.token().map(|token| token.kind.clone()) else {
+            return Err(self.expected("a name"));
+        };
+        if KEYWORDS.contains(&text.as_str()) {
+            let what = format!("{text} is a word of the language, not a name");
+            return Err(self.found(&RESERVED, span, what, "take another name"));
+        }
+        self.advance();
+        Ok(Name { text, span })
+    }
+
+    // --- findings
+
+    fn found(
+        &mut self,
+        entry: &'static FindingEntry,
+        span: Span,
+        what: impl Into<String>,
+        help: impl Into<String>,
+    ) -> Refused {
+        self.findings.push(entry, span, what, help);
+        Refused
+    }
+
+    /// Something else stands here.
+    fn expected(&mut self, what: &str) -> Refused {
+        let span = self.span();
+        let kind = self.token().map(|token| token.kind.clone());
+        let is = match kind {
+            Some(TokenKind::Name(name)) => {
+                if let Some((_, help)) = OUTSIDE.iter().find(|(word, _)| *word == name) {
+                    return self.found(
+                        &NOT_IN_SUBSET,
+                        span,
+                        format!("{name} is not part of this subset"),
+                        *help,
+                    );
+                }
+                name
+            }
+            Some(TokenKind::Symbol(symbol)) => match symbol {
+                "%" => {
+                    let help = "use the function blocks of the machine, such as MCODE and INTERLOCK";
+                    return self.found(
+                        &NOT_IN_SUBSET,
+                        span,
+                        "addresses with % are not part of this subset",
+                        help,
+                    );
+                }
+                "^" => {
+                    let help = "pass the variable by VAR_IN_OUT";
+                    return self.found(
+                        &NOT_IN_SUBSET,
+                        span,
+                        "references are not part of this subset",
+                        help,
+                    );
+                }
+                "{" => {
+                    let help = "leave the pragma out";
+                    return self.found(&NOT_IN_SUBSET, span, "pragmas are not part of this subset", help);
+                }
+                symbol => symbol.to_owned(),
+            },
+            Some(TokenKind::Literal(..)) => "a literal".to_owned(),
+            Some(TokenKind::Refused) => return Refused,
+            // such as a comment without an end, which is all of the rest
+            Some(TokenKind::End) | None if self.is_behind_refused() => return Refused,
+            Some(TokenKind::End) | None => "the end of the text".to_owned(),
+        };
+        self.found(
+            &SYNTAX,
+            span,
+            format!("{what} is expected here, not {is}"),
+            format!("write {what}"),
+        )
+    }
+
+    fn is_behind_refused(&self) -> bool {
+        let before = self.at.checked_sub(1).and_then(|at| self.tokens.get(at));
+        before.is_some_and(|token| token.kind == TokenKind::Refused)
+    }
+
+    /// Parses something within something; too much is a finding.
+    fn deeper<T>(&mut self, parse: impl FnOnce(&mut Self) -> Parsed<T>) -> Parsed<T> {
+        if self.depth >= NESTING_MAX {
+            let what = format!("more than {NESTING_MAX} statements and expressions stand within each other");
+            let span = self.span();
+            return Err(self.found(
+                &TOO_DEEP,
+                span,
+                what,
+                "write a part as a FUNCTION or with a variable",
+            ));
+        }
+        self.depth += 1;
+        let parsed = parse(self);
+        self.depth -= 1;
+        parsed
+    }
+}
