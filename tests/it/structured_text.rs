@@ -185,7 +185,7 @@ async fn a_program_runs_on_a_machine_until_ctrl_c() {
         "--period-ms",
         "5",
     ];
-    let mut program = Process::start(&tandem(), machine.folder(), &arguments);
+    let mut program = Process::start(tandem(), machine.folder(), &arguments);
     program.line("it runs", |line| line.contains("The program runs"));
     served.load(1, 50, "M08\nM09\nG00 X5\nM30\n").await;
     crate::support::wait::until("the program is known", async || {

@@ -37,6 +37,7 @@ pub(crate) fn check(file: &File, findings: &mut Findings) -> Option<(Code, Needs
         frames: file.units.iter().map(|_| Frame::default()).collect(),
         calls: BTreeMap::new(),
         needs: Needs::default(),
+        asked: BTreeMap::new(),
         memory: 0,
         unit: None,
         loops: 0,
@@ -124,6 +125,8 @@ struct Checker<'a> {
     /// Units that a unit calls, and where.
     calls: BTreeMap<usize, BTreeMap<usize, Span>>,
     needs: Needs,
+    /// M codes that a QUESTION asks about, and where.
+    asked: BTreeMap<(u8, u16), Span>,
     /// Values of all variables.
     memory: usize,
     /// The unit that is checked.

@@ -178,6 +178,10 @@ impl Checker<'_> {
                 }
                 self.needs.m_codes.insert((cs(system), m));
             }
+            ("QUESTION", &[m, system]) => {
+                let m = u16::try_from(m).unwrap_or_default();
+                self.asked.entry((cs(system), m)).or_insert(span);
+            }
             ("POSITION", &[system]) => {
                 self.needs.positions.insert(cs(system));
             }

@@ -2,7 +2,7 @@
 
 use super::{Arc, BTreeSet, Checker, Code, CodeUnit, Needs, Section};
 use crate::code::Stmt;
-use crate::finding::{RECURSION, TOO_DEEP};
+use crate::finding::{NUMBER_RANGE, RECURSION, TOO_DEEP};
 use crate::limits::CALL_DEPTH_MAX;
 use crate::tree::UnitKind;
 
@@ -12,6 +12,13 @@ impl Checker<'_> {
         let mut depths = vec![None; self.file.units.len()];
         for unit in 0..depths.len() {
             self.depth(unit, &mut depths, &mut BTreeSet::new());
+        }
+        for ((cs, m), span) in std::mem::take(&mut self.asked) {
+            if !self.needs.m_codes.contains(&(cs, m)) {
+                let what = format!("a question about M{m:02} is never asked: no MCODE serves it");
+                let help = format!("call an MCODE with M := {m}, CS := {cs}");
+                self.found(&NUMBER_RANGE, span, what, help);
+            }
         }
         if !self.findings.is_empty() {
             return None;

@@ -119,6 +119,14 @@ fn m_codes_and_coordinate_systems_are_constants_in_their_ranges() {
     assert_eq!(only(&program("r : LREAL;", "r := P(32768);")), "ST061");
     assert_eq!(only(&program("r : LREAL;", "r := Q(9, 1);")), "ST061");
     assert_eq!(only(&program("m : MCODE;", "m.M := 5;")), "ST032");
+    let asks = |m: u16| {
+        program(
+            "m : MCODE; q : QUESTION;",
+            &format!("m(M := 80); q(M := {m}, Ask := m.Active);"),
+        )
+    };
+    super::compiled(&asks(80));
+    assert_eq!(only(&asks(81)), "ST061");
 }
 
 #[test]
