@@ -231,10 +231,9 @@ impl CoordinateSystem {
     }
 
     pub(super) fn stand_still_then(&mut self, then: Then) {
-        let then = match then.refused_in_compensation() {
-            Some(alarm) if self.pipeline.is_compensating() => Then::Alarm(alarm),
-            _ => then,
-        };
+        let is_compensating = self.pipeline.is_compensating();
+        let refused = is_compensating.then(|| then.refused_in_compensation());
+        let then = refused.flatten().map_or(then, Then::Alarm);
         let brought_out = match then {
             Then::Alarm(_) => self.pipeline.finish(),
             _ => self.pipeline.flush(),

@@ -42,13 +42,15 @@ pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Reque
 
 /// True for what changes something and has no line of its own that says who asked: what needs more than to see and to answer
 /// for an output, but for what a line `command`, `lease` or `answer` names the client of, and signs of life. What has no route
-/// counts as an edit unless it is named here.
+/// counts as an edit unless it is named here. What is asked for each M code is named, too: an M code waits for this.
 fn is_edit(request: &Request) -> bool {
     match request {
         Request::Command { .. }
         | Request::Lease { .. }
         | Request::AnswerQuestion(..)
         | Request::Heartbeat(..)
+        | Request::Claim(..)
+        | Request::Reset(..)
         | Request::Handler(..)
         | Request::ValidateResult(..) => false,
         // a program may have 64 MiB
