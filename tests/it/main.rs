@@ -18,6 +18,7 @@ mod cli_compile;
 mod cli_config;
 mod cli_diff;
 mod cli_findings;
+mod cli_fleet;
 mod cli_fmt;
 mod cli_lsp;
 mod cli_output;

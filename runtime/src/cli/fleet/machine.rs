@@ -212,7 +212,7 @@ async fn connect(address: &str) -> anyhow::Result<Plc> {
     loop {
         match Plc::connect(address).await {
             Err(error) if Instant::now() < end => tracing::debug!("{address}: {error}"),
-            plc => return plc.with_context(|| format!("no connection to {address}")),
+            plc => return Ok(plc?),
         }
     }
 }
