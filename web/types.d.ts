@@ -207,6 +207,7 @@ export interface Login { expires_s: number; role: string; token: string; user: s
 export interface MCodeDeclaration {
   cs?: number; m: number; name?: string;
   params?: { A?: ParamDeclaration; B?: ParamDeclaration; C?: ParamDeclaration; D?: ParamDeclaration; E?: ParamDeclaration; F?: ParamDeclaration; G?: ParamDeclaration; H?: ParamDeclaration };
+  redelivery?: Redelivery;
 }
 
 /** Settings of one M code. */
@@ -240,7 +241,7 @@ export interface OptionalSkipMessage {
 }
 
 /** What a `result` answers. */
-export type OutputAct = "claim" | "reset" | "progress" | "ask" | "redeliver" | "answer";
+export type OutputAct = "claim" | "reset" | "progress" | "checkpoint" | "ask" | "redeliver" | "answer";
 
 /** One output as `m_code/{m}/output` says it. */
 export interface OutputNoticeMessage {
@@ -272,8 +273,8 @@ export interface PendingMessage { boot_id: BootId; outputs: PendingOutput[]; rev
 
 /** One open output as `m_code/pending` says it. */
 export interface PendingOutput {
-  attempt: number; handler_id: string | null; how?: Redelivery; id: string; instance?: string; line: number;
-  lost: boolean; m: number; params: Params; program: number; progress?: Progress; question?: Question;
+  attempt: number; checkpoint?: unknown; handler_id: string | null; how?: Redelivery; id: string; instance?: string;
+  line: number; lost: boolean; m: number; params: Params; program: number; progress?: Progress; question?: Question;
   redelivered: boolean; redelivery?: Redelivery; run_id: string; seq: number; since: Timestamp; state: OutputState;
   timing: Timing;
 }

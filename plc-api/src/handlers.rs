@@ -4,13 +4,16 @@
 //! alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
 
 mod beside;
+mod device;
 mod followed;
+mod nest;
 mod output;
 mod run;
 mod table;
 #[cfg(test)]
 mod tests;
 
+pub use device::{Device, DeviceHandler};
 pub use output::{AuxOutput, Cancellation};
 pub use table::{Handler, with};
 
@@ -115,9 +118,13 @@ impl<Scope> SequenceProgram<Scope> {
     /// handles itself: M00, M01, M02, M30, M98, M99.
     #[must_use]
     pub fn on<A, By>(mut self, codes: impl MCodes<By>, handler: impl Handler<A, By>) -> Self {
+        self.add(codes, handler);
+        self
+    }
+
+    fn add<A, By, OfCodes>(&mut self, codes: impl MCodes<OfCodes>, handler: impl Handler<A, By>) {
         let names = codes.names();
         self.table.add(self.cs, (&codes.m_codes(), &names), handler);
-        self
     }
 
     pub(crate) fn serve<A>(&mut self, codes: &[RangeInclusive<u16>], handler: impl Handler<A>) {
@@ -158,6 +165,32 @@ impl<Scope> SequenceProgram<Scope> {
     ) -> Self {
         let check: Check = Arc::new(move |params| check(params).map(|_| ()));
         self.table.add_check(self.cs, &codes.m_codes(), &check);
+        self
+    }
+
+    /// What happens with an output of these M codes whose handler was lost, in place of
+    /// [`on_redelivery`](SequenceProgram::on_redelivery), which is said for all: counting by [`AuxOutput::id`] may be done again, what
+    /// marks a part must be looked at, what moves is decided by an operator.
+    ///
+    /// ```
+    /// # use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
+    /// # async fn count(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+    /// # async fn mark(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+    /// # async fn clamp(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+    /// let program = SequenceProgram::new()
+    ///     .on(60, count)
+    ///     .redelivery(60, Redelivery::Redo)
+    ///     .on(95, mark)
+    ///     .redelivery(95, Redelivery::Verify)
+    ///     .on(10, clamp);
+    /// # assert_eq!(program.check(), Ok(()));
+    /// ```
+    ///
+    /// The strictest of this and of the configuration of the M code counts. [`SequenceProgram::run`] refuses two of one code, and one
+    /// of a code without a handler.
+    #[must_use]
+    pub fn redelivery<By>(mut self, codes: impl MCodes<By>, redelivery: Redelivery) -> Self {
+        self.table.add_redelivery(self.cs, &codes.m_codes(), redelivery);
         self
     }
 
@@ -284,44 +317,6 @@ impl SequenceProgram {
             text,
         };
         self.beside(move |plc| Box::pin(followed.clone().run(plc)))
-    }
-
-    /// Adds another program, such as that of a part of the machine with a crate of its own: its handlers, checks, states, scans,
-    /// tasks and levels. [`SequenceProgram::run`] refuses two handlers of one M code, two states of one type, and two different
-    /// [`handler_id`](SequenceProgram::handler_id)s.
-    ///
-    /// Of two answers to [`on_redelivery`](SequenceProgram::on_redelivery) the stricter counts, where a program that says nothing
-    /// says [`Redelivery::Ask`]; what is said after the last `merge` counts for all.
-    ///
-    /// ```
-    /// # use plc_api::{Alarm, AuxOutput, SequenceProgram};
-    /// # async fn on(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
-    /// # async fn off(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
-    /// # async fn clamp(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
-    /// fn coolant() -> SequenceProgram {
-    ///     SequenceProgram::new().on(8, on).on(9, off)
-    /// }
-    ///
-    /// let program = SequenceProgram::new().handler_id("mill").on(10, clamp).merge(coolant());
-    /// assert_eq!(program.check(), Ok(()));
-    /// assert!(program.merge(coolant()).check().is_err());
-    /// ```
-    #[must_use]
-    pub fn merge(mut self, other: Self) -> Self {
-        if let (Some(id), Some(other)) = (&self.handler_id, &other.handler_id)
-            && id != other
-        {
-            self.mistake(format!("merge() got programs of two names, {id:?} and {other:?}"));
-        }
-        self.on_redelivery = match (self.on_redelivery, other.on_redelivery) {
-            (None, None) => None,
-            (one, other) => one.unwrap_or_default().max(other.unwrap_or_default()).into(),
-        };
-        self.table.merge(other.table);
-        self.companions.extend(other.companions);
-        self.takes_over |= other.takes_over;
-        self.handler_id = self.handler_id.or(other.handler_id);
-        self
     }
 
     /// What happens with an output whose handler died or lost its connection before the reset. The strictest counts of this

@@ -16,28 +16,25 @@ mod effect;
 mod identity;
 mod result;
 pub mod rules;
+mod told;
 
 pub use closed::CLOSED_REMEMBERED;
 pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
 pub(crate) use identity::{strictest, taken_text};
+pub use told::PROGRESS_TEXT_MAX;
 
 use crate::alarm::Alarm;
-use crate::text::cut;
 use crate::types::ids::is_client_id;
 use crate::types::output::{
     Cancel, CancelReason, Claim, HandledCode, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct,
-    OutputNotice, OutputState, Pending, Progress, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
+    OutputNotice, OutputState, Pending, Redeliver, Redelivery, Reset, ResetResult,
 };
-use crate::types::question::{Ask, OperatorAnswer, Question};
 use crate::types::request::{OutputRequest, Refusal};
-use crate::types::{BootId, CoordinateSystemNumber, Timestamp};
+use crate::types::{BootId, CoordinateSystemNumber};
 
 use closed::{ClosedOutputs, Fate};
 use identity::{Denied, LiveHandlers};
 use result::{check_code, fault_alarm, result_of, status_of};
-
-/// Characters of a progress text; a longer one is cut. Reason: it is one line of a panel.
-pub const PROGRESS_TEXT_MAX: usize = 200;
 
 /// Names an output for ever: boots are never the same again.
 pub(crate) fn output_id(boot_id: &BootId, cs: CoordinateSystemNumber, seq: u64) -> String {
@@ -105,6 +102,7 @@ impl Ledger {
             redelivery: spec.redelivery,
             how: None,
             progress: None,
+            checkpoint: None,
             question: None,
             deadline_s: None,
             timeout_s: spec.timeout_s,
@@ -155,6 +153,15 @@ impl Ledger {
                 let changed = self.report(m, report);
                 (
                     OutputAct::Progress,
+                    &*report.handler_id,
+                    &report.instance,
+                    changed,
+                )
+            }
+            OutputRequest::Checkpoint(report) => {
+                let changed = self.note_checkpoint(m, report)?;
+                (
+                    OutputAct::Checkpoint,
                     &*report.handler_id,
                     &report.instance,
                     changed,
@@ -265,74 +272,6 @@ impl Ledger {
         }
     }
 
-    /// The owner reports progress (H13). `not_owner` for anyone else, also while nobody owns the output.
-    pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
-        status_of(&self.report(m, report))
-    }
-
-    fn report(&mut self, m: Option<u16>, report: &ProgressReport) -> Result<(), Denied> {
-        self.change(&report.boot_id, report.seq, m, |output| {
-            output.check_owner(&report.handler_id, report.instance.as_ref())?;
-            let mut text = report.text.clone();
-            cut(&mut text, PROGRESS_TEXT_MAX);
-            let percent = report.percent.filter(|percent| percent.is_finite());
-            output.progress = Some(Progress {
-                text,
-                percent: percent.map(|percent| percent.clamp(0.0, 100.0)),
-            });
-            Ok(true)
-        })
-    }
-
-    /// The owner asks the operator, which replaces an earlier question, or without choices withdraws its question. The
-    /// same id is the same question. `not_owner` for anyone else (H14).
-    ///
-    /// # Errors
-    /// Text or choices are out of range.
-    pub fn ask(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<HandshakeStatus, Refusal> {
-        Ok(status_of(&self.put_question(now, m, ask)?))
-    }
-
-    fn put_question(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<Result<(), Denied>, Refusal> {
-        ask.check()?;
-        Ok(self.change(&ask.boot_id, ask.seq, m, |output| {
-            output.check_owner(&ask.handler_id, ask.instance.as_ref())?;
-            let asked = output.question.as_ref();
-            let is_asked = asked.is_some_and(|question| question.id == ask.question_id);
-            let is_new = is_asked == ask.choices.is_empty();
-            if is_new {
-                output.question = (!is_asked).then(|| Question {
-                    id: ask.question_id.clone(),
-                    text: ask.text.clone(),
-                    choices: ask.choices.clone(),
-                    since: Timestamp::from_system_time(now.time),
-                    answer: None,
-                });
-            }
-            Ok(is_new)
-        }))
-    }
-
-    /// An operator answers. `unknown` if there is no such question or choice, `duplicate` if it has an answer.
-    pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
-        status_of(&self.take_answer(m, answer))
-    }
-
-    fn take_answer(&mut self, m: Option<u16>, answer: &OperatorAnswer) -> Result<(), Denied> {
-        self.change(&answer.boot_id, answer.seq, m, |output| {
-            let asked = output.question.as_mut();
-            let question = asked
-                .filter(|question| question.id == answer.question_id)
-                .filter(|question| question.choices.contains(&answer.choice))
-                .ok_or((HandshakeStatus::Unknown, None))?;
-            if question.answer.is_some() {
-                return Err((HandshakeStatus::Duplicate, None));
-            }
-            question.answer = Some(answer.choice.clone());
-            Ok(true)
-        })
-    }
-
     /// An operator decides about an output that nobody owns: it is published again with `how`; `ask` withdraws an
     /// earlier decision. `not_owner` while a handler owns it.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
@@ -371,11 +310,10 @@ impl Ledger {
     /// A handler was lost: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11). `instance`: only that of
     /// this one; `None`: of any.
     pub fn handler_lost(&mut self, now: Now, handler_id: &str, instance: Option<&str>) {
-        let said = self.handlers.redelivery(handler_id);
-        self.handlers.go(handler_id, instance);
         let is_its = |output: &&mut OpenOutput| output.is_owned_by(handler_id, instance);
         let mut any = false;
         for output in self.open.iter_mut().filter(is_its) {
+            let said = self.handlers.redelivery(handler_id, output.notice.m);
             output.state = OutputState::Output;
             output.handler_id = None;
             output.lost_by = Some((handler_id.to_owned(), output.instance.take()));
@@ -388,6 +326,7 @@ impl Ledger {
             output.notice.redelivered = true;
             any = true;
         }
+        self.handlers.go(handler_id, instance);
         if any {
             self.pending_changed();
         }

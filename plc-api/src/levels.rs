@@ -33,7 +33,7 @@ impl LockKind {
 type Asking<'a> = (&'a dyn Port, &'a str);
 
 /// One source of an input of a coordinate system.
-type Place = (CoordinateSystemNumber, LockKind, String);
+pub(crate) type Place = (CoordinateSystemNumber, LockKind, String);
 
 /// The handler of a program that serves the machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,6 +47,8 @@ struct Owner {
 #[derive(Debug, Default)]
 pub(crate) struct Levels {
     set: Mutex<BTreeMap<Place, LockSet>>,
+    /// How many guards hold a source.
+    held: Mutex<BTreeMap<Place, usize>>,
     owner: watch::Sender<Option<Owner>>,
     /// One is written at a time, with the value that counts then.
     turn: tokio::sync::Mutex<()>,
@@ -99,6 +101,23 @@ impl Levels {
                 tracing::warn!(%error, cs = place.0, source = place.2, "a lock was not written again");
             }
         }
+    }
+
+    /// One more guard holds a source.
+    pub(crate) fn begin_hold(&self, place: Place) {
+        *lock(&self.held).entry(place).or_default() += 1;
+    }
+
+    /// A guard has gone; true for the last one of its source.
+    pub(crate) fn end_hold(&self, place: &Place) -> bool {
+        let mut held = lock(&self.held);
+        let left = held.get(place).map_or(0, |count| count - 1);
+        if left == 0 {
+            held.remove(place);
+        } else {
+            held.insert(place.clone(), left);
+        }
+        left == 0
     }
 
     /// Sets a source.

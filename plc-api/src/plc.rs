@@ -309,22 +309,27 @@ impl Plc {
         }
     }
 
-    /// Sends a request from a destructor: directly if the machine answers without waiting, else in a task. Outside of a
-    /// tokio runtime, or after its end, only the connection's own runtime can still send it.
+    /// Sends a request from a destructor: [`Plc::do_without_waiting`].
     pub(crate) fn send_without_waiting(&self, request: impl Into<Request>, what_if_not: &'static str) {
-        let here = tokio::runtime::Handle::try_current().ok();
         let (port, request) = (Arc::clone(&self.port), request.into());
-        let mut sent: BoxFuture<'static, ()> = Box::pin(async move {
+        self.do_without_waiting(async move {
             if let Err(refusal) = port.request(request).await {
                 tracing::debug!(%refusal, "{what_if_not}");
             }
         });
+    }
+
+    /// Does what a destructor wants done: directly if the machine answers without waiting, else in a task. Outside of a
+    /// tokio runtime, or after its end, only the connection's own runtime can still do it.
+    pub(crate) fn do_without_waiting(&self, work: impl Future<Output = ()> + Send + 'static) {
+        let here = tokio::runtime::Handle::try_current().ok();
+        let mut work: BoxFuture<'static, ()> = Box::pin(work);
         // a connection needs the clock of a runtime
-        if (here.is_some() || self.runtime.is_none()) && (&mut sent).now_or_never().is_some() {
+        if (here.is_some() || self.runtime.is_none()) && (&mut work).now_or_never().is_some() {
             return;
         }
         if let Some(runtime) = here.or_else(|| self.runtime.clone()) {
-            runtime.spawn(sent);
+            runtime.spawn(work);
         }
     }
 }

@@ -13,6 +13,7 @@ const QUESTION_MAX = 200;
 const CHOICES_MAX = 8;
 const CHOICE_MAX = 40;
 const PROGRESS_MAX = 200;
+const CHECKPOINT_MAX = 4096;
 
 /** @typedef {{handler_id: string, instance?: string}} Identity */
 
@@ -33,6 +34,8 @@ export class Output {
   #abort = new AbortController();
   /** @type {object | null} */
   #progress = null;
+  /** @type {object | null} */
+  #checkpoint = null;
   /** @type {Promise<unknown>} */
   #turn = Promise.resolve();
 
@@ -105,7 +108,26 @@ export class Output {
   progress(text, percent) {
     const share = percent === undefined || Number.isNaN(percent) ? {} : { percent: Math.min(Math.max(percent, 0), 100) };
     this.#progress = { ...this.named(), text: cut(text, PROGRESS_MAX), ...share };
-    this.tellProgress();
+    this.#tell("progress", this.#progress);
+  }
+
+  /** What the last `checkpoint` of whoever worked on it before has noted; undefined where nothing was. */
+  get lastCheckpoint() {
+    return this.#notice.checkpoint;
+  }
+
+  /**
+   * Notes how far the work has come, in place of what was noted before. When this handler is lost and another takes the output up, that
+   * one has it as `lastCheckpoint`. The machine keeps it as long as the output is open. It is told again after a loss of the
+   * connection, and has no effect once the output is no longer this handler's. Throws a `RangeError` where it is too long.
+   * @param {unknown} value anything that has at most 4096 bytes as JSON; null takes it away
+   */
+  checkpoint(value) {
+    const size = Buffer.byteLength(JSON.stringify(value) ?? "");
+    if (size === 0) throw new TypeError("a checkpoint is a value that can be written as JSON");
+    if (size > CHECKPOINT_MAX) throw new RangeError(`a checkpoint has at most ${CHECKPOINT_MAX} bytes as JSON, and this one has ${size}`);
+    this.#checkpoint = { ...this.named(), checkpoint: value };
+    this.#tell("checkpoint", this.#checkpoint);
   }
 
   /**
@@ -179,9 +201,15 @@ export class Output {
     return { boot_id: this.bootId, seq: this.seq, ...this.#identity };
   }
 
-  /** Tells the last progress again. @internal */
-  tellProgress() {
-    if (this.#progress !== null && !this.cancelled) this.#connection.post(this.path("progress"), this.#progress);
+  /** Tells the last progress and checkpoint again. @internal */
+  tellAgain() {
+    this.#tell("progress", this.#progress);
+    this.#tell("checkpoint", this.#checkpoint);
+  }
+
+  /** @param {string} what @param {object | null} report */
+  #tell(what, report) {
+    if (report !== null && !this.cancelled) this.#connection.post(this.path(what), report);
   }
 
   /** @internal @param {import("./messages.d.ts").CancelReason | null} reason */

@@ -149,22 +149,16 @@ export class Runner {
   #online() {
     const entries = [...this.#handlers.values()];
     const served = entries.flatMap(({ cs, m }) => (cs === undefined ? this.#announcedSystems : [cs]).map((of) => `${of}/${m}`));
-    const is = (/** @type {string} */ redelivery) => entries.some((entry) => entry.redelivery === redelivery);
     return {
       online: true,
       handles: [...new Set(served)].map((of) => ({ cs: numberAt(of, 0), m: numberAt(of, 1) })),
       validates: this.#checks.size > 0,
-      // a handler of one coordinate system that says nothing hides what is said for all
-      m_codes: entries
-        .filter(({ cs, declared }) => cs !== undefined || declared.name !== undefined || declared.params !== undefined)
-        .map(({ cs, m, declared }) => declared.toJson(m, cs)),
+      m_codes: entries.map(({ cs, m, declared, redelivery }) => ({ ...declared.toJson(m, cs), redelivery })),
       instance: this.#connection.instance,
       take_over: this.#takeOver,
       exclusive: true,
       expires_ms: PRESENCE_EXPIRES_MS,
       connection: this.#connection.connections,
-      // what is stricter than this is kept here: such an output is not claimed
-      redelivery: is("redo") ? "redo" : is("verify") ? "verify" : "ask",
     };
   }
 
@@ -388,7 +382,7 @@ export class Runner {
     const claim = async () => {
       const claimed = await this.#untilAnswered(output, "claim", {});
       running.isReclaiming = false;
-      if (claimed?.status === "accepted") output.tellProgress();
+      if (claimed?.status === "accepted") output.tellAgain();
       else if (!running.isAnswering && !output.cancelled) output.cancel(null);
     };
     claim().catch((error) => this.#connection.log.error(`the claim of ${output} has failed:`, error));

@@ -129,8 +129,8 @@ async fn what_a_handler_declares_is_in_its_presence() {
             "A": {"min": 1.0, "max": 8.0, "whole": true},
             "B": {"unit": "bar", "optional": true},
             "C": {"min": 0.0, "max": 1.0, "whole": true}}},
-        {"m": 16, "cs": 2, "name": "free"},
         {"m": 15, "cs": 2},
+        {"m": 16, "cs": 2, "name": "free"},
     ]);
     assert_eq!(json, expected);
     let name = |cs, m| presence.declaration(cs, m).and_then(|said| said.name.clone());

@@ -7,6 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use futures_util::FutureExt;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
 use tokio::sync::{Mutex, MutexGuard, watch};
 
 use crate::claim::{Identity, OutputId};
@@ -18,8 +21,11 @@ use crate::port::BoxFuture;
 use crate::presence::Presence;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
-use crate::types::output::{CancelReason, OutputNotice, Params, ProgressReport};
-use crate::types::request::typed::Progress;
+use crate::types::output::{
+    CancelReason, CheckpointReport, OutputNotice, Params, PendingOutput, ProgressReport,
+};
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::typed::{Checkpoint, Progress};
 
 tokio::task_local! {
     /// The output whose handler runs in this task.
@@ -31,6 +37,8 @@ tokio::task_local! {
 #[derive(Debug, Clone)]
 pub struct AuxOutput {
     inner: Arc<Inner>,
+    /// Of the program, or of the part that it was made of.
+    states: States,
 }
 
 #[derive(Debug)]
@@ -39,9 +47,10 @@ struct Inner {
     by: Identity,
     id: OutputId,
     notice: OutputNotice,
+    /// What had been noted when it was taken up.
+    checkpoint: Option<Value>,
     verify: bool,
     cancellation: Cancellation,
-    states: States,
     /// True once the handler has ended and the reset is being sent: nothing is left to cancel.
     is_answering: AtomicBool,
     /// An output asks one question at a time; others wait for this lock.
@@ -64,7 +73,7 @@ impl AuxOutput {
     pub(super) fn new(
         (presence, states): (&Presence, &States),
         id: OutputId,
-        notice: &OutputNotice,
+        pending: &PendingOutput,
         verify: bool,
     ) -> (Self, Cancel) {
         let (cancel, state) = watch::channel(CancelState::default());
@@ -72,16 +81,22 @@ impl AuxOutput {
             plc: presence.plc.clone(),
             by: presence.by.clone(),
             id,
-            notice: notice.clone(),
+            notice: pending.output.clone(),
+            checkpoint: pending.checkpoint.clone(),
             verify,
             cancellation: Cancellation { state },
-            states: states.clone(),
             is_answering: AtomicBool::new(false),
             question: Mutex::default(),
             clean_ups: std::sync::Mutex::default(),
         };
         let inner = Arc::new(inner);
-        (Self { inner }, Cancel(cancel))
+        let states = states.clone();
+        (Self { inner, states }, Cancel(cancel))
+    }
+
+    /// The same output for the handler of a part with states of its own.
+    pub(super) fn with_states(self, states: States) -> Self {
+        Self { states, ..self }
     }
 
     /// The output of the handler that calls this from its own task.
@@ -115,7 +130,7 @@ impl AuxOutput {
     }
 
     pub(crate) fn states(&self) -> &States {
-        &self.inner.states
+        &self.states
     }
 
     pub(crate) fn plc(&self) -> &Plc {
@@ -206,6 +221,61 @@ impl AuxOutput {
         };
         let request = Progress(self.coordinate_system(), Some(self.m()), report);
         self.inner.plc.request(request).await.map(|_| ())
+    }
+
+    /// Notes how far the work has come, in place of what was noted before: any value that has at most 4096 bytes as JSON. When this
+    /// handler is lost and another takes the output up, that one is given it ([`AuxOutput::last_checkpoint`]), and five minutes of
+    /// washing go on at minute four. The machine keeps it as long as the output is open. No effect if the output is no longer this
+    /// handler's. It does nothing by itself: whether the work
+    /// may be taken up at all is said by [`SequenceProgram::redelivery`](super::SequenceProgram::redelivery).
+    ///
+    /// ```
+    /// # use std::time::Duration;
+    /// # use plc_api::{Alarm, AuxOutput, Plc, Redelivery, SequenceProgram};
+    /// async fn wash(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    ///     let done: u32 = output.last_checkpoint()?.unwrap_or(0);
+    ///     for minute in done..5 {
+    ///         output.checkpoint(&minute).await?;
+    ///         plc.sleep(Duration::from_secs(60)).await;
+    ///     }
+    ///     Ok(())
+    /// }
+    ///
+    /// let program = SequenceProgram::new().on(90, wash).redelivery(90, Redelivery::Redo);
+    /// # assert_eq!(program.check(), Ok(()));
+    /// ```
+    ///
+    /// # Errors
+    /// It is too long, or cannot be written as JSON; the machine cannot be reached.
+    pub async fn checkpoint(&self, value: &impl Serialize) -> Result<()> {
+        let checkpoint = serde_json::to_value(value).map_err(|error| {
+            let text = format!("a checkpoint cannot be written as JSON: {error}");
+            Refusal::new(RefusalCode::Invalid, text)
+        })?;
+        let report = CheckpointReport {
+            boot_id: self.inner.id.boot_id.clone(),
+            seq: self.seq(),
+            handler_id: self.by().id(),
+            instance: Some(self.by().instance()),
+            checkpoint,
+        };
+        report.check()?;
+        let request = Checkpoint(self.coordinate_system(), Some(self.m()), report);
+        self.inner.plc.request(request).await.map(|_| ())
+    }
+
+    /// What the last [`AuxOutput::checkpoint`] of whoever worked on this output before has noted; `None` where nothing was.
+    ///
+    /// # Errors
+    /// It is not of this form: another version of the handler has noted it.
+    pub fn last_checkpoint<T: DeserializeOwned>(&self) -> Result<Option<T>> {
+        let Some(noted) = &self.inner.checkpoint else {
+            return Ok(None);
+        };
+        T::deserialize(noted).map(Some).map_err(|error| {
+            let text = format!("the checkpoint of M{} is not of this form: {error}", self.m());
+            Refusal::new(RefusalCode::Invalid, text).into()
+        })
     }
 
     /// Does something when this output is cancelled and its handler has been dropped, such as moving an arm back; not when the

@@ -233,21 +233,18 @@ impl Runner {
             }
             return;
         }
-        let handler = self.table.find(id.cs, pending.output.m);
+        let handler = self.table.work(id.cs, pending.output.m, &pending.output.params);
         let Some(handler) = handler.filter(|_| is_claimed || !self.is_stopping) else {
             return;
         };
-        let Some(verify) = taken_up(pending, self.on_redelivery) else {
+        let redelivery = self.table.redelivery(Some(id.cs), pending.output.m);
+        let Some(verify) = taken_up(pending, redelivery.or(self.on_redelivery)) else {
             return;
         };
-        let (output, cancel) = AuxOutput::new(
-            (&self.presence, &self.table.states),
-            id.clone(),
-            &pending.output,
-            verify,
-        );
+        let (output, cancel) =
+            AuxOutput::new((&self.presence, &self.table.states), id.clone(), pending, verify);
         let (abort, registration) = AbortHandle::new_pair();
-        let work = work(output.clone(), Arc::clone(handler), is_claimed);
+        let work = work(output.clone(), handler, is_claimed);
         let work = Box::pin(Abortable::new(work, registration));
         let ending = run_to_end(work, id.clone(), output.clone());
         self.work.push(Box::pin(ending));

@@ -16,7 +16,7 @@ use crate::presence::ServedCode;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::m_code::MCodeDeclaration;
-use crate::types::output::Params;
+use crate::types::output::{Params, Redelivery};
 
 use super::output::AuxOutput;
 
@@ -137,6 +137,8 @@ pub(super) struct Table {
     wanted: Vec<(MCode, TypeId, &'static str)>,
     pub(super) states: States,
     checks: BTreeMap<ServedCode, Check>,
+    /// What is done with lost outputs of single M codes.
+    redeliveries: BTreeMap<ServedCode, Redelivery>,
     // of single calls
     pub(super) mistakes: Vec<String>,
 }
@@ -167,77 +169,146 @@ impl Table {
                 self.mistakes.push(mistake);
                 continue;
             }
-            let name = names.iter().find(|name| name.m() == m);
-            let handler = match name {
-                None => Arc::clone(&boxed),
-                Some(name) => self.declare(cs, *name, &takes, &boxed),
-            };
-            if self.handlers.insert((cs, m), handler).is_some() {
-                self.mistakes.push(format!("M{m}{place} has two handlers"));
+            if let Some(name) = names.iter().find(|name| name.m() == m) {
+                self.declare(cs, *name, &takes);
             }
+            self.insert((cs, m), Arc::clone(&boxed));
         }
     }
 
-    /// Notes what a handler says of an M code; the handler, which is not begun with other parameters.
-    fn declare(
-        &mut self,
-        cs: Option<CoordinateSystemNumber>,
-        code: MCode,
-        takes: &Takes,
-        handler: &Boxed,
-    ) -> Boxed {
+    fn insert(&mut self, (cs, m): ServedCode, handler: Boxed) {
+        if self.handlers.insert((cs, m), handler).is_some() {
+            self.mistakes.push(format!("M{m}{} has two handlers", place(cs)));
+        }
+    }
+
+    /// Notes what a handler says of an M code.
+    fn declare(&mut self, cs: Option<CoordinateSystemNumber>, code: MCode, takes: &Takes) {
         let declaration = MCodeDeclaration {
             m: code.m(),
             cs,
             name: Some(code.name().to_owned()),
             params: takes.params.clone(),
+            redelivery: None,
         };
         let of_takes = takes.mistakes.iter().map(|mistake| format!("{code}: {mistake}"));
         self.mistakes.extend(of_takes.chain(declaration.mistake().err()));
         let wanted = takes.states.iter().map(|(state, name)| (code, *state, *name));
         self.wanted.extend(wanted);
-        self.declared.insert((cs, code.m()), declaration.clone());
-        if declaration.params.is_none() {
-            return Arc::clone(handler);
-        }
-        let handler = Arc::clone(handler);
-        Arc::new(move |output, plc| match declaration.check(output.params()) {
-            Ok(()) => handler(output, plc),
-            Err(fault) => Box::pin(ready(Err(Alarm::user(Alarm::CODE_OF_PARAMS, fault.text)))),
-        })
+        self.declared.insert((cs, code.m()), declaration);
+    }
+
+    /// Why the handler of an M code is not begun with these parameters.
+    fn refuses(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Alarm> {
+        let declaration = self.declared.get(&self.handler_place(Some(cs), m))?;
+        let fault = declaration.check(params).err()?;
+        Some(Alarm::user(Alarm::CODE_OF_PARAMS, fault.text))
     }
 
     /// What is said of the M codes. A handler of one coordinate system that says nothing hides what is said for all.
     pub(super) fn declarations(&self) -> Vec<MCodeDeclaration> {
         let hidden = self.handlers.keys().filter(|(cs, m)| {
-            cs.is_some() && !self.declared.contains_key(&(*cs, *m)) && self.declared.contains_key(&(None, *m))
+            let of_all = (None, *m);
+            cs.is_some() && (self.declared.contains_key(&of_all) || self.redeliveries.contains_key(&of_all))
         });
-        let hidden = hidden.map(|(cs, m)| MCodeDeclaration {
-            m: *m,
-            cs: *cs,
-            ..MCodeDeclaration::default()
-        });
-        self.declared.values().cloned().chain(hidden).collect()
+        let said = self.declared.keys().chain(self.redeliveries.keys());
+        let said: BTreeSet<ServedCode> = said.chain(hidden).copied().collect();
+        let of = |(cs, m): ServedCode| {
+            let place = self.handler_place(cs, m);
+            MCodeDeclaration {
+                m,
+                cs,
+                redelivery: self.redelivery(cs, m),
+                ..self.declared.get(&place).cloned().unwrap_or_default()
+            }
+        };
+        said.into_iter().map(of).collect()
+    }
+
+    /// Where the handler of an M code stands: of the coordinate system, else of all.
+    fn handler_place(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> ServedCode {
+        let has_its_own = self.handlers.contains_key(&(cs, m));
+        (cs.filter(|_| has_its_own), m)
+    }
+
+    /// What is done with a lost output of an M code; `None`: as with those of all.
+    pub(super) fn redelivery(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> Option<Redelivery> {
+        let said = self.redeliveries.get(&(cs, m));
+        said.or_else(|| self.redeliveries.get(&self.handler_place(cs, m)))
+            .copied()
+    }
+
+    pub(super) fn add_redelivery(
+        &mut self,
+        cs: Option<CoordinateSystemNumber>,
+        codes: &[RangeInclusive<u16>],
+        redelivery: Redelivery,
+    ) {
+        for m in codes.iter().cloned().flat_map(within_limits) {
+            if self.redeliveries.insert((cs, m), redelivery).is_some() {
+                let place = place(cs);
+                self.mistakes.push(format!("M{m}{place} has two redeliveries"));
+            }
+        }
     }
 
     /// Adds what another program serves.
     pub(super) fn merge(&mut self, other: Self) {
-        for ((cs, m), handler) in other.handlers {
-            if self.handlers.insert((cs, m), handler).is_some() {
-                self.mistakes.push(format!("M{m}{} has two handlers", place(cs)));
-            }
+        for (code, handler) in other.handlers {
+            self.insert(code, handler);
         }
         for ((cs, m), check) in other.checks {
-            if self.checks.insert((cs, m), check).is_some() {
-                self.mistakes
-                    .push(format!("M{m}{} is validated twice", place(cs)));
-            }
+            self.add_check(cs, &[m..=m], &check);
+        }
+        for ((cs, m), redelivery) in other.redeliveries {
+            self.add_redelivery(cs, &[m..=m], redelivery);
         }
         let twice = self.states.merge(&other.states).into_iter();
         let twice = twice.map(|name| format!("merge() got a second state of type {name}"));
         self.mistakes.extend(twice.chain(other.mistakes));
         self.declared.extend(other.declared);
         self.wanted.extend(other.wanted);
+    }
+
+    /// Adds what another program serves, at M codes of a range, with its own states.
+    pub(super) fn nest(
+        &mut self,
+        codes: &RangeInclusive<u16>,
+        part: Self,
+        on_redelivery: Option<Redelivery>,
+    ) {
+        let (first, last) = (*codes.start(), *codes.end());
+        self.mistakes.extend(part.all_mistakes());
+        let Some(lowest) = part.handlers.keys().map(|(_, m)| *m).min() else {
+            self.mistakes
+                .push(format!("nest({first}..={last}) got a program without handlers"));
+            return;
+        };
+        let moved = |m: u16| (m - lowest).saturating_add(first);
+        for ((cs, m), handler) in part.handlers {
+            let (there, states) = (moved(m), part.states.clone());
+            let place = place(cs);
+            if !codes.contains(&there) || there > M_CODE_MAX || RUNTIME_M_CODES.contains(&there) {
+                self.mistakes.push(format!(
+                    "nest({first}..={last}): M{m}{place} of the part would be M{there}, which it may not serve there"
+                ));
+                continue;
+            }
+            let own: Boxed = Arc::new(move |output, plc| handler(output.with_states(states.clone()), plc));
+            self.insert((cs, there), own);
+            let said = part.redeliveries.get(&(cs, m)).copied().or(on_redelivery);
+            if let Some(said) = said {
+                self.add_redelivery(cs, &[there..=there], said);
+            }
+        }
+        for ((cs, m), check) in part.checks {
+            let there = moved(m);
+            self.add_check(cs, &[there..=there], &check);
+        }
+        for ((cs, m), declared) in part.declared {
+            let m = moved(m);
+            self.declared.insert((cs, m), MCodeDeclaration { m, ..declared });
+        }
     }
 
     pub(super) fn add_check(
@@ -262,6 +333,9 @@ impl Table {
         };
         let idle = self.checks.keys().filter(|(cs, m)| !is_handled(*cs, *m));
         let idle = idle.map(|(cs, m)| format!("M{m}{} is validated and has no handler", place(*cs)));
+        let unserved = self.redeliveries.keys().filter(|(cs, m)| !is_handled(*cs, *m));
+        let unserved = unserved.map(|(cs, m)| format!("M{m}{} has a redelivery and no handler", place(*cs)));
+        let idle = idle.chain(unserved);
         let missing = self
             .wanted
             .iter()
@@ -295,8 +369,16 @@ impl Table {
 
     /// The handler of an M code: one for the coordinate system, else one for all.
     pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&Boxed> {
-        let of_all = || self.handlers.get(&(None, m));
-        self.handlers.get(&(Some(cs), m)).or_else(of_all)
+        self.handlers.get(&self.handler_place(Some(cs), m))
+    }
+
+    /// What is done with an output of these parameters: the handler's work, or the alarm that it does not take them.
+    pub(super) fn work(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Boxed> {
+        let handler = self.find(cs, m)?;
+        Some(match self.refuses(cs, m, params) {
+            None => Arc::clone(handler),
+            Some(alarm) => Arc::new(move |_, _| Box::pin(ready(Err(alarm.clone())))),
+        })
     }
 
     pub(super) fn codes(&self) -> BTreeSet<ServedCode> {

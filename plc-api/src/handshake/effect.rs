@@ -2,6 +2,8 @@
 
 use std::time::SystemTime;
 
+use serde_json::Value;
+
 use crate::alarm::Alarm;
 use crate::types::Timestamp;
 use crate::types::output::{
@@ -68,6 +70,8 @@ pub struct OpenOutput {
     pub how: Option<Redelivery>,
     /// The last progress of its owner.
     pub progress: Option<Progress>,
+    /// What its owner, or one before, has noted of how far it has come.
+    pub checkpoint: Option<Value>,
     /// The question of its owner to the operator.
     pub question: Option<Question>,
     /// When it times out, seconds on the monotonic clock; none while queued.
@@ -87,6 +91,7 @@ impl OpenOutput {
             lost: self.lost,
             redelivery: self.redelivery.filter(|_| self.lost),
             progress: self.progress.clone(),
+            checkpoint: self.checkpoint.clone(),
             how: self.how,
             question: self.question.clone(),
         }

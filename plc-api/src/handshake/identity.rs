@@ -1,6 +1,6 @@
 //! Who speaks for a handler, and who may take up an output that its handler has lost.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::time::SystemTime;
 
 use crate::types::handler::is_own_instance;
@@ -16,9 +16,10 @@ pub(super) type Denied = (HandshakeStatus, Option<String>);
 #[derive(Debug, Clone)]
 struct Live {
     instance: Option<String>,
+    /// M codes of the coordinate system that it serves, and what it does with a lost output of each.
+    serves: BTreeMap<u16, Option<Redelivery>>,
+    /// The same for others.
     redelivery: Option<Redelivery>,
-    /// M codes of the coordinate system that it serves.
-    serves: BTreeSet<u16>,
     is_exclusive: bool,
     since: SystemTime,
 }
@@ -41,8 +42,10 @@ impl LiveHandlers {
         let handled = presence.handles.iter().filter(|code| code.cs == cs);
         let live = Live {
             instance,
+            serves: handled
+                .map(|code| (code.m, presence.redelivery_of(cs, code.m)))
+                .collect(),
             redelivery: presence.redelivery,
-            serves: handled.map(|code| code.m).collect(),
             is_exclusive: presence.exclusive,
             since,
         };
@@ -59,14 +62,16 @@ impl LiveHandlers {
 
     /// Handler and instance that own an output of an M code as soon as it is made (H20).
     pub(super) fn owner_at_once(&self, m: u16) -> Option<(&str, &str)> {
-        let mut serving = self.0.iter().filter(|(_, live)| live.serves.contains(&m));
+        let mut serving = self.0.iter().filter(|(_, live)| live.serves.contains_key(&m));
         let (id, live) = serving.next().filter(|(_, live)| live.is_exclusive)?;
         let instance = live.instance.as_deref().filter(|named| is_own_instance(named))?;
         serving.next().is_none().then_some((id, instance))
     }
 
-    pub(super) fn redelivery(&self, id: &str) -> Option<Redelivery> {
-        self.0.get(id)?.redelivery
+    /// What a handler does with a lost output of an M code.
+    pub(super) fn redelivery(&self, id: &str, m: u16) -> Option<Redelivery> {
+        let live = self.0.get(id)?;
+        live.serves.get(&m).copied().unwrap_or(live.redelivery)
     }
 
     /// The instance that speaks: that which is there, if none is named.
@@ -100,7 +105,7 @@ impl LiveHandlers {
         if output.is_lost_by(id, instance) {
             return Ok(None);
         }
-        match strictest(output.redelivery, self.redelivery(id)) {
+        match strictest(output.redelivery, self.redelivery(id, output.notice.m)) {
             None | Some(Redelivery::Ask) => {
                 let owner = output
                     .lost_by

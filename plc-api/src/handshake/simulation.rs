@@ -7,6 +7,7 @@ use std::time::SystemTime;
 
 use super::*;
 use crate::types::output::{Params, Timing};
+use crate::types::question::{Ask, OperatorAnswer};
 
 const SEEDS: u64 = 2_000;
 const STEPS: usize = 120;

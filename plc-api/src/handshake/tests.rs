@@ -2,7 +2,10 @@ use std::time::SystemTime;
 
 use super::*;
 use crate::types::ids::CLIENT_ID_MAX;
-use crate::types::output::{Params, Timing};
+use crate::types::m_code::MCodeDeclaration;
+use crate::types::output::{CHECKPOINT_MAX, CheckpointReport, Params, ProgressReport, Timing};
+use crate::types::refusal::RefusalCode;
+use serde_json::{Value, json};
 
 fn now(monotonic_s: f64) -> Now {
     Now {
@@ -423,4 +426,106 @@ fn h20_what_was_claimed_at_once_is_lost_with_its_handler_and_never_claimed_at_on
     ledger.handler_lost(now(3.0), "mill", None);
     let later = made(&mut ledger, 100);
     assert_eq!(owner(&ledger, later).0, OutputState::Output, "nobody is there");
+}
+
+fn checkpoint(
+    ledger: &mut Ledger,
+    seq: u64,
+    handler_id: &str,
+    checkpoint: Value,
+) -> Result<HandshakeStatus, Refusal> {
+    let report = CheckpointReport {
+        boot_id: boot(),
+        seq,
+        handler_id: handler_id.into(),
+        instance: None,
+        checkpoint,
+    };
+    let said = OutputRequest::Checkpoint(report);
+    ledger
+        .carry_out(now(0.0), None, &said)
+        .map(|result| result.status)
+}
+
+#[test]
+fn h21_a_checkpoint_of_the_owner_is_kept_when_it_is_lost_until_it_is_replaced_or_taken_away() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 90);
+    let noted = |ledger: &Ledger| ledger.pending().outputs[0].checkpoint.clone();
+    let nobody = checkpoint(&mut ledger, seq, "washer", json!(1));
+    assert_eq!((nobody, noted(&ledger)), (Ok(HandshakeStatus::NotOwner), None));
+    claim(&mut ledger, seq, "washer");
+    let owner = checkpoint(&mut ledger, seq, "washer", json!({"minute": 3}));
+    assert_eq!(owner, Ok(HandshakeStatus::Accepted));
+    let other = checkpoint(&mut ledger, seq, "clamp", json!(9));
+    assert_eq!(other, Ok(HandshakeStatus::NotOwner));
+    ledger.handler_lost(now(1.0), "washer", None);
+    assert_eq!(noted(&ledger), Some(json!({"minute": 3})));
+    let how = Redelivery::Redo;
+    ledger.redeliver(
+        now(2.0),
+        None,
+        &Redeliver {
+            boot_id: boot(),
+            seq,
+            how,
+        },
+    );
+    assert_eq!(claim(&mut ledger, seq, "washer"), HandshakeStatus::Accepted);
+    assert_eq!(
+        noted(&ledger),
+        Some(json!({"minute": 3})),
+        "the next owner has it, too"
+    );
+    checkpoint(&mut ledger, seq, "washer", json!({"minute": 4})).unwrap();
+    assert_eq!(noted(&ledger), Some(json!({"minute": 4})));
+    checkpoint(&mut ledger, seq, "washer", Value::Null).unwrap();
+    assert_eq!(noted(&ledger), None);
+}
+
+#[test]
+fn h21_a_checkpoint_that_is_too_long_is_refused_and_the_one_before_stays() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 90);
+    claim(&mut ledger, seq, "washer");
+    // the quotes count
+    let longest = "x".repeat(CHECKPOINT_MAX - 2);
+    assert!(checkpoint(&mut ledger, seq, "washer", json!(longest)).is_ok());
+    let refused = checkpoint(&mut ledger, seq, "washer", json!("y".repeat(CHECKPOINT_MAX - 1))).unwrap_err();
+    assert_eq!(refused.code, RefusalCode::Invalid);
+    assert!(
+        refused.text.contains("4096") && refused.text.contains("4097"),
+        "{refused}"
+    );
+    assert_eq!(ledger.pending().outputs[0].checkpoint, Some(json!(longest)));
+}
+
+#[test]
+fn h11_what_a_handler_says_of_one_m_code_stands_in_place_of_what_it_says_of_all() {
+    let of = |m, redelivery| MCodeDeclaration {
+        m,
+        redelivery: Some(redelivery),
+        ..MCodeDeclaration::default()
+    };
+    let presence = HandlerPresence {
+        online: true,
+        handles: [10, 60, 95].map(|m| HandledCode { cs: 1, m }).to_vec(),
+        redelivery: Some(Redelivery::Ask),
+        m_codes: vec![of(60, Redelivery::Redo), of(95, Redelivery::Verify)],
+        ..HandlerPresence::default()
+    };
+    for (m, status, how) in [
+        (10, HandshakeStatus::Withheld, Redelivery::Ask),
+        (60, HandshakeStatus::Accepted, Redelivery::Redo),
+        (95, HandshakeStatus::Accepted, Redelivery::Verify),
+    ] {
+        let mut ledger = ledger();
+        ledger.handler_online(now(0.0), "cell", &presence);
+        let seq = made(&mut ledger, m);
+        claim(&mut ledger, seq, "cell");
+        ledger.handler_lost(now(1.0), "cell", None);
+        assert_eq!(ledger.pending().outputs[0].redelivery, Some(how), "M{m}");
+        ledger.handler_online(now(2.0), "cell", &presence);
+        assert_eq!(claim(&mut ledger, seq, "cell"), status, "M{m}");
+    }
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
 use super::m_code::{MCodeDeclaration, ServedMCode, check_all};
+use super::redelivery::Redelivery;
 use super::refusal::{Refusal, RefusalCode};
 
 /// Age at which a presence that is not said again counts as gone, ms.
@@ -20,20 +21,6 @@ pub const INSTANCE_MAX: usize = 64;
 
 /// Begins the instance that a server end gives to a client that names none: its connection.
 pub const CONNECTION_MARK: char = '~';
-
-/// What a handler does with an output that it may already have worked on. The later is the stricter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum Redelivery {
-    /// Run the handler again from its start.
-    Redo,
-    /// Run the handler with `output.redelivered()` true: it looks at the machine first.
-    Verify,
-    /// Nothing: an operator decides by `redeliver` or by a reset by hand.
-    #[default]
-    Ask,
-}
 
 /// Payload of `handler/{id}/presence`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -64,7 +51,7 @@ pub struct HandlerPresence {
     /// the configuration of the M code; where neither says anything, it is `ask`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
-    /// What it says of the M codes: their names, and the parameters that they take.
+    /// What it says of the M codes: their names, the parameters that they take, and what it does with a lost output of each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub m_codes: Vec<MCodeDeclaration>,
     /// With `online`: it says its presence again well within this time, at best at a third of it, ms, 300 to 3,600,000. When it
@@ -95,6 +82,12 @@ impl HandlerPresence {
         of(Some(cs))
             .or_else(|| of(None))
             .filter(|_| self.handles.contains(&HandledCode { cs, m }))
+    }
+
+    /// What it does with an output of an M code that was claimed when its handler was lost; `None`: it says nothing.
+    pub fn redelivery_of(&self, cs: CoordinateSystemNumber, m: u16) -> Option<Redelivery> {
+        let declared = self.declaration(cs, m).and_then(|said| said.redelivery);
+        declared.or(self.redelivery)
     }
 
     /// The M codes that it serves, ascending, where it is there.

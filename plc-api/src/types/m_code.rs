@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
 use super::params::Params;
+use super::redelivery::Redelivery;
 use super::refusal::{Refusal, RefusalCode};
 use crate::m_codes::M_CODE_MAX;
 
@@ -206,6 +207,10 @@ pub struct MCodeDeclaration {
     /// is taken; empty, none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub params: Option<DeclaredParams>,
+    /// What its handler does with an output of it that was claimed when its handler was lost, in place of what the presence says
+    /// for all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub redelivery: Option<Redelivery>,
 }
 
 /// A parameter as a program gives it.
@@ -376,6 +381,7 @@ impl ServedMCode {
             cs: None,
             name: self.name.clone(),
             params: self.params.clone(),
+            redelivery: None,
         }
     }
 

@@ -19,6 +19,7 @@ pub mod params;
 pub mod planned;
 pub mod program;
 pub mod question;
+pub mod redelivery;
 pub mod refusal;
 pub mod request;
 pub mod run;

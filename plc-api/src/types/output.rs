@@ -1,13 +1,16 @@
 //! Auxiliary function outputs and what is said about them: claim, reset, progress, redelivery.
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::explained::explained;
 use super::question::Question;
+use super::refusal::{Refusal, RefusalCode};
 use super::{BootId, Timestamp};
 
-pub use super::handler::{HandledCode, HandlerPresence, HandlerResult, HandlerStatus, Redelivery};
+pub use super::handler::{HandledCode, HandlerPresence, HandlerResult, HandlerStatus};
 pub use super::params::Params;
+pub use super::redelivery::Redelivery;
 
 /// When an output is made (D30).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -94,6 +97,9 @@ pub struct PendingOutput {
     /// What the owner last said of its progress.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<Progress>,
+    /// What an owner last noted of how far it has come; it is kept when that owner is lost.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checkpoint: Option<Value>,
     /// How an operator asked for it to be taken up again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<Redelivery>,
@@ -217,6 +223,8 @@ pub enum OutputAct {
     Reset,
     /// A progress report that does not count.
     Progress,
+    /// A checkpoint that does not count.
+    Checkpoint,
     /// A question that does not count.
     Ask,
     /// A decision of an operator that does not count.
@@ -323,6 +331,40 @@ pub struct ProgressReport {
     /// 0 to 100.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub percent: Option<f64>,
+}
+
+/// Bytes of a checkpoint as JSON. Reason: `m_code/pending` holds those of all open outputs.
+pub const CHECKPOINT_MAX: usize = 4096;
+
+/// Payload of `m_code/{m}/checkpoint`: how far the work on an output has come, for whoever takes it up when its owner is lost.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CheckpointReport {
+    /// Boot that made the output.
+    pub boot_id: BootId,
+    /// Sequence number of the output.
+    pub seq: u64,
+    /// The owner.
+    pub handler_id: String,
+    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
+    /// Any JSON of at most 4096 bytes, in place of the one before; `null`: none.
+    pub checkpoint: Value,
+}
+
+impl CheckpointReport {
+    /// # Errors
+    /// It is too long.
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
+        let bytes = self.checkpoint.to_string().len();
+        if bytes <= CHECKPOINT_MAX {
+            return Ok(());
+        }
+        let text =
+            format!("a checkpoint has at most {CHECKPOINT_MAX} bytes as JSON, and this one has {bytes}");
+        Err(Refusal::new(RefusalCode::Invalid, text))
+    }
 }
 
 /// Payload of `m_code/{m}/redeliver`.

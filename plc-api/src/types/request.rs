@@ -13,7 +13,7 @@ use super::heartbeat::ClientHeartbeat;
 use super::lease::LeaseRequest;
 use super::line_start::{self, LineStart};
 use super::machine::{AlarmRaise, AlarmRecord};
-use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
+use super::output::{self, CheckpointReport, HandlerPresence, HandshakeResult, ProgressReport};
 use super::planned::{self, PathQuery};
 use super::program::{ProgramCheck, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
@@ -236,6 +236,8 @@ requests! {
         Reset(reset: output::Reset) -> HandshakeResult;
         /// The owner of an output tells how far it is.
         Progress(report: ProgressReport) -> Option<HandshakeResult>;
+        /// The owner of an output notes how far it has come, for whoever takes it up when it is lost.
+        Checkpoint(report: CheckpointReport) -> Option<HandshakeResult>;
         /// An operator decides about an output whose handler was lost.
         Redeliver(how: output::Redeliver) -> Option<HandshakeResult>;
         /// The owner of an output asks the operator, or takes its question back.

@@ -24,7 +24,7 @@ use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::line_start::{LineStart, LineState};
 use crate::types::machine::AlarmRaise;
-use crate::types::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
+use crate::types::output::{self, CheckpointReport, HandlerPresence, HandshakeResult, ProgressReport};
 use crate::types::planned::{PathQuery, Rehearsal};
 use crate::types::program::ProgramCheck;
 use crate::types::question::{self, OperatorAnswer, ValidateResult};
@@ -69,13 +69,15 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 44] = [
+pub static ROWS: [Row; 45] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
         "Resets an output, or tells its fault."),
     about_an_output!(Progress(ProgressReport) "progress" Handle =>
         "Tells how far an output's work is."),
+    about_an_output!(Checkpoint(CheckpointReport) "checkpoint" Handle -> HandshakeResult =>
+        "Notes how far an output's work has come, for whoever takes it up when its owner is lost."),
     about_an_output!(Redeliver(output::Redeliver) "redeliver" Operate =>
         "Gives an output whose handler was lost to a handler again."),
     about_an_output!(Ask(question::Ask) "ask" Handle -> HandshakeResult =>

@@ -117,6 +117,7 @@ impl ParsedRequest {
             Request::Claim(_, _, claim) => &mut claim.instance,
             Request::Reset(_, _, reset) => &mut reset.instance,
             Request::Progress(_, _, report) => &mut report.instance,
+            Request::Checkpoint(_, _, report) => &mut report.instance,
             Request::Ask(_, _, ask) => &mut ask.instance,
             Request::Handler(_, presence) => &mut presence.instance,
             _ => return,

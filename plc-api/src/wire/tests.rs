@@ -15,7 +15,8 @@ use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::line_start::LineStart;
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{
-    Claim, HandledCode, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
+    CheckpointReport, Claim, HandledCode, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset,
+    ResetResult,
 };
 use crate::types::planned::PathQuery;
 use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
@@ -43,6 +44,7 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::Claim(..)
         | Request::Reset(..)
         | Request::Progress(..)
+        | Request::Checkpoint(..)
         | Request::Redeliver(..)
         | Request::Ask(..)
         | Request::AnswerQuestion(..)
@@ -171,13 +173,14 @@ fn output(transport: Transport) -> impl Strategy<Value = Output> {
 #[rustfmt::skip]
 fn of_outputs(transport: Transport) -> impl Strategy<Value = Request> {
     let boot_id = || BootId("b".into());
-    (output(transport), proptest::option::of(text()), 0..4).prop_map(move |((cs, m, seq, handler_id, said), text, which)| match which {
+    (output(transport), proptest::option::of(text()), 0..5).prop_map(move |((cs, m, seq, handler_id, said), text, which)| match which {
         0 => Request::Claim(cs, m, Claim { boot_id: boot_id(), seq, handler_id, instance: None, }),
         1 => {
             let (result, code, force) = (ResetResult::Fault, text.as_ref().map(|_| 7), Some(true));
             Request::Reset(cs, m, Reset { boot_id: boot_id(), seq, handler_id, result, code, text, force, instance: None, })
         }
         2 => Request::Progress(cs, m, ProgressReport { boot_id: boot_id(), seq, handler_id, text: said, percent: text.map(|_| 12.5), instance: None, }),
+        3 => Request::Checkpoint(cs, m, CheckpointReport { boot_id: boot_id(), seq, handler_id, checkpoint: serde_json::json!({"at": said}), instance: None, }),
         _ => Request::Redeliver(cs, m, Redeliver { boot_id: boot_id(), seq, how: Redelivery::Verify }),
     })
 }

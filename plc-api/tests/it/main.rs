@@ -8,6 +8,7 @@
 mod alarms;
 mod ask;
 mod beside;
+mod composed;
 mod locks;
 mod outputs;
 mod scan;

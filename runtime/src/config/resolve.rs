@@ -229,6 +229,7 @@ impl Config {
                 cs: None,
                 name: config.name.clone(),
                 params: config.params.as_ref().map(|params| checked.params(params)),
+                redelivery: None,
             };
             if let Err(mistake) = declared.mistake() {
                 checked.problem("", mistake);

@@ -112,6 +112,7 @@ fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
                 since: at.clone(),
                 lost: false,
                 progress: None,
+                checkpoint: None,
                 how: None,
                 question: None,
             });

@@ -44,6 +44,15 @@ async function work(output) {
   say("done M22");
 }
 
+async function wash(output) {
+  const done = output.lastCheckpoint ?? 0;
+  output.checkpoint(done + 3);
+  output.progress(`noted ${done + 3}`);
+  say(`work M25 from ${done}`);
+  await untilGo(output.signal);
+  say("done M25");
+}
+
 const program = new SequenceProgram("driver")
   .on(
     20,
@@ -52,6 +61,7 @@ const program = new SequenceProgram("driver")
   )
   .on(21, async (output) => say(`answer ${await output.ask("Shall it go on?", ["yes", "no"])}`), { redelivery })
   .on(22, work, { redelivery })
+  .on(25, wash, { redelivery: "redo" })
   .on(
     23,
     () => {

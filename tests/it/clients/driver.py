@@ -43,6 +43,16 @@ async def work(output: Output) -> None:
     say("done M22")
 
 
+@program.on(25, redelivery=Redelivery.REDO)
+async def wash(output: Output) -> None:
+    done = output.last_checkpoint or 0
+    output.checkpoint(done + 3)
+    output.progress(f"noted {done + 3}")
+    say(f"work M25 from {done}")
+    await go.acquire()
+    say("done M25")
+
+
 @program.on(23, redelivery=redelivery)
 async def no_coolant(_output: Output) -> None:
     raise Alarm(23, "the tank is empty")

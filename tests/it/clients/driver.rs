@@ -71,6 +71,16 @@ async fn work(output: AuxOutput, _plc: Plc, go: Arc<Notify>) -> Result<(), Alarm
     Ok(())
 }
 
+async fn wash(output: AuxOutput, _plc: Plc, go: Arc<Notify>) -> Result<(), Alarm> {
+    let done = output.last_checkpoint::<u32>()?.unwrap_or(0);
+    output.checkpoint(&(done + 3)).await?;
+    output.progress(format!("noted {}", done + 3), None).await?;
+    say(&format!("work M25 from {done}"));
+    go.notified().await;
+    say("done M25");
+    Ok(())
+}
+
 async fn no_coolant(_output: AuxOutput) -> Result<(), Alarm> {
     Err(Alarm::user(23, "the tank is empty"))
 }
@@ -148,6 +158,8 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
         .validate(20, pocket)
         .on(21, inspect)
         .on(22, plc_api::handlers::with(Arc::clone(&go), work))
+        .on(25, plc_api::handlers::with(Arc::clone(&go), wash))
+        .redelivery(25, Redelivery::Redo)
         .on(23, no_coolant)
         .on(24, fails);
     let (lines, mut heard) = tokio::sync::mpsc::channel(16);

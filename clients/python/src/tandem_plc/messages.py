@@ -132,6 +132,7 @@ class PendingOutput:
     instance: str | None = None
     lost: bool = False
     progress: Progress | None = None
+    checkpoint: Any = None
     how: Redelivery | None = None
     question: Question | None = None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import secrets
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,9 @@ QUESTION_MAX = 200
 CHOICES_MAX = 8
 CHOICE_MAX = 40
 PROGRESS_MAX = 200
+
+# Bytes of a checkpoint as JSON.
+CHECKPOINT_MAX = 4096
 
 
 class Output:
@@ -44,12 +48,15 @@ class Output:
         self._notice = notice
         self._turn = asyncio.Lock()
         self._progress: dict[str, Any] | None = None
+        self._checkpoint: dict[str, Any] | None = None
         self.boot_id = boot_id
         """The boot of the runtime that has put it out."""
         self.cs = cs
         """Coordinate system that has put it out."""
         self.redelivered = redelivered
         """True when the work may have been begun before and it was decided to look first: check the machine."""
+        self.last_checkpoint: Any = notice.checkpoint
+        """What the last :meth:`checkpoint` of whoever worked on it before has noted; ``None`` where nothing was."""
         self.cancelled = False
         """True once it is cancelled."""
         self.cancel_reason: CancelReason | None = None
@@ -152,11 +159,35 @@ class Output:
         if percent is not None:
             report["percent"] = min(max(float(percent), 0.0), 100.0)
         self._progress = report
-        self._tell_progress()
+        self._tell("progress", report)
 
-    def _tell_progress(self) -> None:
-        if self._progress is not None and not self.cancelled:
-            self._connection.post(self._path("progress"), self._progress)
+    def checkpoint(self, value: Any) -> None:
+        """Note how far the work has come, in place of what was noted before.
+
+        When this handler is lost and another takes the output up, that one has it as :attr:`last_checkpoint`. The machine
+        keeps it as long as the output is open. It is told again after a loss of the connection. No effect once the output
+        is no longer this handler's.
+
+        Args:
+            value: anything that has at most 4096 bytes as JSON; ``None`` takes it away.
+
+        Raises:
+            ValueError: it is too long.
+            TypeError: it cannot be written as JSON.
+        """
+        size = len(json.dumps(value, separators=(",", ":"), ensure_ascii=False).encode())
+        if size > CHECKPOINT_MAX:
+            raise ValueError(f"a checkpoint has at most {CHECKPOINT_MAX} bytes as JSON, and this one has {size}")
+        self._checkpoint = {**self._named(), "checkpoint": value}
+        self._tell("checkpoint", self._checkpoint)
+
+    def _tell(self, what: str, report: dict[str, Any] | None) -> None:
+        if report is not None and not self.cancelled:
+            self._connection.post(self._path(what), report)
+
+    def _tell_again(self) -> None:
+        self._tell("progress", self._progress)
+        self._tell("checkpoint", self._checkpoint)
 
     async def ask(self, text: str, choices: Sequence[str]) -> str:
         """Ask the operator, and wait for one of the choices.

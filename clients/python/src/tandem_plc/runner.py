@@ -43,7 +43,6 @@ _REFUSALS_MAX = 10
 _INSTANCE_TRIES = 4
 _REFRESHES = 3
 """Presences within the time of one, so that two may be lost."""
-_STRICTNESS = [Redelivery.REDO, Redelivery.VERIFY, Redelivery.ASK]
 
 OutputId = tuple[str, int, int]
 """Boot, coordinate system and sequence number."""
@@ -177,21 +176,15 @@ class Runner:
             "online": True,
             "handles": [{"cs": cs, "m": m} for cs, m in sorted(served)],
             "validates": bool(self._checks),
-            # a handler of one coordinate system that says nothing hides what is said for all
             "m_codes": [
-                entry.declared.to_json(m, cs)
+                {**entry.declared.to_json(m, cs), "redelivery": entry.redelivery.value}
                 for (cs, m), entry in self._handlers.items()
-                if cs is not None or entry.declared != Declared(None, None)
             ],
             "instance": self._connection.instance,
             "take_over": self._take_over,
             "exclusive": True,
             "expires_ms": round(PRESENCE_EXPIRES_S * 1000),
             "connection": self._connection.connections,
-            # what is stricter than this is kept here: such an output is not claimed
-            "redelivery": min((entry.redelivery for entry in self._handlers.values()), key=_STRICTNESS.index).value
-            if self._handlers
-            else Redelivery.ASK.value,
         }
 
     async def _announce(self) -> None:
@@ -415,7 +408,7 @@ class Runner:
             claimed = await self._until_answered(running.output, "claim", {})
             running.is_reclaiming = False
             if claimed is not None and claimed.status == "accepted":
-                running.output._tell_progress()
+                running.output._tell_again()
             else:
                 running.cancel(None)
 

@@ -94,6 +94,7 @@ fn spoken_for(request: &Request) -> Option<&str> {
         Request::Claim(_, _, claim) => Some(&claim.handler_id),
         Request::Reset(_, _, reset) => Some(&reset.handler_id),
         Request::Progress(_, _, report) => Some(&report.handler_id),
+        Request::Checkpoint(_, _, report) => Some(&report.handler_id),
         Request::Ask(_, _, ask) => Some(&ask.handler_id),
         Request::ValidateResult(_, _, result) => Some(&result.handler_id),
         Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => set.handler_id.as_deref(),

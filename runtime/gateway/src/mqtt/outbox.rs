@@ -198,6 +198,7 @@ mod tests {
             since: Timestamp::default(),
             lost: false,
             progress: None,
+            checkpoint: None,
             how: None,
             question: None,
         });

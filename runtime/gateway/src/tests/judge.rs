@@ -335,6 +335,7 @@ fn named(request: &Request) -> (Option<String>, bool) {
         Request::Claim(_, _, said) => (Some(said.handler_id.clone()), false),
         Request::Reset(_, _, said) => (Some(said.handler_id.clone()), said.force == Some(true)),
         Request::Progress(_, _, said) => (Some(said.handler_id.clone()), false),
+        Request::Checkpoint(_, _, said) => (Some(said.handler_id.clone()), false),
         Request::Ask(_, _, said) => (Some(said.handler_id.clone()), false),
         Request::ValidateResult(_, _, said) => (Some(said.handler_id.clone()), false),
         Request::Handler(id, _) => (Some(id.clone()), false),
@@ -370,7 +371,7 @@ proptest! {
 
     #[test]
     fn what_is_judged_over_mqtt_and_what_is_carried_out_are_the_same_value(
-        level in prop::sample::select(vec!["claim", "reset", "progress", "ask", "validate_result", "redeliver", "answer"]),
+        level in prop::sample::select(vec!["claim", "reset", "progress", "checkpoint", "ask", "validate_result", "redeliver", "answer"]),
         payload in payload(),
     ) {
         if let Inbound::Ask { request, .. } = decode(&format!("cs/1/m_code/5/{level}"), payload.as_bytes(), false) {
@@ -397,7 +398,7 @@ proptest! {
 
     #[test]
     fn what_a_handler_is_granted_over_rest_is_in_its_own_name(
-        level in prop::sample::select(vec!["claim", "reset", "progress", "ask", "redeliver", "answer"]),
+        level in prop::sample::select(vec!["claim", "reset", "progress", "checkpoint", "ask", "redeliver", "answer"]),
         payload in payload(),
     ) {
         let port = port();

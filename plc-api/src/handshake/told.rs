@@ -1,0 +1,103 @@
+//! What is told of an open output: progress, checkpoints, questions and their answers.
+
+use super::Ledger;
+use super::effect::Now;
+use super::identity::Denied;
+use super::result::status_of;
+use crate::text::cut;
+use crate::types::Timestamp;
+use crate::types::output::{CheckpointReport, HandshakeStatus, Progress, ProgressReport};
+use crate::types::question::{Ask, OperatorAnswer, Question};
+use crate::types::refusal::Refusal;
+
+/// Characters of a progress text; a longer one is cut. Reason: it is one line of a panel.
+pub const PROGRESS_TEXT_MAX: usize = 200;
+
+impl Ledger {
+    /// The owner reports progress (H13). `not_owner` for anyone else, also while nobody owns the output.
+    pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
+        status_of(&self.report(m, report))
+    }
+
+    pub(super) fn report(&mut self, m: Option<u16>, report: &ProgressReport) -> Result<(), Denied> {
+        self.change(&report.boot_id, report.seq, m, |output| {
+            output.check_owner(&report.handler_id, report.instance.as_ref())?;
+            let mut text = report.text.clone();
+            cut(&mut text, PROGRESS_TEXT_MAX);
+            let percent = report.percent.filter(|percent| percent.is_finite());
+            output.progress = Some(Progress {
+                text,
+                percent: percent.map(|percent| percent.clamp(0.0, 100.0)),
+            });
+            Ok(true)
+        })
+    }
+
+    /// The owner notes how far it has come, which is kept when it is lost (H21).
+    pub(super) fn note_checkpoint(
+        &mut self,
+        m: Option<u16>,
+        report: &CheckpointReport,
+    ) -> Result<Result<(), Denied>, Refusal> {
+        report.check()?;
+        Ok(self.change(&report.boot_id, report.seq, m, |output| {
+            output.check_owner(&report.handler_id, report.instance.as_ref())?;
+            output.checkpoint = Some(report.checkpoint.clone()).filter(|noted| !noted.is_null());
+            Ok(true)
+        }))
+    }
+
+    /// The owner asks the operator, which replaces an earlier question, or without choices withdraws its question. The
+    /// same id is the same question. `not_owner` for anyone else (H14).
+    ///
+    /// # Errors
+    /// Text or choices are out of range.
+    pub fn ask(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<HandshakeStatus, Refusal> {
+        Ok(status_of(&self.put_question(now, m, ask)?))
+    }
+
+    pub(super) fn put_question(
+        &mut self,
+        now: Now,
+        m: Option<u16>,
+        ask: &Ask,
+    ) -> Result<Result<(), Denied>, Refusal> {
+        ask.check()?;
+        Ok(self.change(&ask.boot_id, ask.seq, m, |output| {
+            output.check_owner(&ask.handler_id, ask.instance.as_ref())?;
+            let asked = output.question.as_ref();
+            let is_asked = asked.is_some_and(|question| question.id == ask.question_id);
+            let is_new = is_asked == ask.choices.is_empty();
+            if is_new {
+                output.question = (!is_asked).then(|| Question {
+                    id: ask.question_id.clone(),
+                    text: ask.text.clone(),
+                    choices: ask.choices.clone(),
+                    since: Timestamp::from_system_time(now.time),
+                    answer: None,
+                });
+            }
+            Ok(is_new)
+        }))
+    }
+
+    /// An operator answers. `unknown` if there is no such question or choice, `duplicate` if it has an answer.
+    pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
+        status_of(&self.take_answer(m, answer))
+    }
+
+    pub(super) fn take_answer(&mut self, m: Option<u16>, answer: &OperatorAnswer) -> Result<(), Denied> {
+        self.change(&answer.boot_id, answer.seq, m, |output| {
+            let asked = output.question.as_mut();
+            let question = asked
+                .filter(|question| question.id == answer.question_id)
+                .filter(|question| question.choices.contains(&answer.choice))
+                .ok_or((HandshakeStatus::Unknown, None))?;
+            if question.answer.is_some() {
+                return Err((HandshakeStatus::Duplicate, None));
+            }
+            question.answer = Some(answer.choice.clone());
+            Ok(true)
+        })
+    }
+}

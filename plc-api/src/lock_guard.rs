@@ -1,0 +1,112 @@
+//! Locks that hold while something is in the hand of a handler.
+
+use crate::coordinate_system::CoordinateSystem;
+use crate::error::Result;
+use crate::levels::LockKind;
+use crate::types::lock::LockSet;
+
+/// A source of an interlock or start lock that is on until this is released or dropped, such as with a handler that is cancelled:
+/// [`CoordinateSystem::start_lock_while_here`], [`CoordinateSystem::interlock_while_here`].
+#[derive(Debug)]
+#[must_use = "the lock is off as soon as this is dropped"]
+pub struct LockGuard {
+    coordinate_system: CoordinateSystem,
+    kind: LockKind,
+    source: String,
+    is_released: bool,
+}
+
+impl CoordinateSystem {
+    /// Refuses starts until the guard is released or dropped, by a source of the start lock of this name, with `text` as the reason.
+    /// Of several guards of one source the last one counts. The source belongs to the sequence program: when that has gone, it has
+    /// the value of its `on_loss`, as [`set_start_lock`](Self::set_start_lock) says.
+    ///
+    /// ```
+    /// # use std::time::Duration;
+    /// # use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort};
+    /// async fn change_pallet(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    ///     let mill = plc.coordinate_system(output.coordinate_system());
+    ///     let _lock = mill.start_lock_while_here("pallet", "the pallet moves").await?;
+    ///     // ... move the pallet; the lock is off afterwards, also when this is cancelled here ...
+    ///     plc.sleep(Duration::from_secs(5)).await;
+    ///     Ok(())
+    /// }
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # let fake = FakePort::new([1]);
+    /// # let plc = fake.plc();
+    /// # tokio::spawn(async move { SequenceProgram::new().on(60, change_pallet).run(&plc).await });
+    /// # fake.put_out(1, 60, Params::default());
+    /// # fake.advance(Duration::from_secs(1)).await;
+    /// # assert_eq!(fake.plc().coordinate_system(1).start_lock().await?.text, "the pallet moves");
+    /// # fake.advance(Duration::from_secs(5)).await;
+    /// # assert!(!fake.plc().coordinate_system(1).start_lock().await?.value);
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// The source is another handler's; the machine cannot be reached.
+    pub async fn start_lock_while_here(&self, source: &str, text: impl Into<String>) -> Result<LockGuard> {
+        self.guard_lock(LockKind::StartLock, source, text.into()).await
+    }
+
+    /// Holds motion on its path until the guard is released or dropped, by a source of the interlock; otherwise as
+    /// [`start_lock_while_here`](Self::start_lock_while_here).
+    ///
+    /// # Errors
+    /// The source is another handler's; the machine cannot be reached.
+    pub async fn interlock_while_here(&self, source: &str, text: impl Into<String>) -> Result<LockGuard> {
+        self.guard_lock(LockKind::Interlock, source, text.into()).await
+    }
+
+    async fn guard_lock(&self, kind: LockKind, source: &str, text: String) -> Result<LockGuard> {
+        // the guard first: a set that is cancelled here may still reach the machine
+        let guard = LockGuard {
+            coordinate_system: self.clone(),
+            kind,
+            source: source.to_owned(),
+            is_released: false,
+        };
+        self.plc().levels().begin_hold(guard.place());
+        let set = LockSet::new(true, text).of_source(source);
+        self.plc().set_lock(self.number(), kind, set).await?;
+        Ok(guard)
+    }
+}
+
+impl LockGuard {
+    fn place(&self) -> (u8, LockKind, String) {
+        (self.coordinate_system.number(), self.kind, self.source.clone())
+    }
+
+    /// Takes the lock away, and waits until the machine has.
+    ///
+    /// # Errors
+    /// The machine cannot be reached.
+    pub async fn release(mut self) -> Result<()> {
+        self.is_released = true;
+        let plc = self.coordinate_system.plc().clone();
+        if !plc.levels().end_hold(&self.place()) {
+            return Ok(());
+        }
+        let off = LockSet::new(false, "").of_source(&self.source);
+        plc.set_lock(self.coordinate_system.number(), self.kind, off)
+            .await
+    }
+}
+
+impl Drop for LockGuard {
+    fn drop(&mut self) {
+        let plc = self.coordinate_system.plc();
+        if self.is_released || !plc.levels().end_hold(&self.place()) {
+            return;
+        }
+        let (plc, cs, kind) = (plc.clone(), self.coordinate_system.number(), self.kind);
+        let off = LockSet::new(false, "").of_source(&self.source);
+        let here = plc.clone();
+        here.do_without_waiting(async move {
+            if let Err(error) = plc.set_lock(cs, kind, off).await {
+                tracing::warn!(%error, cs, "a lock was not taken away");
+            }
+        });
+    }
+}
