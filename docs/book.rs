@@ -1,6 +1,7 @@
 //! The Rust of the book's pages as tests of documentation: each block compiles, and runs, as it stands there.
 #![cfg_attr(doctest, doc = include_str!("src/how-to/handler.md"))]
 #![cfg_attr(doctest, doc = include_str!("src/how-to/beside.md"))]
+#![cfg_attr(doctest, doc = include_str!("src/how-to/io.md"))]
 #![cfg_attr(doctest, doc = include_str!("src/how-to/scan.md"))]
 #![cfg_attr(doctest, doc = include_str!("src/how-to/tool-change.md"))]
 #![cfg_attr(doctest, doc = include_str!("src/how-to/two-coordinate-systems.md"))]

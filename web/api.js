@@ -99,6 +99,11 @@ export const api = {
     await request("PUT", `/cs/${cs}/inputs/${input}`, lock);
   },
 
+  /** Puts a value in the place of an input or output of the plant; null: what is written counts again. @param {import("./plant.js").Point} point @param {boolean | number | null} value */
+  async forceIo({ side, name }, value) {
+    await request("PUT", `/io/${side}/${encodeURIComponent(name)}/force`, { value, by: "hmi" });
+  },
+
   /** The last run before the runtime was started, interrupted or not. @param {number} cs */
   async lastRun(cs) {
     /** @type {{last_run: import("./types.d.ts").LastRun | null}} */

@@ -4,7 +4,7 @@ import { Recorder } from "./history/recorder.js";
 import { Trail } from "./trail.js";
 
 /** Topics of the machine as a whole. */
-export const MACHINE_TOPICS = ["presence", "birth", "alarm/active"];
+export const MACHINE_TOPICS = ["presence", "birth", "alarm/active", "io/#"];
 
 /** Topics of a coordinate system that the screen shows, with the field that keeps them. */
 const CS_TOPICS = /** @type {const} */ ({
@@ -57,6 +57,8 @@ export class Model {
   presence = null;
   /** @type {import("./types.d.ts").AlarmRecord[]} */
   alarms = [];
+  /** Inputs and outputs of the plant by topic. @type {Map<string, import("./types.d.ts").IoStateMessage>} */
+  io = new Map();
   /** @type {Map<number, CoordinateSystem>} */
   systems = new Map();
   /** The coordinate system on the screen. */
@@ -99,6 +101,7 @@ export class Model {
     if (topic === "birth") this.#takeBirth(message);
     else if (topic === "presence") this.presence = message;
     else if (topic === "alarm/active") this.alarms = message.alarms ?? [];
+    else if (topic.startsWith("io/")) this.io.set(topic, message);
     else this.#takeCs(topic, message);
     return restarted;
   }
@@ -125,6 +128,7 @@ export class Model {
     this.bootId = bootId;
     if (restarted) {
       this.alarms = [];
+      this.io.clear();
       this.programs = null;
       this.recorder.forget();
       this.#clockAheadMs = Number.POSITIVE_INFINITY;

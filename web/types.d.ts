@@ -23,10 +23,14 @@ export interface AlarmRecordMessage {
 /** How much an alarm weighs. */
 export type AlarmSeverity = "warning" | "alarm";
 
+/** All inputs and outputs of the plant, each with the message of its state. */
+export interface AllIo { in: Record<string, IoStateMessage>; out: Record<string, IoStateMessage>; }
+
 /** Payload of `birth`: what the machine is. Only `serves` changes while the runtime runs. */
 export interface BirthMessage {
-  boot_id: BootId; coordinate_systems: CoordinateSystemInfo[]; limits: Limits; m_codes: Record<string, MCodeInfo>;
-  machine: string; motors: MotorInfo[]; rev?: number; serves: ServedMCode[]; servo_period_us: number; ts: string; v: 1;
+  boot_id: BootId; coordinate_systems: CoordinateSystemInfo[]; io: IoDeclarations; limits: Limits;
+  m_codes: Record<string, MCodeInfo>; machine: string; motors: MotorInfo[]; rev?: number; serves: ServedMCode[];
+  servo_period_us: number; ts: string; v: 1;
 }
 
 /** Names one start of the runtime. Outputs, claims and resets of another boot are stale. */
@@ -157,6 +161,29 @@ export interface Inputs {
   dry_run?: SwitchMessage; interlock?: LockMessage; optional_skip?: OptionalSkipMessage; optional_stop?: SwitchMessage;
   single_block?: SwitchMessage; start_lock?: LockMessage;
 }
+
+/** What the configuration says of an input or output. */
+export interface IoDeclaration {
+  kind: IoKind; max?: number; min?: number; on_loss: IoValue; text?: string; unit?: string;
+}
+
+/** All inputs and outputs of a plant, as the configuration declares them. */
+export interface IoDeclarations { in: Record<string, IoDeclaration>; out: Record<string, IoDeclaration>; }
+
+/** A value in the place of the written one. */
+export interface IoForced { by: string; value: IoValue; }
+
+/** What kind of value it has. */
+export type IoKind = "bool" | "number";
+
+/** Payload of `io/in/{name}` and `io/out/{name}`. */
+export interface IoStateMessage {
+  boot_id: BootId; forced: IoForced | null; lost: boolean; owner: string | null; rev?: number; ts: string; v: 1;
+  value: IoValue; written: IoValue;
+}
+
+/** The value of an input or output. */
+export type IoValue = boolean | number;
 
 export interface JournalAnswer {
   lines: ({ cs: number | null; event: string; t_s: number | null; ts: string | null; [name: string]: unknown })[];
@@ -501,6 +528,8 @@ export type MessageOf<Topic extends string> =
   Topic extends `alarm/active` ? ActiveAlarmsMessage :
   Topic extends `reply/${string}` ? CommandReplyMessage :
   Topic extends `handler/${string}/result` ? HandlerResultMessage :
+  Topic extends `io/in/${string}` ? IoStateMessage :
+  Topic extends `io/out/${string}` ? IoStateMessage :
   Topic extends `cs/${number}/state` ? StateMessage :
   Topic extends `cs/${number}/program` ? ProgramPlaceMessage :
   Topic extends `cs/${number}/position` ? PositionMessage :

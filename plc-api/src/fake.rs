@@ -31,6 +31,7 @@
 
 mod alarms;
 mod data;
+mod io;
 mod requests;
 mod system;
 #[cfg(test)]
@@ -46,10 +47,12 @@ use crate::alarm::Alarm;
 use crate::handler_registry::HandlerRegistry;
 use crate::handshake::{Closed, Effect, Ledger, Now, OutputSpec};
 use crate::hub::{Filter, Hub, Subscription};
+use crate::io_points::IoPoints;
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::{BoxFuture, Port};
 use crate::types::heartbeat::Heartbeat;
+use crate::types::io::{IoDeclaration, IoDeclarations, IoPoint};
 use crate::types::machine::{AlarmRecord, Birth, CoordinateSystemInfo, Presence};
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
@@ -89,6 +92,8 @@ struct Inner {
     leases: u64,
     data: data::Data,
     handlers: HandlerRegistry,
+    declared_io: IoDeclarations,
+    io: IoPoints,
     sleepers: Vec<(f64, oneshot::Sender<()>)>,
 }
 
@@ -250,6 +255,27 @@ impl FakePort {
             }
             self.publish_system(&mut inner, cs);
         }
+        self.lose_io(&mut inner, handler_id);
+    }
+
+    /// Declares an input or output of the plant, with its safe value as what it is now.
+    ///
+    /// ```
+    /// use plc_api::fake::FakePort;
+    /// use plc_api::types::io::{IoDeclaration, IoPoint};
+    ///
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// let fake = FakePort::new([1]);
+    /// fake.declare_io(IoPoint::input("door_closed"), IoDeclaration::new(false));
+    /// fake.plc().io_in("door_closed").set(true).await?;
+    /// assert!(fake.plc().io_in("door_closed").value().await?.is_on());
+    /// # Ok(()) }
+    /// ```
+    pub fn declare_io(&self, point: IoPoint, declaration: IoDeclaration) {
+        let mut inner = lock(&self.inner);
+        inner.declared_io.insert(point, declaration);
+        inner.io = IoPoints::new(&inner.declared_io);
+        self.publish_birth(&mut inner);
     }
 
     /// Decides as the operator about an output whose handler was lost.
@@ -269,6 +295,7 @@ impl FakePort {
         }
         inner.alarms.clear();
         inner.handlers = HandlerRegistry::default();
+        inner.io = IoPoints::new(&inner.declared_io);
         self.publish_birth(&mut inner);
     }
 
@@ -416,11 +443,13 @@ impl FakePort {
         let birth = Birth {
             machine: "fake".to_owned(),
             coordinate_systems: systems.collect(),
+            io: inner.declared_io.clone(),
             ..Birth::default()
         };
         self.publish(inner, Topic::Presence, Payload::Presence(presence));
         self.publish(inner, Topic::Birth, Payload::Birth(birth));
         self.publish_alarms(inner);
+        self.publish_all_io(inner);
         for cs in inner.numbers() {
             self.carry_out(inner, cs, Effect::PendingChanged);
             self.publish(

@@ -44,7 +44,11 @@ impl Filter {
                         | CsTopic::Cancel(_)
                         | CsTopic::Validate(_)
                 ),
-                Topic::Heartbeat | Topic::AlarmEvent | Topic::AlarmActive | Topic::Reply(_) => false,
+                Topic::Heartbeat
+                | Topic::AlarmEvent
+                | Topic::AlarmActive
+                | Topic::Reply(_)
+                | Topic::Io(_) => false,
             },
         }
     }

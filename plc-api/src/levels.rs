@@ -1,4 +1,4 @@
-//! Interlocks and start locks that a program has set: while it serves the machine they are its handler's, and written again
+//! Interlocks, start locks, and inputs and outputs of the plant that a program has set: while it serves the machine they are its handler's, and written again
 //! whenever the machine has been told anew who is there.
 
 use std::collections::BTreeMap;
@@ -10,8 +10,9 @@ use crate::error::Result;
 use crate::lock::lock;
 use crate::port::{Port, RETRY};
 use crate::types::CoordinateSystemNumber;
+use crate::types::io::{IoPoint, IoSet, IoValue};
 use crate::types::lock::LockSet;
-use crate::types::request::{Input, typed};
+use crate::types::request::{Input, Request};
 
 /// Which of the two inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -32,8 +33,32 @@ impl LockKind {
 /// The machine, and in whose name it is asked.
 type Asking<'a> = (&'a dyn Port, &'a str);
 
-/// One source of an input of a coordinate system.
-pub(crate) type Place = (CoordinateSystemNumber, LockKind, String);
+/// What is set: one source of an input of a coordinate system, or an input or output of the plant.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Place {
+    Lock(CoordinateSystemNumber, LockKind, String),
+    Io(IoPoint),
+}
+
+/// As what it is set.
+#[derive(Debug, Clone)]
+enum Level {
+    Lock(LockSet),
+    Io(IoValue),
+}
+
+/// What sets it, as this handler.
+fn request(place: &Place, level: Level, handler_id: Option<String>) -> Option<Request> {
+    match (place, level) {
+        (Place::Lock(cs, kind, _), Level::Lock(set)) => {
+            Some(Request::Input(*cs, kind.input(LockSet { handler_id, ..set })))
+        }
+        (Place::Io(point), Level::Io(value)) => {
+            Some(Request::WriteIo(point.clone(), IoSet { value, handler_id }))
+        }
+        _ => None,
+    }
+}
 
 /// The handler of a program that serves the machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -46,7 +71,7 @@ struct Owner {
 /// What a program has set.
 #[derive(Debug, Default)]
 pub(crate) struct Levels {
-    set: Mutex<BTreeMap<Place, LockSet>>,
+    set: Mutex<BTreeMap<Place, Level>>,
     /// How many guards hold a source.
     held: Mutex<BTreeMap<Place, usize>>,
     owner: watch::Sender<Option<Owner>>,
@@ -98,7 +123,7 @@ impl Levels {
         let places: Vec<_> = lock(&self.set).keys().cloned().collect();
         for place in places {
             if let Err(error) = self.write(asking, &place).await {
-                tracing::warn!(%error, cs = place.0, source = place.2, "a lock was not written again");
+                tracing::warn!(%error, ?place, "a level was not written again");
             }
         }
     }
@@ -131,8 +156,20 @@ impl Levels {
         kind: LockKind,
         set: LockSet,
     ) -> Result<()> {
-        let place = (cs, kind, set.source().to_owned());
-        lock(&self.set).insert(place.clone(), set);
+        let place = Place::Lock(cs, kind, set.source().to_owned());
+        self.set_level(asking, place, Level::Lock(set)).await
+    }
+
+    /// Writes an input or output of the plant.
+    ///
+    /// # Errors
+    /// As [`set`](Self::set).
+    pub(crate) async fn set_io(&self, asking: Asking<'_>, point: IoPoint, value: IoValue) -> Result<()> {
+        self.set_level(asking, Place::Io(point), Level::Io(value)).await
+    }
+
+    async fn set_level(&self, asking: Asking<'_>, place: Place, level: Level) -> Result<()> {
+        lock(&self.set).insert(place.clone(), level);
         let written = self.write(asking, &place).await;
         if written.is_err() {
             lock(&self.set).remove(&place);
@@ -140,30 +177,26 @@ impl Levels {
         written
     }
 
-    async fn write(&self, (port, name): Asking<'_>, (cs, kind, source): &Place) -> Result<()> {
+    async fn write(&self, (port, name): Asking<'_>, place: &Place) -> Result<()> {
         loop {
             let mut owner = self.owner.subscribe();
             // the sender is this value itself, which is there
             let ready = owner.wait_for(|owner| owner.as_ref().is_none_or(|owner| owner.is_announced));
             let owner = ready.await.ok().and_then(|owner| owner.clone());
             let turn = self.turn.lock().await;
-            let set = lock(&self.set).get(&(*cs, *kind, source.clone())).cloned();
-            let Some(set) = set else { return Ok(()) };
-            let request = typed::Input(
-                *cs,
-                kind.input(LockSet {
-                    handler_id: owner.as_ref().map(|owner| owner.handler_id.to_string()),
-                    ..set
-                }),
-            );
-            let answer = port.ask_as(name, request).await;
+            let level = lock(&self.set).get(place).cloned();
+            let handler_id = owner.as_ref().map(|owner| owner.handler_id.to_string());
+            let Some(request) = level.and_then(|level| request(place, level, handler_id)) else {
+                return Ok(());
+            };
+            let answer = port.request_as(name, request).await;
             drop(turn);
             match answer {
                 Err(refusal) if refusal.code.may_pass() && self.has_owner() => {
-                    tracing::warn!(%refusal, "a lock is not written yet");
+                    tracing::warn!(%refusal, "a level is not written yet");
                     port.sleep(RETRY).await;
                 }
-                answer => return Ok(answer?),
+                answer => return Ok(answer.map(drop)?),
             }
         }
     }

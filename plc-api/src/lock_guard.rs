@@ -2,7 +2,7 @@
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::Result;
-use crate::levels::LockKind;
+use crate::levels::{LockKind, Place};
 use crate::types::lock::LockSet;
 
 /// A source of an interlock or start lock that is on until this is released or dropped, such as with a handler that is cancelled:
@@ -74,8 +74,8 @@ impl CoordinateSystem {
 }
 
 impl LockGuard {
-    fn place(&self) -> (u8, LockKind, String) {
-        (self.coordinate_system.number(), self.kind, self.source.clone())
+    fn place(&self) -> Place {
+        Place::Lock(self.coordinate_system.number(), self.kind, self.source.clone())
     }
 
     /// Takes the lock away, and waits until the machine has.

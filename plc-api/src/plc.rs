@@ -16,6 +16,7 @@ use crate::transport::options::MqttOptions;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::data::JournalFilter;
+use crate::types::io::{IoPoint, IoValue};
 use crate::types::lock::LockSet;
 use crate::types::machine::{AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
@@ -42,7 +43,7 @@ pub struct Plc {
     handler_id: Option<Arc<str>>,
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
-    /// Interlocks and start locks that it has set.
+    /// Interlocks, start locks, and inputs and outputs of the plant that it has set.
     levels: Arc<Levels>,
     /// The runtime that drives its connection.
     runtime: Option<tokio::runtime::Handle>,
@@ -277,8 +278,13 @@ impl Plc {
         self.levels.set((&*self.port, self.name()), cs, kind, set).await
     }
 
+    /// Writes an input or output of the plant.
+    pub(crate) async fn set_io(&self, point: IoPoint, value: IoValue) -> Result<()> {
+        self.levels.set_io((&*self.port, self.name()), point, value).await
+    }
+
     /// Writes again what was set, since the machine has been told anew who is there.
-    pub(crate) async fn write_locks(&self) {
+    pub(crate) async fn write_levels(&self) {
         self.levels.write_all((&*self.port, self.name())).await;
     }
 

@@ -253,7 +253,7 @@ impl Presence {
             Event::Announced => {
                 let plc = self.plc.clone();
                 self.requests.push(Box::pin(async move {
-                    plc.write_locks().await;
+                    plc.write_levels().await;
                     Ok(None)
                 }));
                 if replace(&mut self.announced, Announcement::Done) == Announcement::PendingAgain {

@@ -1,7 +1,7 @@
 //! Scan style: a program that runs cyclically at a fixed period, as in a PLC.
 //!
 //! Before each scan the state of the machine is copied into an [`Image`]: M codes as flags with their parameters, state
-//! words, inputs, overrides, captured positions, and the positions and variables that [`ScanProgram::reads`] requests.
+//! words, inputs, inputs and outputs of the plant, overrides, captured positions, and the positions and variables that [`ScanProgram::reads`] requests.
 //! The scan reads this image, which does not change meanwhile, and writes resets, failures, inputs, overrides and
 //! commands into it. They are carried out after the scan.
 //!

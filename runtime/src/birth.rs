@@ -70,6 +70,7 @@ pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresen
         motors: motors.collect(),
         m_codes: m_codes.collect(),
         serves: serves(machine, handlers),
+        io: machine.io.clone(),
         limits: Limits {
             open_outputs_max: u32::try_from(open_outputs_max).unwrap_or(u32::MAX),
             program_bytes_max: PROGRAM_BYTES_MAX as u64,

@@ -367,6 +367,7 @@ impl Parts {
             shared.publish(Topic::cs(mailbox.number, CsTopic::Run), Payload::Run(run));
         }
         shared.publish_birth();
+        shared.publish_io();
         shared.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms::default()));
         shared.publish(Topic::Presence, Payload::Presence(presence(shared, true)));
         Self {

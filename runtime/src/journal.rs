@@ -14,6 +14,7 @@ use plc_api::handshake::Now;
 use plc_api::server::{AccessKind, ServerTransport};
 use plc_api::types::command::Verb;
 use plc_api::types::data::LastRun;
+use plc_api::types::io::IoValue;
 use plc_api::types::machine::AlarmRecord;
 use plc_api::types::output::OutputNotice;
 use plc_api::types::request::RefusalCode;
@@ -277,6 +278,24 @@ pub enum Event {
         fence: u64,
         /// The client that changed it; `None`: it expired.
         client_id: Option<String>,
+    },
+    /// An operator has put a value in the place of an input or output of the plant, or has taken it back.
+    Force {
+        /// Which, such as `io/in/door_closed`.
+        io: String,
+        /// The value; null: what is written counts again.
+        value: Option<IoValue>,
+        /// Who.
+        user: Option<String>,
+    },
+    /// The owner of an input or output of the plant has gone.
+    IoLost {
+        /// Which, such as `io/in/door_closed`.
+        io: String,
+        /// Its safe value.
+        value: IoValue,
+        /// The owner.
+        handler_id: String,
     },
     /// The run has ended.
     End(RunEnd),

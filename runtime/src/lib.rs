@@ -14,6 +14,7 @@ pub mod data_folder;
 pub mod declared;
 mod disk;
 pub mod explain;
+mod io;
 pub mod journal;
 mod persistence;
 mod port;

@@ -136,8 +136,11 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// Each coordinate system does its part of a presence.
+    /// Each coordinate system does its part of a presence; what a handler that has gone owned of the plant has its safe value.
     async fn tell_all(&self, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
+        if !presence.online {
+            self.shared.lose_io(id);
+        }
         for mailbox in &self.mailboxes {
             let request = CoordinateSystemRequest::Handler(id.to_owned(), presence.clone());
             mailbox.ask(request, false).await?;
@@ -295,6 +298,10 @@ impl RuntimePort {
                 values,
                 meta,
             } => self.write_variables(area, from, &values, meta),
+            MachineRequest::WriteIo(point, set) => self.shared.write_io(&point, set).map(|()| Answer::Done),
+            MachineRequest::ForceIo(point, force) => {
+                self.shared.force_io(&point, force).map(|()| Answer::Done)
+            }
             MachineRequest::Tools => Ok(Answer::Tools(self.shared.tables.tools())),
             MachineRequest::WriteTools(change) => self.change(move |tables| tables.with_tools(&change)).await,
             MachineRequest::WorkOffsets(cs) => self.shared.tables.work_offsets(cs).map(Answer::WorkOffsets),
@@ -448,8 +455,11 @@ impl Port for RuntimePort {
 }
 
 impl ServedPort for RuntimePort {
-    fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        if origin.right.is_recorded() {
+    fn request_from(&self, origin: Origin, mut request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        if let (Request::ForceIo(_, force), Some(user)) = (&mut request, &origin.user) {
+            force.by = Some(user.clone());
+        }
+        if origin.right.is_recorded() && !audit::is_own_level(&request) {
             audit::record(&self.shared, origin, &request);
         }
         Box::pin(self.carry_out(request))

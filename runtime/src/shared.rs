@@ -10,6 +10,7 @@ use plc_api::execution::word;
 use plc_api::handler_registry::{HandlerRegistry, Registered};
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
+use plc_api::io_points::IoPoints;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::handler::HandlerResult;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
@@ -62,6 +63,8 @@ pub(crate) struct Shared {
     m_code_waits: Mutex<BTreeMap<(CoordinateSystemNumber, u16), f64>>,
     alarms: Mutex<Alarms>,
     handlers: Mutex<HandlerRegistry>,
+    /// Held while its states are published: what is published last is what is so.
+    pub io: Mutex<IoPoints>,
     /// Held while `birth` is published: what is published last is what is so.
     birth: Mutex<()>,
     pub runs: Arc<Mutex<RunBook>>,
@@ -82,6 +85,7 @@ impl Shared {
     ) -> Self {
         Self {
             tables: Arc::new(tables),
+            io: Mutex::new(IoPoints::new(&machine.io)),
             machine,
             boot_id,
             hub: Hub::new(),

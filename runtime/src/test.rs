@@ -96,6 +96,7 @@ use std::path::Path;
 
 use plc_api::port::BoxFuture;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::io::{IoDeclaration, IoPoint};
 use plc_api::{Execution, SequenceProgram};
 
 use tandem_servo::{HardwareFactory, Servo};
@@ -313,6 +314,45 @@ impl Bench {
         Work: Future<Output = plc_api::Result<()>> + Send + 'static,
     {
         self.plants.push(Box::new(move |scene| Box::pin(plant(scene))));
+        self
+    }
+
+    /// Declares an input or output of the plant, as `[io]` of a configuration does. A [plant](Bench::plant) sets inputs, and answers
+    /// to outputs.
+    ///
+    /// ```
+    /// # use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+    /// # use plc_api::types::io::{IoDeclaration, IoPoint};
+    /// # use std::time::Duration;
+    /// # use tandem_runtime::test::{Bench, TestError};
+    /// async fn coolant_on(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    ///     plc.io_out("valve").set(true).await?;
+    ///     plc.io_in("flows").wait_until(|value| value.is_on()).await?;
+    ///     Ok(())
+    /// }
+    ///
+    /// # fn main() -> Result<(), TestError> {
+    /// let run = Bench::new()
+    ///     .declare_io(IoPoint::output("valve"), IoDeclaration::new(false))
+    ///     .declare_io(IoPoint::input("flows"), IoDeclaration::new(false))
+    ///     .serve(SequenceProgram::new().on(8, coolant_on))
+    ///     .plant(|scene| async move {
+    ///         let (valve, flows) = (scene.plc().io_out("valve"), scene.plc().io_in("flows"));
+    ///         let mut opens = valve.changes();
+    ///         opens.next().await; // closed at first
+    ///         while let Some(open) = opens.next().await {
+    ///             scene.plc().sleep(Duration::from_millis(500)).await;
+    ///             flows.set(open).await?;
+    ///         }
+    ///         Ok(())
+    ///     })
+    ///     .run("M08\nM30")?
+    ///     .completed()?;
+    /// assert!((run.output(8)?.took_s()? - 0.5).abs() < 0.01);
+    /// # Ok(()) }
+    /// ```
+    pub fn declare_io(mut self, point: IoPoint, declaration: IoDeclaration) -> Self {
+        self.machine.io.insert(point, declaration);
         self
     }
 

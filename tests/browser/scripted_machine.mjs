@@ -23,6 +23,7 @@ export const BIRTH = {
   motors: [1, 2, 3, 4, 5].map((number) => axes({ number })).concat({ number: 6, kind: "spindle", soft_limits: null, max_velocity: 12000 }),
   m_codes: {},
   serves: [],
+  io: { in: {}, out: {} },
   limits: { open_outputs_max: 64, program_bytes_max: 67108864 },
 };
 
@@ -30,6 +31,9 @@ export const STATE = {
   execution: "READY", transition: null, reason: null, wait_state: null, waiting_on: null, program: 1, run_id: null, run_kind: null,
   hash: null, o_number: null, single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
 };
+
+/** Whether a subscription, which may end with `#`, is of a topic. */
+const fits = (pattern, topic) => pattern === topic || (pattern.endsWith("#") && topic.startsWith(pattern.slice(0, -1)));
 
 export class ScriptedMachine {
   bootId = "boot-1";
@@ -62,9 +66,10 @@ export class ScriptedMachine {
       socket.onClose(() => this.#sockets.delete(socket));
       socket.onMessage((text) => {
         this.#check(wrongAsked(text));
-        for (const topic of JSON.parse(text).subscribe) {
-          if (!socket.subscribed.has(topic) && this.topics.has(topic)) this.#send(socket, topic);
-          socket.subscribed.add(topic);
+        for (const pattern of JSON.parse(text).subscribe) {
+          if (socket.subscribed.has(pattern)) continue;
+          socket.subscribed.add(pattern);
+          for (const topic of this.topics.keys()) if (fits(pattern, topic)) this.#send(socket, topic);
         }
       });
     });
@@ -75,7 +80,8 @@ export class ScriptedMachine {
   say(topic, payload) {
     const outputs = payload.outputs?.map((output) => ({ id: `${this.bootId}-${topic.split("/")[1]}-${output.seq}`, ...output }));
     this.topics.set(topic, outputs ? { ...payload, outputs } : payload);
-    for (const socket of this.#sockets) if (socket.subscribed.has(topic)) this.#send(socket, topic);
+    const wants = (socket) => [...socket.subscribed].some((pattern) => fits(pattern, topic));
+    for (const socket of this.#sockets) if (wants(socket)) this.#send(socket, topic);
   }
 
   /** Says the state of a coordinate system with these fields changed. */

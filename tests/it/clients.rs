@@ -13,6 +13,7 @@ use crate::support::binary::{example, root};
 use stage::{Driver, Stage};
 
 /// What a behaviour says.
+#[allow(clippy::struct_excessive_bools, reason = "they are keys of the list")]
 pub struct Behaviour {
     name: String,
     program: String,
@@ -21,6 +22,8 @@ pub struct Behaviour {
     broker: bool,
     /// True: a source `door` of the interlock is on while nobody owns it.
     door: bool,
+    /// True: the plant has an output `lamp`.
+    plant: bool,
     steps: Vec<String>,
     /// What the driver says, in this order where `ordered`.
     driver: Vec<String>,
@@ -47,6 +50,7 @@ fn behaviours() -> Vec<Behaviour> {
         redelivery: text(&entry["redelivery"], "ask"),
         broker: entry["broker"] == true,
         door: entry["door"] == true,
+        plant: entry["plant"] == true,
         steps: texts(&entry["steps"]),
         driver: texts(&entry["driver"]),
         ordered: entry["ordered"] != false,

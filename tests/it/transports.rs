@@ -40,8 +40,11 @@ const PROGRAMS: &str = "programs = { 50 = \"tool.nc\", 51 = \"clamp.nc\", 52 = \
 const M_CODES: &str =
     "[m_code.100]\nunhandled = \"wait\"\nwait_state = \"TOOL_LOAD\"\n[m_code.12]\nunhandled = \"wait\"\n";
 
+/// What the plant has.
+const IO: &str = "[io.in.level]\nkind = \"number\"\nunit = \"l\"\nmax = 60\n[io.out.lamp]\n";
+
 fn machine(mqtt: &str) -> Machine {
-    let machine = Machine::new(&format!("{PROGRAMS}{M_CODES}{mqtt}"));
+    let machine = Machine::new(&format!("{PROGRAMS}{M_CODES}{IO}{mqtt}"));
     machine.write("tool.nc", "G00 X5\nM100 VA7 VB-0.5\nG00 X9\nM30\n");
     machine.write("clamp.nc", "G00 X5\nM12 VA5\nG00 X9\nM30\n");
     machine.write("twice.nc", "M100 VA1\nM100 VA2\nM30\n");

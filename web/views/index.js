@@ -7,9 +7,11 @@ import { commands } from "./commands.js";
 import { connectionBanner } from "./connection_banner.js";
 import { far } from "./far.js";
 import { feed } from "./feed.js";
+import { forced } from "./forced.js";
 import { header } from "./header.js";
 import { mCodes } from "./m_codes.js";
 import { path } from "./path.js";
+import { plant } from "./plant.js";
 import { positions } from "./positions.js";
 import { program } from "./program.js";
 import { programs } from "./programs.js";
@@ -22,6 +24,7 @@ export const views = [
   header,
   connectionBanner,
   status,
+  forced,
   mCodes,
   alarms,
   positions,
@@ -31,6 +34,7 @@ export const views = [
   programs,
   byHand,
   setUp,
+  plant,
   added,
   far,
   commands,

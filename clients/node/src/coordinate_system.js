@@ -1,6 +1,7 @@
 // One coordinate system of a machine: commands, inputs and readings.
 
 import { CommandFailed, NotConnected, Refused } from "./errors.js";
+import { lockLevel } from "./levels.js";
 
 /** How long a command may take until its effect, where it does not move. */
 const COMMAND_TIMEOUT_MS = 5_000;
@@ -180,7 +181,7 @@ export class CoordinateSystem {
    * @param {boolean} value @param {string} [text] @param {{source?: string}} [options]
    */
   async setInterlock(value, text = "", { source = "default" } = {}) {
-    await this.#plc.levels.set({ cs: this.number, kind: "interlock", source }, value, text);
+    await this.#plc.levels.set(lockLevel({ cs: this.number, kind: "interlock", source }, value, text));
   }
 
   /**
@@ -188,7 +189,7 @@ export class CoordinateSystem {
    * @param {boolean} value @param {string} [text] @param {{source?: string}} [options]
    */
   async setStartLock(value, text = "", { source = "default" } = {}) {
-    await this.#plc.levels.set({ cs: this.number, kind: "start_lock", source }, value, text);
+    await this.#plc.levels.set(lockLevel({ cs: this.number, kind: "start_lock", source }, value, text));
   }
 
   /** Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; what is left out stays. @param {{feed?: number, rapid?: number, spindle?: number}} percent */

@@ -14,6 +14,7 @@ export {
   TakenOver,
   TandemError,
 } from "./errors.js";
+export { Io } from "./io.js";
 export { Output } from "./output.js";
 export { Params } from "./params.js";
 export { Plc } from "./plc.js";

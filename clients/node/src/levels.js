@@ -1,22 +1,32 @@
-// Interlocks and start locks that a program has set: they are written again on each connection and at each boot.
+// Interlocks, start locks, and inputs and outputs of the plant that a program has set: they are written again on each connection and at each boot.
 
 import { Bell, sleep } from "./bell.js";
 import { NoAnswer, NotConnected, Refused } from "./errors.js";
 
 const RETRY_MS = 500;
 const TIMEOUT_MS = 2_000;
-/** Sources that one program sets. */
-export const LEVELS_MAX = 256;
+/** Sources, inputs and outputs that one program sets. A plant has up to 256 of each. */
+export const LEVELS_MAX = 1_024;
 
 /**
  * A source of a lock.
  * @typedef {{cs: number, kind: "interlock" | "start_lock", source: string}} Place
  */
 
-/** What is wanted of each source, and who owns it. */
+/**
+ * What is wanted: its name in the log, the topic that sets it, and its payload without the owner.
+ * @typedef {{name: string, topic: string, payload: object}} Wanted
+ */
+
+/** What sets a source of a lock. @param {Place} place @param {boolean} value @param {string} text @returns {Wanted} */
+export function lockLevel({ cs, kind, source }, value, text) {
+  return { name: `${kind} ${source} of coordinate system ${cs}`, topic: `cs/${cs}/input/${kind}/set`, payload: { value, text, source } };
+}
+
+/** What is wanted of each, and who owns it. */
 export class Levels {
   #connection;
-  /** @type {Map<string, {place: Place, value: boolean, text: string}>} */
+  /** @type {Map<string, Wanted>} */
   #wanted = new Map();
   /** @type {Set<string>} */
   #dirty = new Set();
@@ -31,15 +41,15 @@ export class Levels {
   }
 
   /**
-   * Sets a source. Throws `Refused`, such as for a source that is another handler's; and `NotConnected` or `NoAnswer`, but that a
+   * Sets a level. Throws `Refused`, such as for one that is another handler's; and `NotConnected` or `NoAnswer`, but that a
    * program that serves the machine waits for a connection instead.
-   * @param {Place} place @param {boolean} value @param {string} text
+   * @param {Wanted} wanted
    */
-  async set(place, value, text) {
-    const key = keyOf(place);
+  async set(wanted) {
+    const key = wanted.name;
     const before = this.#wanted.get(key);
-    if (before === undefined && this.#wanted.size >= LEVELS_MAX) throw new Refused("invalid", `one program sets at most ${LEVELS_MAX} sources`);
-    this.#wanted.set(key, { place, value, text });
+    if (before === undefined && this.#wanted.size >= LEVELS_MAX) throw new Refused("invalid", `one program sets at most ${LEVELS_MAX} levels`);
+    this.#wanted.set(key, wanted);
     if (this.owner === null) return this.#write(key);
     const { stopped } = this.#connection;
     for (;;) {
@@ -52,17 +62,16 @@ export class Levels {
           else this.#wanted.set(key, before);
         }
         if (stopped.aborted || !isPassing(error)) throw error;
-        this.#connection.log.warn(`${place.kind} ${place.source} is not written yet: ${error.message}`);
+        this.#connection.log.warn(`${key} is not written yet: ${error.message}`);
         await sleep(RETRY_MS, stopped);
       }
     }
   }
 
-  /** Sets a source, without waiting; `keepWritten` writes it. @param {Place} place @param {boolean} value @param {string} text */
-  want(place, value, text) {
-    const key = keyOf(place);
-    this.#wanted.set(key, { place, value, text });
-    this.#dirty.add(key);
+  /** Sets a level, without waiting; `keepWritten` writes it. @param {Wanted} wanted */
+  want(wanted) {
+    this.#wanted.set(wanted.name, wanted);
+    this.#dirty.add(wanted.name);
     this.#work.ring();
   }
 
@@ -108,16 +117,9 @@ export class Levels {
   async #write(key) {
     const wanted = this.#wanted.get(key);
     if (wanted === undefined) return;
-    const { place, value, text } = wanted;
     const owner = this.owner === null ? {} : { handler_id: this.owner };
-    const payload = { value, text, source: place.source, ...owner };
-    await this.#connection.request(`cs/${place.cs}/input/${place.kind}/set`, payload, { timeoutMs: TIMEOUT_MS });
+    await this.#connection.request(wanted.topic, { ...wanted.payload, ...owner }, { timeoutMs: TIMEOUT_MS });
   }
-}
-
-/** Names a source, also to a reader of the log. @param {Place} place */
-function keyOf({ cs, kind, source }) {
-  return `${kind} ${source} of coordinate system ${cs}`;
 }
 
 /** @param {unknown} error @returns {error is NotConnected | NoAnswer} */

@@ -3,6 +3,7 @@
 import { ANSWER_TIMEOUT_MS, Connection } from "./connection.js";
 import { CoordinateSystem } from "./coordinate_system.js";
 import { Refused } from "./errors.js";
+import { Io } from "./io.js";
 import { Levels } from "./levels.js";
 
 /** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
@@ -44,6 +45,16 @@ export class Plc {
   /** A coordinate system by its number, from 1. If there is none, each call on it is an error. @param {number} number */
   cs(number) {
     return new CoordinateSystem(this, number);
+  }
+
+  /** An input of the plant, by its name in the configuration (`[io.in.NAME]`). @param {string} name */
+  ioIn(name) {
+    return new Io(this, "in", name);
+  }
+
+  /** An output of the plant, by its name in the configuration (`[io.out.NAME]`). @param {string} name */
+  ioOut(name) {
+    return new Io(this, "out", name);
   }
 
   /** True while the machine can be reached. */

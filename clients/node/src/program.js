@@ -5,6 +5,7 @@ import { Connection, PRESENT_TIMEOUT_MS } from "./connection.js";
 import { Declared } from "./declared.js";
 import { ProgramError } from "./errors.js";
 import { Plc } from "./plc.js";
+import { lockLevel } from "./levels.js";
 import { place, Runner } from "./runner.js";
 
 const M_CODE_MAX = 191;
@@ -202,7 +203,7 @@ export class SequenceProgram {
     const plc = new Plc(connection);
     const checks = new Map([...this.#checks].map(([at, { check }]) => [at, check]));
     const runner = new Runner(this.handlerId, this.#handlers, checks, plc, connection, takeOver);
-    for (const level of this.#levels) level.follow(({ place: at, value, text }) => plc.levels.want(at, value, text));
+    for (const level of this.#levels) level.follow(({ place: at, value, text }) => plc.levels.want(lockLevel(at, value, text)));
     await connection.start();
     const stopped = new AbortController();
     const announcing = runner.run();

@@ -1,7 +1,7 @@
 // Topics of a machine below its root that this package uses, and what each message must have: what comes in is data that may be wrong.
 
 /**
- * What a member must be: the word of its type, `?` behind it where it may be missing or null; a list of such; an object of members.
+ * What a member must be: the word of its type, or words with `|` between them, `?` behind it where it may be missing or null; a list of such; an object of members.
  * @typedef {string | ListOf | Members} Form
  * @typedef {{[member: string]: Form}} Members
  */
@@ -38,6 +38,7 @@ const FORMS = {
   "alarm/event": ALARM,
   "handler/+/presence": { online: "boolean" },
   "handler/+/result": { status: "string", instance: "string?", text: "string?" },
+  "io/+/+": { boot_id: "string", value: "boolean|number", written: "boolean|number", lost: "boolean", owner: "string?" },
   "reply/+": { command_id: "string", status: "string", code: "string", text: "string" },
   "cs/+/state": { boot_id: "string", execution: "string" },
   "cs/+/run": { boot_id: "string" },
@@ -61,6 +62,7 @@ export const FILTERS = Object.keys(FORMS).filter((path) => !/^(handler|reply)\//
 export function patternOf(path) {
   const levels = path.split("/");
   if (levels.length > 1) levels[1] = FORMS[path] === undefined ? "+" : /** @type {string} */ (levels[1]);
+  if (levels.length === 3 && levels[0] === "io") levels[2] = "+";
   if (levels.length === 5 && levels[2] === "m_code") levels[3] = "+";
   const pattern = levels.join("/");
   return Object.hasOwn(FORMS, pattern) ? pattern : undefined;
@@ -77,7 +79,7 @@ function lookAt(form, value, where) {
     const isOptional = form.endsWith("?");
     if (isOptional && (value === undefined || value === null)) return null;
     const type = isOptional ? form.slice(0, -1) : form;
-    return typeof value === type ? null : `${where} is no ${type}`;
+    return type.split("|").includes(typeof value) ? null : `${where} is no ${type.replace("|", " or ")}`;
   }
   if (form instanceof ListOf) {
     if (!Array.isArray(value)) return `${where} is no list`;

@@ -73,6 +73,8 @@ impl FakePort {
             MachineRequest::WriteVariables {
                 area, from, values, ..
             } => lock(&self.inner).data.write(area, from, &values),
+            MachineRequest::WriteIo(point, set) => self.write_io(point, set),
+            MachineRequest::ForceIo(point, force) => self.force_io(point, force),
             MachineRequest::Tools => Ok(lock(&self.inner).data.tools()),
             MachineRequest::WriteTools(change) => Ok(lock(&self.inner).data.change_tools(&change)),
             MachineRequest::WorkOffsets(cs) => Ok(lock(&self.inner).data.work_offsets(cs)),

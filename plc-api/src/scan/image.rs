@@ -16,7 +16,8 @@ use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::Command;
 use crate::types::data::VariableArea;
-use crate::types::machine::AlarmRecord;
+use crate::types::io::{IoPoint, IoSet, IoState, IoValue};
+use crate::types::machine::{AlarmRecord, Birth};
 use crate::types::message::{Message, Payload};
 use crate::types::output::Params;
 use crate::types::request::typed::ReadVariables;
@@ -232,6 +233,37 @@ impl Image {
         }
     }
 
+    /// An input of the plant, `[io.in.NAME]`: `image.io_in("door_closed").is_on()`, `image.io_in("level") > 12.5`. Off for one
+    /// that the configuration does not declare.
+    pub fn io_in(&self, name: &str) -> IoValue {
+        self.io_value(&IoPoint::input(name))
+    }
+
+    /// An output of the plant, `[io.out.NAME]`, as [`Image::io_in`].
+    pub fn io_out(&self, name: &str) -> IoValue {
+        self.io_value(&IoPoint::output(name))
+    }
+
+    fn io_value(&self, point: &IoPoint) -> IoValue {
+        self.io(point).map(|state| state.value).unwrap_or_default()
+    }
+
+    /// An input or output of the plant with its owner, and whether it is forced.
+    pub fn io(&self, point: &IoPoint) -> Option<&IoState> {
+        match &self.states.get(&Topic::Io(point.clone()))?.payload {
+            Payload::Io(state) => Some(state),
+            _ => None,
+        }
+    }
+
+    /// What the machine is.
+    pub(super) fn birth(&self) -> Option<&Birth> {
+        match &self.states.get(&Topic::Birth)?.payload {
+            Payload::Birth(birth) => Some(birth),
+            _ => None,
+        }
+    }
+
     /// A P variable, if requested by [`Reads::p`].
     pub fn p(&self, number: u32) -> Option<f64> {
         self.variables.get(&(VariableArea::Global, number)).copied()
@@ -328,6 +360,21 @@ impl Image {
     /// Sets the skip input of a motor, by its CNC motor number: [`Plc::set_skip_input`].
     pub fn set_skip_input(&mut self, motor: u16, value: bool) {
         self.set(Request::SkipInput(motor, value));
+    }
+
+    /// Writes an output of the plant, which is this program's from then on: [`Io::set`](crate::Io::set).
+    pub fn set_io_out(&mut self, name: &str, value: impl Into<IoValue>) {
+        self.set_io(IoPoint::output(name), value.into());
+    }
+
+    /// Writes an input of the plant, as a gateway that reads it from a fieldbus: [`Image::set_io_out`].
+    pub fn set_io_in(&mut self, name: &str, value: impl Into<IoValue>) {
+        self.set_io(IoPoint::input(name), value.into());
+    }
+
+    fn set_io(&mut self, point: IoPoint, value: IoValue) {
+        let handler_id = None;
+        self.set(Request::WriteIo(point, IoSet { value, handler_id }));
     }
 
     /// Sets a P variable. Up to 1024 consecutive ones of one scan change together, between two blocks of any program.

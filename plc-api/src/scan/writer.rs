@@ -11,6 +11,7 @@ use crate::alarm::Alarm;
 use crate::alarm_level::{AlarmLevel, is_active};
 use crate::error::Error;
 use crate::handlers::AuxOutput;
+use crate::io_points::{judge_declared, judge_owner};
 use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
@@ -48,6 +49,10 @@ impl Writer {
             // written in the next scan, when the machine knows whose it is
             let Some(flag) = owned(flag, plc) else { continue };
             if self.written.contains(&flag) && is_so(&flag, &image) {
+                continue;
+            }
+            if let Err(refusal) = judge_io(&flag, &image) {
+                self.refused(refusal, &image);
                 continue;
             }
             if self.request(plc, flag.clone(), &image).await {
@@ -132,9 +137,26 @@ impl Writer {
     }
 }
 
-/// A source of a lock belongs to the handler of the scan program; `None` until the machine knows it.
+/// Over a broker nobody answers a write of an input or output that is refused: what the machine has said tells it before.
+fn judge_io(flag: &Request, image: &Image) -> Result<(), Refusal> {
+    let Request::WriteIo(point, set) = flag else {
+        return Ok(());
+    };
+    if let Some(birth) = image.birth() {
+        judge_declared(&birth.io, point, Some(set.value))?;
+    }
+    let state = image.io(point);
+    state.map_or(Ok(()), |state| {
+        judge_owner(point, state, set.handler_id.as_deref())
+    })
+}
+
+/// A source of a lock, and an input or output, belongs to the handler of the scan program; `None` until the machine knows it.
 fn owned(mut flag: Request, plc: &Plc) -> Option<Request> {
     if let Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) = &mut flag {
+        set.handler_id = Some(plc.levels().owner()?.to_string());
+    }
+    if let Request::WriteIo(_, set) = &mut flag {
         set.handler_id = Some(plc.levels().owner()?.to_string());
     }
     Some(flag)
@@ -176,6 +198,9 @@ fn is_so(flag: &Request, image: &Image) -> bool {
         Request::Spindle(cs, wanted) => image
             .spindle(*cs)
             .is_some_and(|now| wanted.direction == now.direction && is_same(wanted.rpm, now.rpm)),
+        Request::WriteIo(point, set) => image
+            .io(point)
+            .is_some_and(|now| (now.written, &now.owner, now.lost) == (set.value, &set.handler_id, false)),
         Request::Tool(cs, id) => image.tool(*cs) == Some(*id),
         _ => true,
     }

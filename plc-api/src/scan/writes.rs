@@ -46,6 +46,7 @@ fn is_same_flag(one: &Request, other: &Request) -> bool {
         (Request::Spindle(one, _), Request::Spindle(other, _))
         | (Request::Tool(one, _), Request::Tool(other, _)) => one == other,
         (Request::SkipInput(one, _), Request::SkipInput(other, _)) => one == other,
+        (Request::WriteIo(one, _), Request::WriteIo(other, _)) => one == other,
         _ => false,
     }
 }

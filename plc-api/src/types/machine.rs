@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::io::IoDeclarations;
 use super::m_code::DeclaredParams;
 pub use super::m_code::{Served, ServedMCode};
 use super::output::Timing;
@@ -55,6 +56,9 @@ pub struct Birth {
     /// M codes that are served now, ascending; at most 1000.
     #[serde(default)]
     pub serves: Vec<ServedMCode>,
+    /// Inputs and outputs of the plant.
+    #[serde(default)]
+    pub io: IoDeclarations,
     /// Limits of the interface.
     pub limits: Limits,
 }

@@ -8,6 +8,7 @@ pub mod form;
 pub mod handler;
 pub mod heartbeat;
 pub mod ids;
+pub mod io;
 pub mod lease;
 pub mod line_start;
 pub mod lock;

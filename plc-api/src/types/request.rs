@@ -10,6 +10,7 @@ use super::command::{self, CommandMeta, CommandReply};
 use super::data::{self, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
 use super::explained::Explanation;
 use super::heartbeat::ClientHeartbeat;
+use super::io::{IoForce, IoPoint, IoSet};
 use super::lease::LeaseRequest;
 use super::line_start::{self, LineStart};
 use super::machine::{AlarmRaise, AlarmRecord};
@@ -311,6 +312,10 @@ requests! {
             /// gets the stored reply and writes nothing.
             meta: Option<CommandMeta>,
         } -> Option<CommandReply>;
+        /// Writes an input or output of the plant.
+        WriteIo(point: IoPoint, set: IoSet) -> ();
+        /// Puts a value in the place of what is written to an input or output of the plant, or takes it back.
+        ForceIo(point: IoPoint, force: IoForce) -> ();
         /// The tool table.
         Tools -> ToolTable;
         /// Changes the tool table. Kept on disk before it is answered.

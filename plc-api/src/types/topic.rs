@@ -7,6 +7,7 @@ use super::command::CommandReply;
 use super::form::{Enveloped, Form};
 use super::handler::{HandlerPresence, HandlerResult};
 use super::heartbeat::Heartbeat;
+use super::io::{IoPoint, IoSide, IoState};
 use super::lease::LeaseState;
 use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
 use super::output::{Cancel, HandshakeResult, OutputNotice, Pending};
@@ -35,6 +36,8 @@ pub enum Topic {
     HandlerPresence(String),
     /// `handler/{id}/result`
     HandlerResult(String),
+    /// `io/in/{name}` and `io/out/{name}`
+    Io(IoPoint),
     /// `cs/{cs}/...`
     CoordinateSystem(CoordinateSystemNumber, CsTopic),
 }
@@ -55,6 +58,7 @@ pub enum Payload {
     Reply(CommandReply),
     HandlerPresence(HandlerPresence),
     HandlerResult(HandlerResult),
+    Io(IoState),
     State(State),
     Program(ProgramPlace),
     Position(Position),
@@ -228,6 +232,14 @@ impl Topic {
             Topic::HandlerResult(_) => {
                 "Whether a handler's presence counts, or another instance is there or has taken its place."
             }
+            Topic::Io(point) => match point.side {
+                IoSide::In => {
+                    "An input of the plant: what a sensor tells, who owns it, and whether it is forced."
+                }
+                IoSide::Out => {
+                    "An output of the plant: what sequence programs command, who owns it, and whether it is forced."
+                }
+            },
             Topic::CoordinateSystem(_, topic) => topic.summary(),
         }
     }
@@ -243,6 +255,7 @@ impl Topic {
             Topic::Reply(_) => Form::of::<Enveloped<'static, CommandReply>>(),
             Topic::HandlerPresence(_) => Form::of::<Enveloped<'static, HandlerPresence>>(),
             Topic::HandlerResult(_) => Form::of::<Enveloped<'static, HandlerResult>>(),
+            Topic::Io(_) => Form::of::<Enveloped<'static, IoState>>(),
             Topic::CoordinateSystem(_, topic) => topic.form(),
         }
     }
@@ -259,6 +272,7 @@ impl Topic {
             Topic::Reply(_) => Payload::Reply(from_slice(json)?),
             Topic::HandlerPresence(_) => Payload::HandlerPresence(from_slice(json)?),
             Topic::HandlerResult(_) => Payload::HandlerResult(from_slice(json)?),
+            Topic::Io(_) => Payload::Io(from_slice(json)?),
             Topic::CoordinateSystem(_, topic) => topic.payload(json)?,
         })
     }
@@ -274,6 +288,7 @@ impl Topic {
             Topic::Reply(client) => format!("reply/{client}"),
             Topic::HandlerPresence(id) => format!("handler/{id}/presence"),
             Topic::HandlerResult(id) => format!("handler/{id}/result"),
+            Topic::Io(point) => point.to_string(),
             Topic::CoordinateSystem(cs, topic) => format!("cs/{cs}/{}", topic.path()),
         }
     }
@@ -304,6 +319,7 @@ impl Topic {
                     _ => None,
                 }
             }
+            "io" => IoPoint::parse(rest).map(Topic::Io),
             "cs" => {
                 let (cs, topic) = rest.split_once('/')?;
                 Some(Topic::cs(cs.parse().ok()?, CsTopic::parse(topic)?))
@@ -366,6 +382,8 @@ mod tests {
             Topic::Reply("hmi-1".into()),
             Topic::HandlerPresence("h".into()),
             Topic::HandlerResult("h".into()),
+            Topic::Io(IoPoint::input("door_closed")),
+            Topic::Io(IoPoint::output("lamp")),
         ]);
         for topic in topics {
             assert_eq!(Topic::parse(&topic.path()), Some(topic));
@@ -379,6 +397,10 @@ mod tests {
             "cs/+1/state",
             "cs/1/m_code/0100/output",
             "cs/1/m_code/+100/cancel",
+            "io/lamp",
+            "io/in/a/b",
+            "io/both/lamp",
+            "io/in/",
         ] {
             assert_eq!(Topic::parse(other), None, "{other}");
         }

@@ -7,6 +7,7 @@
 
 pub mod answer;
 pub mod hmi;
+mod io;
 mod json;
 pub mod login;
 pub mod mqtt;

@@ -5,6 +5,7 @@ use serde_json::json;
 use super::answer::{
     Accepted, AlarmHistory, AnswerForm, Handlers, JournalAnswer, LastRunAnswer, Programs, json_of,
 };
+use super::io;
 use super::payloads::{
     CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, StartArgs, VariableGet, VariableSet, VariableWrite,
     break_lease, command_answer, handshake, lease, of_area, read_command, read_input, read_path, read_runs,
@@ -69,7 +70,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 45] = [
+pub static ROWS: [Row; 47] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -115,6 +116,8 @@ pub static ROWS: [Row; 45] = [
             },
         )
     },
+    io::WRITE,
+    io::FORCE,
     Row {
         routes: &[Route::put::<OverrideChange>(
             "/cs/{cs}/overrides",

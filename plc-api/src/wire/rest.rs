@@ -58,15 +58,21 @@ pub fn encode(request: Request) -> Result<Exchange, Refusal> {
 
 /// The exchange that reads a state; `None` for one that has no route.
 pub fn read(topic: &Topic) -> Option<Exchange> {
-    let cs = match topic {
-        Topic::CoordinateSystem(cs, _) => *cs,
-        _ => 0,
+    let parts = match topic {
+        Topic::CoordinateSystem(cs, _) => RequestParts::of(*cs),
+        Topic::Io(point) => RequestParts::of_io(point),
+        _ => RequestParts::default(),
     };
-    let row = STATES.iter().find(|row| row.topic(cs) == *topic)?;
+    let params: Vec<_> = parts
+        .params
+        .iter()
+        .map(|(name, level)| (*name, level.as_str()))
+        .collect();
+    let row = STATES.iter().find(|row| row.topic(&params) == *topic)?;
     Some(Exchange {
         right: Right::Read,
         method: row.route.method,
-        path: fill(row.route.pattern, &RequestParts::of(cs).params, percent_encoded)?,
+        path: fill(row.route.pattern, &parts.params, percent_encoded)?,
         headers: Vec::new(),
         body: None,
         answer: AnswerForm::Nothing,

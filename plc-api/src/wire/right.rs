@@ -14,7 +14,8 @@ pub enum Right {
     /// To select a tool, set the spindle and write variables: an operator anywhere, a handler in a coordinate system in
     /// which it serves an M code.
     Set,
-    /// To set inputs: an operator any, a handler its own sources of interlock and start lock.
+    /// To set inputs: an operator any, a handler its own sources of interlock and start lock, and inputs and outputs of the plant
+    /// in its own name.
     SetInput,
     /// To stop a machine by an alarm.
     Raise,

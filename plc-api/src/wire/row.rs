@@ -19,6 +19,7 @@ use crate::types::data::JournalFilter;
 use crate::types::form::{Form, HasForm};
 use crate::types::handler::{CONNECTION_MARK, INSTANCE_MAX, is_own_instance};
 use crate::types::ids::COMMAND_ID_MAX;
+use crate::types::io::{IoPoint, IoSide};
 use crate::types::request::Request;
 use crate::types::upload::ProgramCondition;
 
@@ -302,6 +303,14 @@ impl IncomingRequest<'_> {
         self.number("cs")
     }
 
+    /// An input or output of the plant.
+    pub(super) fn io_point(&self) -> Result<IoPoint, Fault> {
+        let (side, name) = (self.text("side"), self.text("name").to_owned());
+        let side = IoSide::of_word(side)
+            .ok_or_else(|| Fault::NotFound(format!("there is no io/{side:.64}; write in or out")))?;
+        Ok(IoPoint { side, name })
+    }
+
     /// The JSON body. What is said of an output is of the same form where the path names the output.
     pub(super) fn json<T: DeserializeOwned>(&self) -> Result<T, Fault> {
         let seq = self.optional_number("seq")?;
@@ -424,6 +433,13 @@ impl RequestParts {
     /// Of a coordinate system.
     pub(super) fn of(cs: CoordinateSystemNumber) -> Self {
         Self::default().with("cs", cs)
+    }
+
+    /// Of an input or output of the plant.
+    pub(super) fn of_io(point: &IoPoint) -> Self {
+        Self::default()
+            .with("side", point.side.word())
+            .with("name", &point.name)
     }
 
     /// With a value of a name of the path.

@@ -7,7 +7,8 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::route::{Content, Route};
-use crate::types::CoordinateSystemNumber;
+use super::row::number;
+use crate::types::io::{IoPoint, IoSide};
 use crate::types::machine::BrokerInUse;
 use crate::types::machine::CoordinateSystemInfo;
 use crate::types::topic::{CsTopic, Topic};
@@ -15,17 +16,43 @@ use crate::types::topic::{CsTopic, Topic};
 /// One state with its route.
 #[derive(Debug)]
 pub struct StateRow {
-    topic: Topic,
+    of: StateOf,
     /// Where it is read.
     pub route: Route,
 }
 
+/// What has the state.
+#[derive(Debug)]
+enum StateOf {
+    Machine(Topic),
+    CoordinateSystem(CsTopic),
+    Io(IoSide),
+}
+
 impl StateRow {
-    /// The topic of the state; `cs` where it is a coordinate system's.
-    pub fn topic(&self, cs: CoordinateSystemNumber) -> Topic {
-        match &self.topic {
-            Topic::CoordinateSystem(_, topic) => Topic::cs(cs, *topic),
-            machine => machine.clone(),
+    fn new(of: StateOf, pattern: &'static str) -> Self {
+        let mut row = Self {
+            of,
+            route: Route::get(pattern, ""),
+        };
+        let topic = row.topic(&[]);
+        row.route = Route::get(pattern, topic.summary()).answered(200, Content::Json(topic.form()));
+        row
+    }
+
+    /// The topic of the state, by the names in the path of its route.
+    pub fn topic(&self, params: &[(&str, &str)]) -> Topic {
+        let level = |name: &str| {
+            let mut named = params.iter().filter(|(known, _)| *known == name);
+            named.next().map_or("", |(_, level)| *level)
+        };
+        match &self.of {
+            StateOf::Machine(topic) => topic.clone(),
+            StateOf::CoordinateSystem(topic) => Topic::cs(number(level("cs")).unwrap_or_default(), *topic),
+            StateOf::Io(side) => Topic::Io(IoPoint {
+                side: *side,
+                name: level("name").to_owned(),
+            }),
         }
     }
 
@@ -42,13 +69,18 @@ pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
         (Topic::Heartbeat, "/heartbeat"),
         (Topic::AlarmActive, "/alarms"),
     ];
+    let of_io = [
+        (IoSide::In, "/io/{side=in}/{name}"),
+        (IoSide::Out, "/io/{side=out}/{name}"),
+    ];
     let of_cs = CsTopic::STATES.into_iter();
-    let of_cs = of_cs.filter_map(|(topic, _)| Some((Topic::cs(0, topic), topic.route()?)));
-    let rows = machine.into_iter().chain(of_cs).map(|(topic, pattern)| StateRow {
-        route: Route::get(pattern, topic.summary()).answered(200, Content::Json(topic.form())),
-        topic,
-    });
-    rows.collect()
+    let of_cs = of_cs.filter_map(|(topic, _)| Some((StateOf::CoordinateSystem(topic), topic.route()?)));
+    let rows = machine
+        .map(|(topic, pattern)| (StateOf::Machine(topic), pattern))
+        .into_iter()
+        .chain(of_io.map(|(side, pattern)| (StateOf::Io(side), pattern)))
+        .chain(of_cs);
+    rows.map(|(of, pattern)| StateRow::new(of, pattern)).collect()
 });
 
 /// All coordinate systems with their states.
@@ -96,6 +128,30 @@ impl schemars::JsonSchema for Inputs {
         let inputs: BTreeMap<_, _> = inputs.collect();
         schemars::json_schema!({"type": "object", "properties": inputs, "required": []})
     }
+}
+
+/// All inputs and outputs of the plant, each with the message of its state.
+#[derive(Debug, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct AllIo {
+    /// Inputs by name.
+    #[serde(rename = "in")]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(
+            with = "BTreeMap<String, crate::types::form::Enveloped<'static, crate::types::io::IoState>>"
+        )
+    )]
+    pub inputs: BTreeMap<String, Value>,
+    /// Outputs by name.
+    #[serde(rename = "out")]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(
+            with = "BTreeMap<String, crate::types::form::Enveloped<'static, crate::types::io::IoState>>"
+        )
+    )]
+    pub outputs: BTreeMap<String, Value>,
 }
 
 /// Whether the server answers, and has its MQTT broker.

@@ -11,6 +11,7 @@ use super::{ROWS, json_object, mqtt, rest, websocket};
 use crate::types::command::{Command, CommandMeta, Expect};
 use crate::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
 use crate::types::heartbeat::ClientHeartbeat;
+use crate::types::io::{IoForce, IoPoint, IoSet};
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::line_start::LineStart;
 use crate::types::machine::AlarmRaise;
@@ -52,6 +53,8 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::Spindle(..)
         | Request::Tool(..)
         | Request::SkipInput(..)
+        | Request::WriteIo(..)
+        | Request::ForceIo(..)
         | Request::ReadVariables { .. }
         | Request::WriteVariables { .. }
         | Request::RaiseAlarm(_) => &[Rest, Mqtt],
@@ -206,7 +209,7 @@ fn of_inputs(transport: Transport) -> impl Strategy<Value = Request> {
         text(),
         skips,
         finite(),
-        0..10,
+        0..12,
     );
     common.prop_map(|(cs, number, value, text, skips, speed, which)| {
         let lock = LockSet {
@@ -237,6 +240,20 @@ fn of_inputs(transport: Transport) -> impl Strategy<Value = Request> {
                 },
             ),
             8 => Request::Tool(cs, number),
+            9 => Request::WriteIo(
+                IoPoint::input(format!("door {number}")),
+                IoSet {
+                    value: value.into(),
+                    handler_id: lock.handler_id,
+                },
+            ),
+            10 => Request::ForceIo(
+                IoPoint::output("höhe"),
+                IoForce {
+                    value: value.then_some(speed.into()),
+                    by: lock.source,
+                },
+            ),
             _ => Request::SkipInput(number, value),
         }
     })

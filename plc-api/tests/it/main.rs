@@ -9,6 +9,7 @@ mod alarms;
 mod ask;
 mod beside;
 mod composed;
+mod io;
 mod locks;
 mod outputs;
 mod scan;

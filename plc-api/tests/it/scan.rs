@@ -7,6 +7,7 @@ use plc_api::handshake::Closed;
 use plc_api::scan::{Image, Reads, ScanProgram};
 use plc_api::types::command::Command;
 use plc_api::types::data::VariableArea;
+use plc_api::types::io::{IoDeclaration, IoPoint, IoState};
 use plc_api::types::message::Payload;
 use plc_api::types::output::OutputState;
 use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
@@ -363,4 +364,77 @@ async fn a_flag_is_off_for_a_scan_between_two_outputs_of_one_number() {
     assert_eq!(scans.last().unwrap().0, 3, "{scans:?}");
     let on: String = scans.iter().map(|(_, on)| if *on { '1' } else { '0' }).collect();
     assert!(on.contains("10101"), "{on}");
+}
+
+fn plant() -> FakePort {
+    let fake = FakePort::new([1]);
+    fake.declare_io(IoPoint::input("flows"), IoDeclaration::new(false));
+    fake.declare_io(IoPoint::output("valve"), IoDeclaration::new(false));
+    fake.declare_io(IoPoint::output("pressure"), IoDeclaration::new(0.0));
+    fake
+}
+
+async fn out(fake: &FakePort, name: &str) -> IoState {
+    fake.plc().io_out(name).state().await.unwrap()
+}
+
+#[tokio::test]
+async fn a_scan_reads_inputs_of_the_plant_and_owns_the_outputs_that_it_writes() {
+    let fake = plant();
+    let program = SequenceProgram::new()
+        .handler_id("cell")
+        .scan(8, ms(10), |image: &mut Image| {
+            image.set_io_out("valve", image.is_on(1, 8));
+            image.set_io_out("pressure", if image.io_in("flows").is_on() { 4.5 } else { 0.0 });
+            if image.io_out("pressure") > 4.0 {
+                image.reset(1, 8);
+            }
+        });
+    let _task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 8, Params::default());
+    fake.advance(ms(50)).await;
+    let valve = out(&fake, "valve").await;
+    assert_eq!((valve.value, valve.owner.as_deref()), (true.into(), Some("cell")));
+    assert_eq!(fake.closed(1, seq), None);
+    fake.plc().io_in("flows").set(true).await.unwrap();
+    fake.advance(ms(50)).await;
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(out(&fake, "pressure").await.value, 4.5);
+    assert_eq!(out(&fake, "valve").await.value, false);
+    fake.restart();
+    fake.plc().io_in("flows").set(true).await.unwrap();
+    fake.advance(ms(50)).await;
+    let pressure = out(&fake, "pressure").await;
+    assert_eq!(
+        (pressure.value, pressure.owner.as_deref()),
+        (4.5.into(), Some("cell"))
+    );
+}
+
+#[tokio::test]
+async fn a_scan_sends_an_output_when_it_differs_and_is_told_what_cannot_be_written() {
+    let fake = plant();
+    let said = Arc::new(Mutex::new(Vec::new()));
+    let heard = Arc::clone(&said);
+    let program = SequenceProgram::new()
+        .handler_id("cell")
+        .scan([], ms(10), move |image: &mut Image| {
+            image.set_io_out("valve", true);
+            image.set_io_out("valv", true);
+            image.set_io_out("pressure", true);
+            let texts = image.refusals().iter().map(|refusal| refusal.text.clone());
+            *heard.lock().unwrap() = texts.collect();
+        });
+    let _task = serve(&fake, program).await;
+    fake.advance(ms(200)).await;
+    let written = fake
+        .requests()
+        .into_iter()
+        .filter(|request| matches!(request, Request::WriteIo(..)));
+    assert_eq!(written.count(), 1, "once, and nothing that cannot be");
+    let texts = said.lock().unwrap().clone();
+    assert!(
+        texts.len() == 2 && texts[0].contains("[io.out.valv]") && texts[1].contains("a number"),
+        "{texts:?}"
+    );
 }

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use plc_api::lock_input::LockRules;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::io::IoDeclarations;
 use plc_api::types::m_code::MCodeDeclaration;
 use plc_api::types::machine::Served;
 use plc_api::types::output::{Redelivery, Timing};
@@ -43,6 +44,8 @@ pub struct Machine {
     pub tools: BTreeMap<u16, Tool>,
     /// M codes that have settings.
     pub m_codes: BTreeMap<u16, MCodeSettings>,
+    /// Inputs and outputs of the plant.
+    pub io: IoDeclarations,
     /// What the file of the sequence side says that it serves; none: there is no file.
     pub served: Option<Served>,
     /// What happens to an output of an M code without settings that no handler is registered for.

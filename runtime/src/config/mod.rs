@@ -9,6 +9,7 @@ mod dgshape;
 mod error;
 mod hmi;
 mod input;
+mod io;
 mod machine;
 mod reference;
 mod resolve;
@@ -31,6 +32,7 @@ pub use dgshape::DgshapeConfig;
 pub use error::ConfigError;
 pub use hmi::HmiConfig;
 pub use input::{InputConfig, LockConfig, LockSourceConfig};
+pub use io::{IoConfig, IoPointConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 pub use reference::{ConfigKey, ConfigWord};
 pub use words::OnBusLoss;
@@ -70,6 +72,9 @@ pub struct Config {
     /// `[input]`
     #[serde(default)]
     pub input: InputConfig,
+    /// `[io]`
+    #[serde(default)]
+    pub io: IoConfig,
     /// `[[simulated_skip]]`
     #[serde(default)]
     pub simulated_skip: Vec<SimulatedSkipConfig>,

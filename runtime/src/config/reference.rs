@@ -8,9 +8,9 @@ use serde_json::Value;
 
 use super::error::known;
 use super::{
-    Config, CoordinateSystemConfig, HmiConfig, HttpConfig, LockConfig, LockSourceConfig, MCodeConfig,
-    MachineConfig, MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig, SimulatedSkipConfig, TlsConfig,
-    ToolConfig,
+    Config, CoordinateSystemConfig, HmiConfig, HttpConfig, IoPointConfig, LockConfig, LockSourceConfig,
+    MCodeConfig, MachineConfig, MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig,
+    SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -96,6 +96,8 @@ impl Config {
             ("input.interlock", order_of::<LockConfig>()),
             ("input.start_lock", order_of::<LockConfig>()),
             ("input.interlock.source", order_of::<LockSourceConfig>()),
+            ("io.in", order_of::<IoPointConfig>()),
+            ("io.out", order_of::<IoPointConfig>()),
             ("simulated_skip", order_of::<SimulatedSkipConfig>()),
             ("mqtt", order_of::<MqttConfig>()),
             ("http", order_of::<HttpConfig>()),

@@ -3,6 +3,7 @@
 mod coordinate_system;
 mod hmi;
 mod input;
+mod io;
 mod motor;
 mod mqtt;
 
@@ -125,6 +126,7 @@ impl Config {
         self.machine.check(&mut problems.of("machine", "[machine] "));
         self.mqtt.check(&mut problems.of("mqtt", "[mqtt] "));
         self.input.check(&self.coordinate_system, problems);
+        let io = self.io.declarations(problems);
         let signers = self.signers(problems);
         let tools = self.tools(problems);
         let motors = self.motors(problems);
@@ -142,6 +144,7 @@ impl Config {
             coordinate_systems,
             tools,
             m_codes,
+            io,
             served,
             unhandled: Unhandled::Alarm,
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),

@@ -45,6 +45,7 @@ pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Reque
 /// counts as an edit unless it is named here. What is asked for each M code is named, too: an M code waits for this.
 fn is_edit(request: &Request) -> bool {
     match request {
+        request if is_own_level(request) => false,
         Request::Command { .. }
         | Request::Lease { .. }
         | Request::AnswerQuestion(..)
@@ -59,6 +60,11 @@ fn is_edit(request: &Request) -> bool {
             !matches!(exchange.right, Right::Read | Right::Handle | Right::Reset)
         }),
     }
+}
+
+/// True for what a handler says of its own inputs and outputs of the plant, again and again: their states tell of it.
+pub(super) fn is_own_level(request: &Request) -> bool {
+    matches!(request, Request::WriteIo(_, set) if set.handler_id.is_some())
 }
 
 /// The request as its REST route, whichever way it came in, and what it says.

@@ -1,5 +1,6 @@
 mod beside;
 mod declared;
+mod io;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -84,11 +84,27 @@ async function carryOut(mill, verb, rest) {
   return mill.command(verb);
 }
 
+/** `NAME on|off|NUMBER` writes an output, `wait on|off` waits for the lamp. */
+async function withIo(plc, name, word) {
+  if (name === "wait") {
+    const value = await plc.ioOut("lamp").waitUntil((now) => now === (word === "on"));
+    return say(value ? "io on" : "io off");
+  }
+  try {
+    await plc.ioOut(name).set(word === "on" || word === "off" ? word === "on" : Number(word));
+    return say("io set");
+  } catch (error) {
+    if (error instanceof Refused) return say("io refused");
+    throw error;
+  }
+}
+
 async function hear(plc, line) {
   const [verb, ...words] = line.split(" ");
   const rest = words.join(" ");
   const mill = plc.cs(1);
   if (verb === "go") return go();
+  if (verb === "io") return withIo(plc, ...words);
   try {
     if (verb === "interlock") {
       await mill.setInterlock(rest === "on", "the door is open", { source: "door" });

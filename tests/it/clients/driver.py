@@ -5,7 +5,16 @@ from __future__ import annotations
 import asyncio
 import sys
 
-from tandem_plc import Alarm, Output, Params, Plc, Redelivery, Refused, SequenceProgram, TandemError
+from tandem_plc import (
+    Alarm,
+    Output,
+    Params,
+    Plc,
+    Redelivery,
+    Refused,
+    SequenceProgram,
+    TandemError,
+)
 
 program = SequenceProgram("driver")
 redelivery = Redelivery(sys.argv[2])
@@ -63,12 +72,28 @@ async def fails(_output: Output) -> None:
     raise ZeroDivisionError("a mistake of the handler")
 
 
+async def with_io(plc: Plc, line: str) -> None:
+    name, _, value = line.partition(" ")
+    if name == "wait":
+        now = await plc.io_out("lamp").wait_until(lambda now: now is (value == "on"))
+        say(f"io {'on' if now else 'off'}")
+        return
+    try:
+        await plc.io_out(name).set(value == "on" if value in ("on", "off") else float(value))
+        say("io set")
+    except Refused:
+        say("io refused")
+
+
 async def told(plc: Plc, line: str) -> None:
     verb, _, rest = line.partition(" ")
     mill = plc.cs(1)
     try:
         if verb == "go":
             go.release()
+            return
+        if verb == "io":
+            await with_io(plc, rest)
             return
         if verb == "interlock":
             await mill.set_interlock(rest == "on", "the door is open", source="door")

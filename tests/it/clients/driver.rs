@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use plc_api::types::command::{Command, CommandMeta};
+use plc_api::types::io::IoValue;
 use plc_api::types::request::typed;
 use plc_api::{Alarm, AuxOutput, Cancellation, Error, Params, Plc, Redelivery, SequenceProgram};
 use tokio::sync::Notify;
@@ -91,6 +92,26 @@ async fn fails(_output: AuxOutput) -> Result<(), Alarm> {
     Ok(())
 }
 
+/// `NAME on|off|NUMBER` writes an output, `wait on|off` waits for the lamp.
+async fn with_io(plc: &Plc, line: &str) -> String {
+    let (name, value) = line.split_once(' ').unwrap_or((line, ""));
+    let value = match value.parse::<f64>() {
+        Ok(number) => IoValue::from(number),
+        Err(_) => IoValue::from(value == "on"),
+    };
+    let done = if name == "wait" {
+        let waited = plc.io_out("lamp").wait_until(|now| now == value).await;
+        waited.map(|now| if now.is_on() { "io on" } else { "io off" })
+    } else {
+        plc.io_out(name).set(value).await.map(|()| "io set")
+    };
+    match done {
+        Ok(said) => said.to_owned(),
+        Err(Error::Refused(_)) => "io refused".to_owned(),
+        Err(error) => error.to_string(),
+    }
+}
+
 /// One line of the test.
 async fn told(plc: &Plc, go: &Notify, line: &str) -> Option<String> {
     let mill = plc.coordinate_system(1);
@@ -107,6 +128,7 @@ async fn told(plc: &Plc, go: &Notify, line: &str) -> Option<String> {
                     .map_or_else(|error| error.to_string(), |()| "interlock set".to_owned()),
             );
         }
+        "io" => return Some(with_io(plc, rest).await),
         "load" => Command::Load {
             program: rest.parse().unwrap_or_default(),
         },

@@ -22,6 +22,9 @@ on_loss = "on"
 coordinate_systems = [1]
 "#;
 
+/// An output of the plant.
+const LAMP: &str = "[io.out.lamp]\n";
+
 /// M codes of the driver, which wait for it.
 const M_CODES: &str = r#"
 [m_code.20]
@@ -63,7 +66,8 @@ impl Stage {
             None => FREE_PORTS.to_owned(),
         };
         let door = if behaviour.door { DOOR } else { "" };
-        let machine = Machine::new(&format!("{door}{M_CODES}{mqtt}"));
+        let plant = if behaviour.plant { LAMP } else { "" };
+        let machine = Machine::new(&format!("{door}{plant}{M_CODES}{mqtt}"));
         let served = Served::start(&machine);
         let wire = Wire::to(&served.broker).await;
         let mut stage = Self {
@@ -153,6 +157,8 @@ impl Stage {
             "redeliver" => self.redeliver(rest).await,
             "repeat" => self.repeat_the_last_reset().await,
             "lock" => self.lock(rest).await,
+            "lamp" => self.lamp(rest).await,
+            "force" => self.force_lamp(rest).await,
             _ => self.fault(verb, rest).await,
         }
     }
@@ -240,6 +246,25 @@ impl Stage {
             is.then_some(())
         })
         .await;
+    }
+
+    async fn lamp(&self, what: &str) {
+        until(&format!("the lamp is {what}"), async || {
+            let lamp = self.served().get("/io/out/lamp").await.expect(200).json();
+            let is = (lamp["value"] == what.starts_with("on")) && (lamp["lost"] == what.ends_with("lost"));
+            is.then_some(())
+        })
+        .await;
+    }
+
+    async fn force_lamp(&self, what: &str) {
+        let value = match what {
+            "lamp on" => json!(true),
+            "lamp off" => json!(false),
+            _ => Value::Null,
+        };
+        let force = json!({ "value": value });
+        self.served().put("/io/out/lamp/force", &force).await.expect(204);
     }
 
     /// Ends the driver, and gives all that was said.

@@ -8,6 +8,7 @@ use plc_api::types::BootId;
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
 use plc_api::types::heartbeat::ClientHeartbeat;
+use plc_api::types::io::{IoForce, IoPoint, IoSet};
 use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{Redeliver, Redelivery, Reset, ResetResult};
@@ -126,6 +127,20 @@ fn of_values() -> Vec<Request> {
             meta: None,
         },
         Request::SkipInput(1, true),
+        Request::WriteIo(
+            IoPoint::output("lamp"),
+            IoSet {
+                value: true.into(),
+                handler_id: None,
+            },
+        ),
+        Request::ForceIo(
+            IoPoint::input("door_closed"),
+            IoForce {
+                value: Some(true.into()),
+                by: None,
+            },
+        ),
         Request::RaiseAlarm(AlarmRaise {
             cs: Some(1),
             code: 5,
@@ -164,7 +179,9 @@ fn token(machine: &Machine, name: &str, role: &str) -> String {
 
 fn machine() -> Machine {
     let http = FREE_PORTS.replace("[http]\n", "[http]\ntoken_file = \"tokens.toml\"\n");
-    Machine::new(&format!("[m_code.100]\nunhandled = \"wait\"\n{http}"))
+    Machine::new(&format!(
+        "[io.in.door_closed]\n[io.out.lamp]\n[m_code.100]\nunhandled = \"wait\"\n{http}"
+    ))
 }
 
 async fn lines(served: &Served, token: &str, event: &str) -> Vec<Value> {
@@ -284,6 +301,9 @@ async fn every_row_that_changes_something_leaves_its_line_with_user_and_address(
     ask_over_rest(&served, &bearer, &samples).await;
     let all: Vec<String> = samples.iter().map(name).collect();
     all_told(&served, &token, "rest", &all).await;
+    let forced = lines(&served, &token, "force").await;
+    let force = (&forced[0]["io"], &forced[0]["value"], &forced[0]["user"]);
+    assert_eq!(force, (&json!("io/in/door_closed"), &json!(true), &json!("boss")));
     let sent = publish(&served, &token, &samples).await;
     assert!(sent.len() >= 14, "{sent:?}");
     all_told(&served, &token, "mqtt", &sent).await;

@@ -1,6 +1,7 @@
 //! Every input is set and every reading is read by the same calls, each transport.
 
 use plc_api::types::data::ToolData;
+use plc_api::types::io::IoValue;
 use plc_api::types::request::{OverrideChange, RefusalCode};
 use plc_api::types::state::{Lock, Overrides, SpindleDirection};
 use plc_api::{CoordinateSystem, Error, Execution, Plc};
@@ -85,6 +86,36 @@ async fn locks_are_set_and_read_back_with_their_words(system: &CoordinateSystem)
     until("the locks are off", async || {
         let interlock = system.interlock().await.ok()?.value;
         (!interlock && !system.start_lock().await.ok()?.value).then_some(())
+    })
+    .await;
+}
+
+async fn inputs_and_outputs_of_the_plant_are_written_forced_and_read(plc: &Plc) {
+    let (level, lamp) = (plc.io_in("level"), plc.io_out("lamp"));
+    let begin = until("the level", async || level.state().await.ok()).await;
+    assert_eq!(
+        (begin.value, begin.owner),
+        (0.0.into(), None),
+        "safe, and nobody's"
+    );
+    within("level", level.set(12.5)).await.expect("level");
+    within("lamp", lamp.set(true)).await.expect("lamp");
+    let read = within("level", level.wait_until(|litres| litres > 10.0)).await;
+    assert_eq!(read.expect("a level"), IoValue::from(12.5));
+    within("lamp", lamp.wait_until(IoValue::is_on))
+        .await
+        .expect("lamp");
+    within("force", lamp.force(false)).await.expect("force");
+    let forced = until("the mark of the force", async || {
+        let state = lamp.state().await.ok()?;
+        state.forced.is_some().then_some(state)
+    })
+    .await;
+    assert_eq!((forced.value, forced.written), (false.into(), true.into()));
+    within("release", lamp.release()).await.expect("release");
+    until("the written value", async || {
+        let state = lamp.state().await.ok()?;
+        (state.forced.is_none() && state.value.is_on()).then_some(())
     })
     .await;
 }
@@ -197,6 +228,7 @@ async fn everything(reached: &Reached, carries_tables: bool) {
     let system = reached.plc.coordinate_system(1);
     inputs_are_set_and_read_back(&system).await;
     locks_are_set_and_read_back_with_their_words(&system).await;
+    inputs_and_outputs_of_the_plant_are_written_forced_and_read(&reached.plc).await;
     spindle_and_tool_are_commanded_and_read(&system).await;
     tools_offsets_and_programs(reached, carries_tables).await;
     the_machine_is_moved_by_hand_and_its_readings_follow(&reached.plc, &system).await;

@@ -31,6 +31,7 @@ from .errors import (
     TakenOver,
     TandemError,
 )
+from .io import Io
 from .messages import (
     AlarmRecord,
     Birth,
@@ -38,6 +39,9 @@ from .messages import (
     Captured,
     CommandReply,
     Execution,
+    IoDeclaration,
+    IoForced,
+    IoState,
     Lock,
     LockSource,
     OptionalSkip,
@@ -75,6 +79,10 @@ __all__ = [
     "Credentials",
     "Ended",
     "Execution",
+    "Io",
+    "IoDeclaration",
+    "IoForced",
+    "IoState",
     "Level",
     "Lock",
     "LockSource",

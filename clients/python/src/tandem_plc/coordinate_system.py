@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from .errors import Alarm, CommandFailed, NotConnected, Refused
+from .levels import lock_level, lock_place
 from .messages import (
     Captured,
     CommandReply,
@@ -220,7 +221,7 @@ class CoordinateSystem:
         Raises:
             Refused: the source is another handler's.
         """
-        await self._plc._levels.set((self.number, "interlock", source), value, text)
+        await self._set_lock("interlock", value, text, source)
 
     async def set_start_lock(self, value: bool, text: str = "", *, source: str = "default") -> None:
         """Set a source of the start lock, as :meth:`set_interlock`: while any is on, no program starts.
@@ -228,7 +229,7 @@ class CoordinateSystem:
         Raises:
             Refused: the source is another handler's.
         """
-        await self._plc._levels.set((self.number, "start_lock", source), value, text)
+        await self._set_lock("start_lock", value, text, source)
 
     async def set_overrides(
         self, *, feed: float | None = None, rapid: float | None = None, spindle: float | None = None
@@ -273,6 +274,9 @@ class CoordinateSystem:
             "client_id": self._plc._connection.client_id,
         }
         await self._set_path(f"m_code/{output.m}/answer", payload)
+
+    async def _set_lock(self, kind: str, value: bool, text: str, source: str) -> None:
+        await self._plc._levels.set(lock_place(self.number, kind, source), lock_level(value, text, source))
 
     async def _set(self, path: str, payload: dict[str, Any]) -> None:
         await self._set_path(f"{path}/set", payload)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import math
 import types
@@ -62,7 +63,10 @@ def _read_union(kinds: tuple[Any, ...], value: object, where: str, depth: int) -
     if value is None and type(None) in kinds:
         return None
     rest = [kind for kind in kinds if kind is not type(None)]
-    return _read(rest[0], value, where, depth)
+    for kind in rest[:-1]:
+        with contextlib.suppress(DecodeError):
+            return _read(kind, value, where, depth)
+    return _read(rest[-1], value, where, depth)
 
 
 def _read_object(kind: type, value: object, where: str, depth: int) -> object:

@@ -1,4 +1,4 @@
-"""Interlocks and start locks that a program has set: they are written again on each connection and at each boot."""
+"""Locks, and inputs and outputs of the plant, that a program has set: written again on each connection and boot."""
 
 from __future__ import annotations
 
@@ -13,27 +13,37 @@ log = logging.getLogger("tandem_plc")
 
 _RETRY_S = 0.5
 _TIMEOUT_S = 2.0
-LEVELS_MAX = 256
-"""Sources that one program sets."""
+LEVELS_MAX = 1024
+"""Sources, inputs and outputs that one program sets. A plant has up to 256 of each."""
 
-Place = tuple[int, str, str]
-"""Coordinate system, ``interlock`` or ``start_lock``, and the source."""
+Place = tuple[str, str]
+"""The topic that sets it, and of an interlock or start lock the source."""
+
+
+def lock_place(cs: int, kind: str, source: str) -> Place:
+    """Give the place of a source; ``kind`` is ``interlock`` or ``start_lock``."""
+    return f"cs/{cs}/input/{kind}/set", source
+
+
+def lock_level(value: bool, text: str, source: str) -> dict[str, Any]:
+    """Give what a source is set to."""
+    return {"value": value, "text": text, "source": source}
 
 
 class Levels:
-    """What is wanted of each source, and who owns it."""
+    """What is wanted of each, and who owns it."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._wanted: dict[Place, tuple[bool, str]] = {}
+        self._wanted: dict[Place, dict[str, Any]] = {}
         self._dirty: set[Place] = set()
         self._is_announced = asyncio.Event()
         self._work = asyncio.Event()
         self.owner: str | None = None
         """The handler that owns them; it must be announced before they are written."""
 
-    async def set(self, place: Place, value: bool, text: str) -> None:
-        """Set a source.
+    async def set(self, place: Place, level: dict[str, Any]) -> None:
+        """Set a level.
 
         Raises:
             Refused: the machine refuses it, such as for a source that is another handler's.
@@ -41,9 +51,9 @@ class Levels:
             NoAnswer: it was sent, and nobody knows whether it has arrived.
         """
         if place not in self._wanted and len(self._wanted) >= LEVELS_MAX:
-            raise Refused("invalid", f"one program sets at most {LEVELS_MAX} sources")
+            raise Refused("invalid", f"one program sets at most {LEVELS_MAX} levels")
         before = self._wanted.get(place)
-        self._wanted[place] = (value, text)
+        self._wanted[place] = level
         if self.owner is None:
             await self._write(place)
             return
@@ -52,7 +62,7 @@ class Levels:
                 await self._is_announced.wait()
                 await self._write(place)
             except (NotConnected, NoAnswer) as error:
-                log.warning("%s %s is not written yet: %s", place[1], place[2], error)
+                log.warning("%s %s is not written yet: %s", *place, error)
                 await asyncio.sleep(_RETRY_S)
             except Refused:
                 if before is None:
@@ -63,9 +73,9 @@ class Levels:
             else:
                 return
 
-    def want(self, place: Place, value: bool, text: str) -> None:
-        """Set a source, without waiting; :meth:`keep_written` writes it."""
-        self._wanted[place] = (value, text)
+    def want(self, place: Place, level: dict[str, Any]) -> None:
+        """Set a level, without waiting; :meth:`keep_written` writes it."""
+        self._wanted[place] = level
         self._dirty.add(place)
         self._work.set()
 
@@ -92,18 +102,14 @@ class Levels:
             try:
                 await self._write(place)
             except Refused as error:
-                log.error(  # noqa: TRY400 -- what the machine says is enough
-                    "%s %s of coordinate system %d: %s", place[1], place[2], place[0], error
-                )
+                log.error("%s %s: %s", *place, error)  # noqa: TRY400 -- what the machine says is enough
             except (NotConnected, NoAnswer) as error:
-                log.warning("%s %s is not written yet: %s", place[1], place[2], error)
+                log.warning("%s %s is not written yet: %s", *place, error)
                 self._dirty.add(place)
                 await asyncio.sleep(_RETRY_S)
 
     async def _write(self, place: Place) -> None:
-        cs, kind, source = place
-        value, text = self._wanted[place]
-        payload: dict[str, Any] = {"value": value, "text": text, "source": source}
+        payload = dict(self._wanted[place])
         if self.owner is not None:
             payload["handler_id"] = self.owner
-        await self._connection.request(f"cs/{cs}/input/{kind}/set", payload, timeout_s=_TIMEOUT_S)
+        await self._connection.request(place[0], payload, timeout_s=_TIMEOUT_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -311,6 +312,56 @@ class CoordinateSystemInfo:
 
 
 @dataclass(frozen=True, kw_only=True)
+class IoDeclaration:
+    """What the configuration says of an input or output of the plant."""
+
+    kind: str
+    """``bool`` or ``number``."""
+    on_loss: bool | float
+    """The safe value: at a start, and while its owner is not there."""
+    text: str = ""
+    """What it is, for people; empty: its name says it."""
+    unit: str | None = None
+    min: float | None = None
+    max: float | None = None
+
+    def wrong(self, value: bool | float) -> str | None:
+        """Say why it cannot have this value; ``None``: it can."""
+        if self.kind == "bool":
+            return None if isinstance(value, bool) else f"{value!r}: write True or False"
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            return f"{value!r}: write a finite number"
+        low = -math.inf if self.min is None else self.min
+        high = math.inf if self.max is None else self.max
+        return None if low <= value <= high else f"{value:g}: write {low:g} to {high:g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class IoForced:
+    """A value in the place of the written one."""
+
+    value: bool | float
+    by: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class IoState:
+    """An input or output of the plant."""
+
+    boot_id: str
+    value: bool | float
+    """What counts: the forced value, else what was written."""
+    written: bool | float
+    """What was written last; the safe value at a start, and while its owner is not there."""
+    owner: str | None
+    """The handler that writes it, which alone does; ``None``: no handler does."""
+    forced: IoForced | None
+    """An operator has put a value in the place of the written one."""
+    lost: bool = False
+    """Its owner is not there."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Birth:
     """What the machine is."""
 
@@ -318,6 +369,8 @@ class Birth:
     machine: str
     coordinate_systems: tuple[CoordinateSystemInfo, ...]
     servo_period_us: int
+    io: dict[str, dict[str, IoDeclaration]] = field(default_factory=dict)
+    """Inputs (``in``) and outputs (``out``) of the plant, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -164,9 +164,9 @@ class Output:
     def checkpoint(self, value: Any) -> None:
         """Note how far the work has come, in place of what was noted before.
 
-        When this handler is lost and another takes the output up, that one has it as :attr:`last_checkpoint`. The machine
-        keeps it as long as the output is open. It is told again after a loss of the connection. No effect once the output
-        is no longer this handler's.
+        When this handler is lost and another takes the output up, that one has it as :attr:`last_checkpoint`. The
+        machine keeps it as long as the output is open. It is told again after a loss of the connection. No effect once
+        the output is no longer this handler's.
 
         Args:
             value: anything that has at most 4096 bytes as JSON; ``None`` takes it away.

@@ -10,6 +10,7 @@ from typing import Any
 from .connection import ANSWER_TIMEOUT_S, PRESENT_TIMEOUT_S, Connection, Credentials
 from .coordinate_system import CoordinateSystem
 from .errors import Alarm, Refused
+from .io import Io
 from .levels import Levels
 from .messages import AlarmRecord, Birth, CommandReply, Presence
 
@@ -51,6 +52,14 @@ class Plc:
     def cs(self, number: int) -> CoordinateSystem:
         """Give a coordinate system by its number, from 1. If there is none, each call on it is an error."""
         return CoordinateSystem(self, number)
+
+    def io_in(self, name: str) -> Io:
+        """Give an input of the plant, by its name in the configuration (``[io.in.NAME]``)."""
+        return Io(self, "in", name)
+
+    def io_out(self, name: str) -> Io:
+        """Give an output of the plant, by its name in the configuration (``[io.out.NAME]``)."""
+        return Io(self, "out", name)
 
     @property
     def is_connected(self) -> bool:

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from .connection import PRESENT_TIMEOUT_S, Connection, Credentials
 from .declared import Declared, Param
 from .errors import ProgramError
+from .levels import lock_level, lock_place
 from .messages import Redelivery
 from .output import Output
 from .params import Params
@@ -217,7 +218,11 @@ class SequenceProgram:
         jobs: list[asyncio.Future[Any]] = []
         try:
             for level in self._levels:
-                level.follow(lambda level: plc._levels.want(level.place, level.value, level.text))
+                level.follow(
+                    lambda level: plc._levels.want(
+                        lock_place(*level.place), lock_level(level.value, level.text, level.place[2])
+                    )
+                )
             await connection.start(timeout_s)
             jobs.append(asyncio.ensure_future(runner.run()))
             jobs.append(asyncio.ensure_future(plc._levels.keep_written()))

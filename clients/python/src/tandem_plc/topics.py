@@ -14,6 +14,7 @@ from .messages import (
     HandlerPresence,
     HandlerResult,
     HandshakeResult,
+    IoState,
     Lock,
     OptionalSkip,
     Overrides,
@@ -33,6 +34,7 @@ _FORMS: dict[str, Any] = {
     "alarm/event": AlarmRecord,
     "handler/+/presence": HandlerPresence,
     "handler/+/result": HandlerResult,
+    "io/+/+": IoState,
     "cs/+/state": State,
     "cs/+/run": RunState,
     "cs/+/captured": Captured,
@@ -62,6 +64,8 @@ def form_of(path: str) -> Any | None:
     for at in ("cs", "handler"):
         if levels[0] == at and len(levels) > 1:
             levels[1] = "+"
+    if levels[0] == "io" and len(levels) == 3:
+        levels[1:] = ["+", "+"]
     if len(levels) == 5 and levels[2] == "m_code":
         levels[3] = "+"
     return _LEVELS.get(tuple(levels))

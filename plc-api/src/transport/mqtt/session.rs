@@ -30,13 +30,14 @@ const KEEP_ALIVE: Duration = Duration::from_secs(5);
 const WATCH: Duration = Duration::from_millis(100);
 
 /// Topics of a machine below its root, other than `reply`.
-const FILTERS: [&str; 17] = [
+const FILTERS: [&str; 18] = [
     "presence",
     "birth",
     "alarm/event",
     "alarm/active",
     "handler/+/presence",
     "handler/+/result",
+    "io/+/+",
     "cs/+/+",
     "cs/+/m_code/pending",
     "cs/+/m_code/+/output",

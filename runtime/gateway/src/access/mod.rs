@@ -42,7 +42,7 @@ pub enum Role {
     /// May do everything, including changes of the program store.
     Admin,
     /// A sequence program: claims, resets, reports progress and presence, in its own name only, raises alarms, sets
-    /// sources of its own of interlock and start lock, and tool, spindle and variables in a coordinate system in which it
+    /// sources of its own of interlock and start lock, inputs and outputs of the plant, and tool, spindle and variables in a coordinate system in which it
     /// serves an M code.
     Handler,
 }

@@ -54,7 +54,7 @@ fn check_handler(
         return Err("a reset by force needs role operate or admin".to_owned());
     }
     if parsed.right() == Right::SetInput {
-        return check_lock(name, request);
+        return check_input(name, request);
     }
     if parsed.right() != Right::Set {
         return Ok(());
@@ -73,14 +73,18 @@ fn check_handler(
     ))
 }
 
-/// Of the inputs a handler sets sources of its own, never those of others.
-fn check_lock(name: &str, request: &Request) -> Result<(), String> {
+/// Of the inputs a handler sets sources of its own, never those of others; inputs and outputs of the plant in its own name.
+fn check_input(name: &str, request: &Request) -> Result<(), String> {
     match request {
         Request::Input(_, Input::Interlock(set) | Input::StartLock(set))
             if set.handler_id.as_deref() == Some(name) && set.force != Some(true) =>
         {
             Ok(())
         }
+        Request::WriteIo(_, set) if set.handler_id.as_deref() == Some(name) => Ok(()),
+        Request::WriteIo(point, _) => Err(format!(
+            "the token of {name} has role handler: it writes {point} with handler_id {name} only"
+        )),
         _ => Err(format!(
             "the token of {name} has role handler: of the inputs it sets sources of interlock and start lock only, with \
              handler_id {name} and without force"
@@ -98,6 +102,7 @@ fn spoken_for(request: &Request) -> Option<&str> {
         Request::Ask(_, _, ask) => Some(&ask.handler_id),
         Request::ValidateResult(_, _, result) => Some(&result.handler_id),
         Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => set.handler_id.as_deref(),
+        Request::WriteIo(_, set) => set.handler_id.as_deref(),
         Request::Handler(id, _) | Request::Heartbeat(id, _) => Some(id),
         _ => None,
     }

@@ -96,6 +96,14 @@ fn parameter_of(name: &str) -> Value {
             "The client_id of the command that is answered: 1 to 64 characters without / + #.",
             &["panel"],
         ),
+        "name" => (
+            "Its name in the configuration: 1 to 64 characters without / + #.",
+            &["door_closed", "coolant_valve"],
+        ),
+        "side" => (
+            "Whether it is an input or an output of the plant.",
+            &["in", "out"],
+        ),
         "number" => ("Number of the CNC motor, from 1.", &["1"]),
         "verb" => ("What is commanded.", &["load", "start", "hold"]),
         "input" => ("Which input.", &["optional_skip", "interlock"]),
@@ -103,6 +111,7 @@ fn parameter_of(name: &str) -> Value {
     };
     let mut parameter = json!({"description": description, "examples": examples});
     match name {
+        "side" => parameter["enum"] = json!(["in", "out"]),
         "verb" => parameter["enum"] = json!(Command::VERBS),
         "input" => {
             parameter["enum"] = json!([

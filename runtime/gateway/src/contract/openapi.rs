@@ -103,7 +103,7 @@ const TAGS: [(&str, &str); 8] = [
     ("m_codes", "Outputs of M codes, and the handlers that serve them."),
     (
         "inputs",
-        "What the machine is told: inputs, overrides, spindle, tool, and clients that it watches.",
+        "What the machine is told: inputs, overrides, spindle, tool, inputs and outputs of the plant, and clients that it watches.",
     ),
     ("programs", "The store of programs, and what they would do."),
     ("values", "Variables, tools and work offsets."),
@@ -126,7 +126,7 @@ fn tag(route: &Route) -> &'static str {
         "lease" | "commands" => "commands",
         "m_codes" | "handlers" => "m_codes",
         "overrides" | "spindle" | "tool" if route.method == "GET" => "states",
-        "inputs" | "overrides" | "spindle" | "tool" | "motors" | "clients" => "inputs",
+        "inputs" | "overrides" | "spindle" | "tool" | "motors" | "clients" | "io" => "inputs",
         "programs" => "programs",
         "variables" | "tools" | "work_offsets" => "values",
         _ if first == "cs" && level != "machine" => "states",
@@ -190,6 +190,7 @@ fn parameters(route: &Route) -> Vec<Value> {
             let schema = match (name, route.headers) {
                 ("cs", _) => json!({"type": "integer", "minimum": 1, "maximum": 255}),
                 ("number", _) => json!({"type": "integer", "minimum": 1, "maximum": route.number_max}),
+                ("name", _) => json!({"type": "string", "minLength": 1, "maxLength": 64}),
                 ("id", Headers::Nothing) => json!({"type": "string", "minLength": 1, "maxLength": 128}),
                 _ => json!({"type": "integer", "minimum": 0}),
             };

@@ -1,5 +1,6 @@
 //! Topics that the runtime publishes, with numbers in place of the names in their paths.
 
+use plc_api::types::io::IoPoint;
 use plc_api::types::topic::{CsTopic, Topic};
 
 /// Numbers that stand for a name in a path.
@@ -18,6 +19,8 @@ pub(super) fn outbound() -> Vec<Topic> {
         Topic::AlarmActive,
         Topic::Reply("{client_id}".into()),
         Topic::HandlerResult("{id}".into()),
+        Topic::Io(IoPoint::input("{name}")),
+        Topic::Io(IoPoint::output("{name}")),
     ];
     let of_cs = of_cs.map(|topic| Topic::cs(CS, topic));
     machine.into_iter().chain(of_cs).collect()

@@ -11,7 +11,7 @@ use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
 use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Row;
-use plc_api::wire::states::{CoordinateSystems, Health, Inputs, STATES, StateRow};
+use plc_api::wire::states::{AllIo, CoordinateSystems, Health, Inputs, STATES, StateRow};
 
 /// Path before all routes of the interface.
 pub(crate) const API: &str = "/api/v1";
@@ -37,7 +37,7 @@ impl Serves {
 }
 
 /// What the server says itself, and the right that it needs.
-static OWN: [(Option<Right>, Route); 11] = [
+static OWN: [(Option<Right>, Route); 12] = [
     (
         Some(Right::Read),
         Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
@@ -45,6 +45,10 @@ static OWN: [(Option<Right>, Route); 11] = [
     (
         Some(Right::Read),
         Route::get("/cs/{cs}/inputs", "All inputs.").gives::<Inputs>(),
+    ),
+    (
+        Some(Right::Read),
+        Route::get("/io", "All inputs and outputs of the plant.").gives::<AllIo>(),
     ),
     (
         Some(Right::Read),

@@ -53,7 +53,8 @@ fn push_messages(text: &mut String) {
             .fold(topic.path(), |path, name| path.replace(name, "${number}"));
         let path = path
             .replace("{client_id}", "${string}")
-            .replace("{id}", "${string}");
+            .replace("{id}", "${string}")
+            .replace("{name}", "${string}");
         let message = (topic.form().name)();
         writeln!(text, "  Topic extends `{path}` ? {message} :").unwrap();
     }

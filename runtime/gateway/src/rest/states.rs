@@ -10,10 +10,13 @@ use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::io::IoSide;
 use plc_api::types::message::Message;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::row::number;
-use plc_api::wire::states::{CoordinateSystems, Health, HealthStatus, Inputs, STATES, StateRow, WithState};
+use plc_api::wire::states::{
+    AllIo, CoordinateSystems, Health, HealthStatus, Inputs, STATES, StateRow, WithState,
+};
 use serde_json::{Value, json};
 
 use super::login::{log_in, log_out, who};
@@ -27,6 +30,7 @@ pub(super) fn own_routes() -> Router<Arc<Shared>> {
     Router::new()
         .route("/cs", get(coordinate_systems))
         .route("/cs/{cs}/inputs", get(inputs))
+        .route("/io", get(all_io))
         .route("/hmi", get(hmi))
         .route("/health", get(health))
         .route("/metrics", get(metrics))
@@ -50,7 +54,7 @@ pub(super) async fn one(
     params: Params,
     row: &StateRow,
 ) -> Result<Response, Problem> {
-    let message = shared.read(&row.topic(cs_of(&params, &uri)?)).await?;
+    let message = shared.read(&row.topic(&super::params(&params, &uri)?)).await?;
     Ok(message_response(&message))
 }
 
@@ -72,10 +76,11 @@ async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Respons
 
 async fn inputs(State(shared): State<Arc<Shared>>, uri: Uri, params: Params) -> Result<Response, Problem> {
     let cs = cs_of(&params, &uri)?;
+    let number = cs.to_string();
     let mut all = BTreeMap::new();
     for row in STATES.iter() {
         if let Some(name) = row.input()
-            && let Ok(message) = shared.read(&row.topic(cs)).await
+            && let Ok(message) = shared.read(&row.topic(&[("cs", &number)])).await
         {
             all.insert(name, message_value(&message));
         }
@@ -84,6 +89,21 @@ async fn inputs(State(shared): State<Arc<Shared>>, uri: Uri, params: Params) -> 
         return Err(Problem::not_found(format!("this machine has no cs/{cs}/input")));
     }
     Ok(json_text(json!(Inputs(all)).to_string()))
+}
+
+async fn all_io(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
+    let mut all = AllIo::default();
+    for (point, _) in shared.birth().await?.io.points() {
+        let side = match point.side {
+            IoSide::In => &mut all.inputs,
+            IoSide::Out => &mut all.outputs,
+        };
+        let name = point.name.clone();
+        if let Ok(message) = shared.read(&Topic::Io(point)).await {
+            side.insert(name, message_value(&message));
+        }
+    }
+    Ok(json_text(json!(all).to_string()))
 }
 
 async fn health(State(shared): State<Arc<Shared>>) -> Response {

@@ -418,3 +418,36 @@ proptest! {
         }
     }
 }
+
+#[tokio::test]
+async fn a_handler_writes_the_plant_in_its_own_name_and_forces_nothing() {
+    let users = Users::new();
+    let port = port();
+    let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
+    let own = json!({"value": true, "handler_id": "handler"});
+    for (user, path, body, is_allowed) in [
+        ("handler", "/io/in/door", own.clone(), true),
+        ("handler", "/io/out/lamp", own, true),
+        ("handler", "/io/in/door", json!({"value": true}), false),
+        (
+            "handler",
+            "/io/in/door",
+            json!({"value": true, "handler_id": "other"}),
+            false,
+        ),
+        ("handler", "/io/in/door/force", json!({"value": true}), false),
+        ("operate", "/io/in/door", json!({"value": true}), true),
+        ("operate", "/io/out/lamp/force", json!({"value": true}), true),
+        ("operate", "/io/out/lamp/force", json!({"value": null}), true),
+        ("view", "/io/out/lamp", json!({"value": true}), false),
+        ("view", "/io/out/lamp/force", json!({"value": null}), false),
+    ] {
+        let asked = port.asked().len();
+        let (status, text) = send(&shared, ("PUT", path), Some(users.token(user)), &body).await;
+        assert_eq!(status.is_success(), is_allowed, "{user} {path} {body}: {text}");
+        assert_eq!(port.asked().len() - asked, usize::from(is_allowed));
+        if !is_allowed {
+            assert_eq!(status, StatusCode::FORBIDDEN, "{user} {path} {body}: {text}");
+        }
+    }
+}

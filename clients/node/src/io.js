@@ -1,0 +1,132 @@
+// Inputs and outputs of the plant: what its sensors tell, and what sequence programs command its valves.
+
+import { NotConnected, Refused } from "./errors.js";
+
+/** @typedef {import("./messages.d.ts").IoStateMessage} IoState */
+/** @typedef {import("./messages.d.ts").IoValue} IoValue */
+
+/** Names in the text of a refusal. */
+const NAMED_MAX = 20;
+
+/** One input or output, by its name in the configuration: `plc.ioIn("door_closed")`, `plc.ioOut("lamp")`. */
+export class Io {
+  #plc;
+
+  /** @param {import("./plc.js").Plc} plc @param {"in" | "out"} side @param {string} name */
+  constructor(plc, side, name) {
+    this.#plc = plc;
+    this.side = side;
+    this.name = name;
+  }
+
+  /** Its topic, below the machine's root. */
+  get path() {
+    return `io/${this.side}/${this.name}`;
+  }
+
+  /**
+   * Its value with its owner, and whether it is forced. Throws `Refused`: the configuration does not declare it, or the machine has
+   * not told of it yet.
+   * @returns {IoState}
+   */
+  get state() {
+    const state = this.#told();
+    if (state !== undefined) return state;
+    this.#check();
+    throw new Refused("not_found", `${this.path}: the machine has not told of it yet`);
+  }
+
+  /** What it is now: the forced value, else what its owner has written, else its safe value. @returns {IoValue} */
+  get value() {
+    return this.state.value;
+  }
+
+  /** The value of now, then each other one; it ends with the connection. @returns {AsyncGenerator<IoValue, void>} */
+  async *values() {
+    /** @type {IoValue | undefined} */
+    let last;
+    for await (const { value } of this.#plc.connection.hub.follow(this.path)) {
+      if (value === last) continue;
+      last = value;
+      yield value;
+    }
+  }
+
+  /**
+   * Waits for a value that fits, and gives it: until it is on, or such as `(value) => value > 12.5`.
+   * @param {(value: IoValue) => boolean} [fits] @param {{signal?: AbortSignal}} [options] @returns {Promise<IoValue>}
+   */
+  async waitUntil(fits = (value) => value === true, { signal } = {}) {
+    this.#check();
+    const { hub } = this.#plc.connection;
+    const found = await hub.find(this.path, (/** @type {IoState} */ { value }) => (fits(value) ? value : undefined), signal);
+    if (found === undefined) throw new NotConnected("the connection was closed here");
+    return found;
+  }
+
+  /**
+   * Writes it. What a program that serves the machine has written is the program's: it is written again on each connection and at each
+   * boot, nobody else writes it while the program is there, and it has its safe value when that has gone. A machine that cannot be
+   * reached is waited for. A client without handlers writes what no handler owns.
+   *
+   * Throws `Refused`: it is not declared, the value is not of its kind or range, or it is another handler's.
+   * @param {IoValue} value
+   */
+  async set(value) {
+    this.#check(value);
+    if (this.#plc.isConnected) this.#checkOwner();
+    await this.#plc.levels.set({ name: this.path, topic: `${this.path}/set`, payload: { value } });
+  }
+
+  /** Puts a value in the place of the written one, as an operator does, until `release`. @param {IoValue} value */
+  async force(value) {
+    this.#check(value);
+    await this.#putInPlace(value);
+  }
+
+  /** Takes a forced value back: what its owner has written counts again. */
+  async release() {
+    this.#check();
+    await this.#putInPlace(null);
+  }
+
+  /** @param {IoValue | null} value */
+  async #putInPlace(value) {
+    const { connection, levels } = this.#plc;
+    await connection.request(`${this.path}/force`, { value, by: levels.owner ?? connection.clientId });
+  }
+
+  /** @returns {IoState | undefined} */
+  #told() {
+    return this.#plc.connection.hub.last(this.path);
+  }
+
+  /** Judges by what the machine has said: over a broker nobody answers a write that is refused. @param {IoValue} [value] */
+  #check(value) {
+    const { birth } = this.#plc;
+    if (birth === undefined) return;
+    const declared = birth.io?.[this.side] ?? {};
+    const own = Object.hasOwn(declared, this.name) ? declared[this.name] : undefined;
+    if (own === undefined) {
+      const there = Object.keys(declared).slice(0, NAMED_MAX).join(", ") || "none";
+      throw new Refused("not_found", `the configuration has no [io.${this.side}.${this.name}]; there are ${there}`);
+    }
+    const wrong = value === undefined ? null : whatIsWrong(own, value);
+    if (wrong !== null) throw new Refused("invalid", `${this.path}: ${wrong}`);
+  }
+
+  #checkOwner() {
+    const state = this.#told();
+    const { owner } = this.#plc.levels;
+    if (state === undefined || state.owner === null || state.owner === owner || (state.lost && owner !== null)) return;
+    const whose = state.lost ? `it waits for handler ${state.owner}` : `it is handler ${state.owner}'s`;
+    throw new Refused("not_allowed", `${this.path}: ${whose}; an operator puts a value in its place by force`);
+  }
+}
+
+/** Why one cannot have a value; null: it can. @param {import("./messages.d.ts").IoDeclaration} declared @param {IoValue} value */
+function whatIsWrong({ kind, min = -Infinity, max = Infinity }, value) {
+  if (kind === "bool") return typeof value === "boolean" ? null : `${value}: write true or false`;
+  if (typeof value !== "number" || !Number.isFinite(value)) return `${value}: write a finite number`;
+  return min <= value && value <= max ? null : `${value}: write ${min} to ${max}`;
+}

@@ -1,0 +1,47 @@
+//! Inputs and outputs of the plant of the scripted machine.
+
+use super::{FakePort, Inner};
+use crate::lock::lock;
+use crate::types::io::{IoForce, IoPoint, IoSet, IoState};
+use crate::types::message::Payload;
+use crate::types::request::{Answer, Refusal};
+use crate::types::topic::Topic;
+
+impl FakePort {
+    pub(super) fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
+        let mut inner = lock(&self.inner);
+        let Inner { io, handlers, .. } = &mut *inner;
+        let state = io.write(&point, set, |id| handlers.is_online(id))?.clone();
+        self.publish_io(&mut inner, point, state);
+        Ok(Answer::Done)
+    }
+
+    pub(super) fn force_io(&self, point: IoPoint, force: IoForce) -> Result<Answer, Refusal> {
+        let mut inner = lock(&self.inner);
+        let state = inner.io.force(&point, force)?.clone();
+        self.publish_io(&mut inner, point, state);
+        Ok(Answer::Done)
+    }
+
+    /// A handler is not there any more.
+    pub(super) fn lose_io(&self, inner: &mut Inner, handler_id: &str) {
+        for (point, state) in inner.io.lose(handler_id) {
+            self.publish_io(inner, point, state);
+        }
+    }
+
+    pub(super) fn publish_all_io(&self, inner: &mut Inner) {
+        let all: Vec<_> = inner
+            .io
+            .states()
+            .map(|(point, state)| (point.clone(), state.clone()))
+            .collect();
+        for (point, state) in all {
+            self.publish_io(inner, point, state);
+        }
+    }
+
+    fn publish_io(&self, inner: &mut Inner, point: IoPoint, state: IoState) {
+        self.publish(inner, Topic::Io(point), Payload::Io(state));
+    }
+}

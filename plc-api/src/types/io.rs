@@ -1,0 +1,406 @@
+//! Inputs and outputs of the plant: what its sensors tell, and what sequence programs command its valves.
+
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::ids::{check_client_id, is_client_id};
+use super::refusal::{Refusal, RefusalCode};
+
+/// Inputs of a plant, and as many outputs. Reason: what they are is one message.
+pub const IO_MAX: usize = 256;
+
+/// Which way something goes, from the point of view of sequence programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum IoSide {
+    /// The plant tells it: a contact, a sensor.
+    In,
+    /// Sequence programs command it: a valve, a lamp.
+    Out,
+}
+
+impl IoSide {
+    /// Both.
+    pub const ALL: [IoSide; 2] = [IoSide::In, IoSide::Out];
+
+    /// Its level in topics and routes.
+    pub fn word(self) -> &'static str {
+        match self {
+            IoSide::In => "in",
+            IoSide::Out => "out",
+        }
+    }
+
+    /// The side of a level.
+    pub fn of_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|side| side.word() == word)
+    }
+}
+
+/// One input or output of the plant by its name. As text it is its topic, such as `io/in/door_closed`.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct IoPoint {
+    /// Input or output.
+    pub side: IoSide,
+    /// 1 to 64 characters without `/ + #`.
+    pub name: String,
+}
+
+impl IoPoint {
+    /// An input.
+    pub fn input(name: impl Into<String>) -> Self {
+        let (side, name) = (IoSide::In, name.into());
+        Self { side, name }
+    }
+
+    /// An output.
+    pub fn output(name: impl Into<String>) -> Self {
+        let (side, name) = (IoSide::Out, name.into());
+        Self { side, name }
+    }
+
+    /// The point of a path such as `in/door_closed`.
+    pub(super) fn parse(path: &str) -> Option<Self> {
+        let (side, name) = path.split_once('/')?;
+        let (side, name) = (IoSide::of_word(side)?, name.to_owned());
+        is_client_id(&name).then_some(Self { side, name })
+    }
+}
+
+impl fmt::Display for IoPoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "io/{}/{}", self.side.word(), self.name)
+    }
+}
+
+/// The value of an input or output.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(untagged)]
+pub enum IoValue {
+    /// On or off.
+    Bool(bool),
+    /// In the unit of its declaration.
+    Number(f64),
+}
+
+impl IoValue {
+    /// True while it is on; false for a number.
+    pub fn is_on(self) -> bool {
+        self == true
+    }
+
+    /// `None`: it is on or off.
+    pub fn as_number(self) -> Option<f64> {
+        match self {
+            IoValue::Number(number) => Some(number),
+            IoValue::Bool(_) => None,
+        }
+    }
+
+    /// Of which kind it is.
+    pub fn kind(self) -> IoKind {
+        match self {
+            IoValue::Bool(_) => IoKind::Bool,
+            IoValue::Number(_) => IoKind::Number,
+        }
+    }
+}
+
+impl Default for IoValue {
+    fn default() -> Self {
+        IoValue::Bool(false)
+    }
+}
+
+impl fmt::Display for IoValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            IoValue::Bool(value) => value.fmt(f),
+            IoValue::Number(value) => value.fmt(f),
+        }
+    }
+}
+
+impl From<bool> for IoValue {
+    fn from(value: bool) -> Self {
+        IoValue::Bool(value)
+    }
+}
+
+impl From<f64> for IoValue {
+    fn from(value: f64) -> Self {
+        IoValue::Number(value)
+    }
+}
+
+/// `value == true`; a number is neither `true` nor `false`.
+impl PartialEq<bool> for IoValue {
+    fn eq(&self, other: &bool) -> bool {
+        matches!(self, IoValue::Bool(value) if value == other)
+    }
+}
+
+impl PartialEq<f64> for IoValue {
+    fn eq(&self, other: &f64) -> bool {
+        matches!(self, IoValue::Number(value) if value == other)
+    }
+}
+
+/// `value > 12.5`; what is on or off is neither greater nor less.
+impl PartialOrd<f64> for IoValue {
+    fn partial_cmp(&self, other: &f64) -> Option<Ordering> {
+        self.as_number()?.partial_cmp(other)
+    }
+}
+
+/// What kind of value it has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum IoKind {
+    /// On or off.
+    #[default]
+    Bool,
+    /// A number with a unit and a range.
+    Number,
+}
+
+/// What the configuration says of an input or output.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct IoDeclaration {
+    /// Bool or number.
+    pub kind: IoKind,
+    /// The safe value: at a start, and while its owner is not there.
+    pub on_loss: IoValue,
+    /// What it is, for people; empty: its name says it.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub text: String,
+    /// Unit of a number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Lowest number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Highest number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+}
+
+impl IoDeclaration {
+    /// Of the kind of its safe value, without a range.
+    pub fn new(on_loss: impl Into<IoValue>) -> Self {
+        let on_loss = on_loss.into();
+        Self {
+            kind: on_loss.kind(),
+            on_loss,
+            ..Self::default()
+        }
+    }
+
+    /// Whether it can have this value.
+    ///
+    /// # Errors
+    /// What to write.
+    pub fn check(&self, value: IoValue) -> Result<(), String> {
+        match (self.kind, value) {
+            (IoKind::Bool, IoValue::Bool(_)) => Ok(()),
+            (IoKind::Bool, IoValue::Number(_)) => Err(format!("{value}: write true or false")),
+            (IoKind::Number, IoValue::Bool(_)) => Err(format!("{value}: write a number")),
+            (IoKind::Number, IoValue::Number(number)) => {
+                let (low, high) = (self.min.unwrap_or(f64::MIN), self.max.unwrap_or(f64::MAX));
+                if (low..=high).contains(&number) {
+                    return Ok(());
+                }
+                Err(match (self.min, self.max) {
+                    (Some(low), Some(high)) => format!("{number}: write {low} to {high}"),
+                    (Some(low), None) => format!("{number}: write {low} or more"),
+                    (None, Some(high)) => format!("{number}: write {high} or less"),
+                    (None, None) => format!("{number}: write a finite number"),
+                })
+            }
+        }
+    }
+}
+
+/// All inputs and outputs of a plant, as the configuration declares them.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct IoDeclarations {
+    /// Inputs by name.
+    #[serde(rename = "in", default)]
+    pub inputs: BTreeMap<String, IoDeclaration>,
+    /// Outputs by name.
+    #[serde(rename = "out", default)]
+    pub outputs: BTreeMap<String, IoDeclaration>,
+}
+
+impl IoDeclarations {
+    /// Those of one side.
+    pub fn of(&self, side: IoSide) -> &BTreeMap<String, IoDeclaration> {
+        match side {
+            IoSide::In => &self.inputs,
+            IoSide::Out => &self.outputs,
+        }
+    }
+
+    /// Adds one, or takes its place.
+    pub fn insert(&mut self, point: IoPoint, declaration: IoDeclaration) {
+        let declared = match point.side {
+            IoSide::In => &mut self.inputs,
+            IoSide::Out => &mut self.outputs,
+        };
+        declared.insert(point.name, declaration);
+    }
+
+    /// All of them.
+    pub fn points(&self) -> impl Iterator<Item = (IoPoint, &IoDeclaration)> {
+        IoSide::ALL.into_iter().flat_map(|side| {
+            let declared = self.of(side).iter();
+            declared.map(move |(name, declaration)| {
+                let name = name.clone();
+                (IoPoint { side, name }, declaration)
+            })
+        })
+    }
+}
+
+/// Payload of `io/in/{name}` and `io/out/{name}`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct IoState {
+    /// What counts: the forced value, else what was written.
+    pub value: IoValue,
+    /// What was written last; `on_loss` at a start, and while its owner is not there.
+    pub written: IoValue,
+    /// The handler that writes it, which alone does; null: nobody yet, or clients without presence, of which any writes it.
+    pub owner: Option<String>,
+    /// True while its owner is not there.
+    #[serde(default)]
+    pub lost: bool,
+    /// An operator has put a value in the place of the written one; null: nobody has.
+    pub forced: Option<IoForced>,
+}
+
+/// A value in the place of the written one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct IoForced {
+    /// The value.
+    pub value: IoValue,
+    /// Who has forced it.
+    pub by: String,
+}
+
+/// Payload of `io/in/{name}/set` and `io/out/{name}/set`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct IoSet {
+    /// The value.
+    pub value: IoValue,
+    /// The handler that owns it from now on; its presence must be online.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub handler_id: Option<String>,
+}
+
+/// Payload of `io/in/{name}/force` and `io/out/{name}/force`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct IoForce {
+    /// The value that counts from now on; null: what is written counts again.
+    #[serde(deserialize_with = "null_or_value")]
+    #[cfg_attr(feature = "schema", schemars(required, schema_with = "value_or_null"))]
+    pub value: Option<IoValue>,
+    /// Who forces it, where the machine does not know its user.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub by: Option<String>,
+}
+
+impl IoForce {
+    /// # Errors
+    /// A name that is none.
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
+        self.by.as_ref().map_or(Ok(()), |by| check_client_id("by", by))
+    }
+}
+
+#[cfg(feature = "schema")]
+fn value_or_null(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+    let value = generator.subschema_for::<IoValue>();
+    schemars::json_schema!({"anyOf": [value, {"type": "null"}]})
+}
+
+/// A field that may be null, and may not be left out.
+fn null_or_value<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<IoValue>, D::Error> {
+    Option::deserialize(deserializer)
+}
+
+impl IoSet {
+    /// # Errors
+    /// An id that is none.
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
+        let id = self.handler_id.as_ref();
+        id.map_or(Ok(()), |id| check_client_id("handler_id", id))
+    }
+}
+
+/// What cannot be done with a point.
+pub(crate) fn refused(code: RefusalCode, point: &IoPoint, why: impl fmt::Display) -> Refusal {
+    Refusal::new(code, format!("{point}: {why}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_compares_with_what_is_of_its_kind() {
+        let (on, level) = (IoValue::Bool(true), IoValue::Number(12.5));
+        assert!(on == true && on != false && on.is_on());
+        assert!(level > 12.0 && level == 12.5 && level <= 12.5);
+        assert!(on != 1.0 && !(on > 0.0) && !(on < 2.0) && !level.is_on());
+    }
+
+    #[test]
+    fn a_value_is_of_the_kind_and_in_the_range_of_its_declaration() {
+        let level = IoDeclaration {
+            min: Some(0.0),
+            max: Some(60.0),
+            ..IoDeclaration::new(0.0)
+        };
+        assert_eq!(level.check(60.0.into()), Ok(()));
+        for (value, says) in [
+            (60.5.into(), "0 to 60"),
+            (f64::NAN.into(), "0 to 60"),
+            (IoValue::Bool(true), "a number"),
+        ] {
+            assert!(level.check(value).unwrap_err().contains(says), "{value}");
+        }
+        assert!(IoDeclaration::new(0.0).check(f64::INFINITY.into()).is_err());
+        let contact = IoDeclaration::new(false);
+        assert_eq!(contact.check(true.into()), Ok(()));
+        assert!(contact.check(1.0.into()).unwrap_err().contains("true or false"));
+    }
+
+    #[test]
+    fn a_force_says_its_value_or_null_and_leaves_neither_out() {
+        let read = |json: &str| {
+            serde_json::from_str::<IoForce>(json)
+                .ok()
+                .map(|force| force.value)
+        };
+        assert_eq!(read(r#"{"value":true}"#), Some(Some(IoValue::Bool(true))));
+        assert_eq!(read(r#"{"value":7}"#), Some(Some(IoValue::Number(7.0))));
+        assert_eq!(read(r#"{"value":null}"#), Some(None));
+        for wrong in ["{}", r#"{"by":"panel"}"#, r#"{"value":"on"}"#] {
+            assert_eq!(read(wrong), None, "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Requests for inputs and outputs of the plant.
+
+use super::right::Right::{Operate, SetInput};
+use super::route::Route;
+use super::row::{RequestParts, Row, Topic};
+use super::row_macros::written;
+use crate::types::io::{IoForce, IoSet};
+use crate::types::request::Request;
+
+/// A handler or a client writes one.
+#[allow(
+    clippy::result_large_err,
+    reason = "a request that is not of the row is given back as it is"
+)]
+pub(super) const WRITE: Row = Row {
+    routes: &[
+        Route::put::<IoSet>("/io/{side=in}/{name}", "Writes an input of the plant."),
+        Route::put::<IoSet>("/io/{side=out}/{name}", "Writes an output of the plant."),
+    ],
+    topic: Some(Topic::new::<IoSet>(
+        "io/{side}/{name}/set",
+        "Writes an input or output of the plant, as the handler that owns it, or a client without presence where nobody does.",
+    )),
+    ..Row::new(
+        SetInput,
+        |incoming| Ok(Request::WriteIo(incoming.io_point()?, incoming.json()?)),
+        written!(Request::WriteIo(point, set) => RequestParts::of_io(&point).json(&set)),
+    )
+};
+
+/// An operator forces one.
+#[allow(
+    clippy::result_large_err,
+    reason = "a request that is not of the row is given back as it is"
+)]
+pub(super) const FORCE: Row = Row {
+    routes: &[
+        Route::put::<IoForce>(
+            "/io/{side=in}/{name}/force",
+            "Puts a value in the place of an input of the plant, or with null takes it back.",
+        ),
+        Route::put::<IoForce>(
+            "/io/{side=out}/{name}/force",
+            "Puts a value in the place of an output of the plant, or with null takes it back.",
+        ),
+    ],
+    topic: Some(Topic::new::<IoForce>(
+        "io/{side}/{name}/force",
+        "Puts a value in the place of what is written to an input or output of the plant, or with null takes it back.",
+    )),
+    ..Row::new(
+        Operate,
+        |incoming| Ok(Request::ForceIo(incoming.io_point()?, incoming.json()?)),
+        written!(Request::ForceIo(point, force) => RequestParts::of_io(&point).json(&force)),
+    )
+};

@@ -1,0 +1,184 @@
+//! `[io.in]` and `[io.out]`.
+
+use plc_api::types::ids::is_client_id;
+use plc_api::types::io::{IO_MAX, IoDeclaration, IoDeclarations, IoKind, IoPoint, IoSide, IoValue};
+
+use super::super::text::Problems;
+use super::super::{IoConfig, IoPointConfig};
+use super::Checked;
+
+/// Characters of a text. Reason: it is one line of a card.
+const TEXT_MAX: usize = 100;
+
+/// Characters of a unit.
+const UNIT_MAX: usize = 16;
+
+impl IoConfig {
+    pub(super) fn declarations(&self, problems: &mut Problems<'_>) -> IoDeclarations {
+        let mut declared = IoDeclarations::default();
+        for side in IoSide::ALL {
+            let (word, points) = match side {
+                IoSide::In => ("io.in", &self.inputs),
+                IoSide::Out => ("io.out", &self.outputs),
+            };
+            if points.len() > IO_MAX {
+                let text = format!(
+                    "[{word}]: {} are declared; a plant has up to {IO_MAX}",
+                    points.len()
+                );
+                problems.add(word, text);
+            }
+            for (name, config) in points {
+                let path = format!("{word}.{name}");
+                let mut checked = problems.of(path.as_str(), format!("[{path}] "));
+                if !is_client_id(name) {
+                    checked.problem("", "name it by 1 to 64 characters without / + #");
+                }
+                let name = name.clone();
+                declared.insert(IoPoint { side, name }, config.declaration(&mut checked));
+            }
+        }
+        declared
+    }
+}
+
+impl IoPointConfig {
+    fn declaration(&self, checked: &mut Checked<'_, '_>) -> IoDeclaration {
+        let numbers = [
+            ("unit", self.unit.is_some()),
+            ("min", self.min.is_some()),
+            ("max", self.max.is_some()),
+        ];
+        if self.kind == IoKind::Bool {
+            for (key, _) in numbers.into_iter().filter(|(_, is_there)| *is_there) {
+                checked.problem(key, format!("{key} is for kind = \"number\""));
+            }
+        }
+        for (key, bound) in [("min", self.min), ("max", self.max)] {
+            if let Some(bound) = bound.filter(|bound| !bound.is_finite()) {
+                checked.problem(key, format!("{key} = {bound}: write a finite number"));
+            }
+        }
+        if let (Some(low), Some(high)) = (self.min, self.max)
+            && low > high
+        {
+            checked.problem("max", format!("max = {high}: write {low} or more, which is min"));
+        }
+        let unit = self.unit.as_deref().unwrap_or_default();
+        for (key, text, most) in [("text", self.text.as_str(), TEXT_MAX), ("unit", unit, UNIT_MAX)] {
+            if text.chars().count() > most {
+                checked.problem(key, format!("{key}: write up to {most} characters"));
+            }
+        }
+        let default = match self.kind {
+            IoKind::Bool => IoValue::Bool(false),
+            IoKind::Number => IoValue::Number(0.0),
+        };
+        let declaration = IoDeclaration {
+            kind: self.kind,
+            on_loss: self.on_loss.unwrap_or(default),
+            text: self.text.clone(),
+            unit: self.unit.clone(),
+            min: self.min,
+            max: self.max,
+        };
+        if let Err(why) = declaration.check(declaration.on_loss) {
+            checked.problem("on_loss", format!("on_loss = {why}"));
+        }
+        declaration
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plc_api::types::io::IoPoint;
+
+    use super::*;
+    use crate::config::Config;
+
+    const MACHINE: &str = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+                           [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
+
+    fn declared(text: &str) -> Result<IoDeclarations, String> {
+        let config = Config::from_toml(&format!("{MACHINE}{text}"), "");
+        let machine = config.and_then(|config| config.resolve());
+        machine
+            .map(|machine| machine.io)
+            .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn inputs_and_outputs_are_declared_by_name_with_a_safe_value_of_their_kind() {
+        let io = declared(
+            "[io.in.door_closed]\ntext = \"Door\"\n[io.out.lamp]\non_loss = true\n\
+             [io.out.pressure]\nkind = \"number\"\nunit = \"bar\"\nmin = 1\nmax = 6.5\non_loss = 1\n",
+        );
+        let all: Vec<_> = io
+            .unwrap()
+            .points()
+            .map(|(point, declared)| (point, declared.clone()))
+            .collect();
+        let door = IoDeclaration {
+            text: "Door".to_owned(),
+            ..IoDeclaration::new(false)
+        };
+        let pressure = IoDeclaration {
+            unit: Some("bar".to_owned()),
+            min: Some(1.0),
+            max: Some(6.5),
+            ..IoDeclaration::new(1.0)
+        };
+        let expected = [
+            (IoPoint::input("door_closed"), door),
+            (IoPoint::output("lamp"), IoDeclaration::new(true)),
+            (IoPoint::output("pressure"), pressure),
+        ];
+        assert_eq!(all, expected);
+    }
+
+    #[test]
+    fn a_mistake_names_its_key_and_what_to_write() {
+        for (text, key, says) in [
+            ("[io.in.a]\non_loss = 1", "[io.in.a] on_loss = 1", "true or false"),
+            ("[io.in.\"a/b\"]", "[io.in.a/b]", "without / + #"),
+            ("[io.in.a]\nunit = \"bar\"", "unit", "kind = \"number\""),
+            ("[io.in.a]\nmax = 1", "max", "kind = \"number\""),
+            (
+                "[io.out.p]\nkind = \"number\"\non_loss = false",
+                "[io.out.p] on_loss",
+                "a number",
+            ),
+            (
+                "[io.out.p]\nkind = \"number\"\nmin = 1",
+                "[io.out.p] on_loss = 0",
+                "1 or more",
+            ),
+            (
+                "[io.out.p]\nkind = \"number\"\nmin = 3\nmax = 2\non_loss = 3",
+                "max = 2",
+                "3 or more",
+            ),
+            ("[io.out.p]\nkind = \"number\"\nmax = inf", "max = inf", "finite"),
+            ("[io.out.p]\nkind = \"text\"", "kind", "number"),
+            ("[io.out.p]\non_los = false", "on_los", "on_loss"),
+        ] {
+            let refusal = declared(text).unwrap_err();
+            assert!(
+                refusal.contains(key) && refusal.contains(says),
+                "{text}: {refusal}"
+            );
+        }
+        let long = format!("[io.in.a]\ntext = \"{}\"", "x".repeat(TEXT_MAX + 1));
+        assert!(declared(&long).unwrap_err().contains("text: write up to 100"));
+    }
+
+    #[test]
+    fn a_plant_has_up_to_256_inputs() {
+        let tables = |count| {
+            let tables: Vec<_> = (0..count).map(|n| format!("[io.in.a{n}]")).collect();
+            tables.join("\n")
+        };
+        assert!(declared(&tables(IO_MAX)).is_ok());
+        assert!(declared(&tables(IO_MAX + 1)).unwrap_err().contains("up to 256"));
+    }
+}
