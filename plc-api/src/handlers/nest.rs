@@ -10,7 +10,7 @@ impl SequenceProgram {
     /// [`handler_id`](SequenceProgram::handler_id)s.
     ///
     /// Of two answers to [`on_redelivery`](SequenceProgram::on_redelivery) the stricter counts, where a program that says nothing
-    /// says [`Redelivery::Ask`]; what is said after the last `merge` counts for all.
+    /// says [`Redelivery::Ask`](crate::Redelivery::Ask); what is said after the last `merge` counts for all.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, SequenceProgram};
