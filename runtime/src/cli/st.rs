@@ -24,8 +24,12 @@ pub struct Arguments {
     /// Ctrl-C ends at once
     #[arg(long, requires = "connect")]
     run: bool,
-    /// The machine of --run: mqtt://[user:token@]host[:port]/[prefix/]machine, with TLS mqtts://
-    #[arg(long, value_name = "ADDRESS", requires = "run")]
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        requires = "run",
+        help = "The machine of --run: mqtt://[user:token@]host[:port]/[prefix/]machine, with TLS mqtts://"
+    )]
     connect: Option<String>,
     /// Time from one scan to the next, ms
     #[arg(long, value_name = "MS", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=60_000))]
