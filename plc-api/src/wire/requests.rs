@@ -77,7 +77,7 @@ pub static ROWS: [Row; 47] = [
         "Resets an output, or tells its fault."),
     about_an_output!(Progress(ProgressReport) "progress" Handle =>
         "Tells how far an output's work is."),
-    about_an_output!(Checkpoint(CheckpointReport) "checkpoint" Handle -> HandshakeResult =>
+    about_an_output!(Checkpoint(CheckpointReport) "checkpoint" Handle =>
         "Notes how far an output's work has come, for whoever takes it up when its owner is lost."),
     about_an_output!(Redeliver(output::Redeliver) "redeliver" Operate =>
         "Gives an output whose handler was lost to a handler again."),
