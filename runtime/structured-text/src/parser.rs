@@ -83,6 +83,17 @@ const KEYWORDS: [&str; 62] = [
     "XOR",
 ];
 
+/// Symbols of the standard that are not part of this subset: what they are, and what to do.
+const OUTSIDE_SYMBOLS: [(&str, &str, &str); 3] = [
+    (
+        "%",
+        "addresses with %",
+        "use the function blocks of the machine, such as MCODE and INTERLOCK",
+    ),
+    ("^", "references", "pass the variable by VAR_IN_OUT"),
+    ("{", "pragmas", "leave the pragma out"),
+];
+
 /// Words of the standard, or of other implementations, that are not part of this subset, and what to write instead.
 const OUTSIDE: [(&str, &str); 34] = [
     (
@@ -309,43 +320,12 @@ impl Parser<'_> {
     fn expected(&mut self, what: &str) -> Refused {
         let span = self.span();
         let kind = self.token().map(|token| token.kind.clone());
+        if let Some((what, help)) = kind.as_ref().and_then(outside) {
+            return self.found(&NOT_IN_SUBSET, span, what, help);
+        }
         let is = match kind {
-            Some(TokenKind::Name(name)) => {
-                if let Some((_, help)) = OUTSIDE.iter().find(|(word, _)| *word == name) {
-                    return self.found(
-                        &NOT_IN_SUBSET,
-                        span,
-                        format!("{name} is not part of this subset"),
-                        *help,
-                    );
-                }
-                name
-            }
-            Some(TokenKind::Symbol(symbol)) => match symbol {
-                "%" => {
-                    let help = "use the function blocks of the machine, such as MCODE and INTERLOCK";
-                    return self.found(
-                        &NOT_IN_SUBSET,
-                        span,
-                        "addresses with % are not part of this subset",
-                        help,
-                    );
-                }
-                "^" => {
-                    let help = "pass the variable by VAR_IN_OUT";
-                    return self.found(
-                        &NOT_IN_SUBSET,
-                        span,
-                        "references are not part of this subset",
-                        help,
-                    );
-                }
-                "{" => {
-                    let help = "leave the pragma out";
-                    return self.found(&NOT_IN_SUBSET, span, "pragmas are not part of this subset", help);
-                }
-                symbol => symbol.to_owned(),
-            },
+            Some(TokenKind::Name(name)) => name,
+            Some(TokenKind::Symbol(symbol)) => symbol.to_owned(),
             Some(TokenKind::Literal(..)) => "a literal".to_owned(),
             Some(TokenKind::Refused) => return Refused,
             // such as a comment without an end, which is all of the rest
@@ -381,5 +361,20 @@ impl Parser<'_> {
         let parsed = parse(self);
         self.depth -= 1;
         parsed
+    }
+}
+
+/// What is said of a token that the language has and this subset does not, and what to do.
+fn outside(kind: &TokenKind) -> Option<(String, &'static str)> {
+    match kind {
+        TokenKind::Name(name) => {
+            let (_, help) = OUTSIDE.iter().find(|(word, _)| word == name)?;
+            Some((format!("{name} is not part of this subset"), help))
+        }
+        TokenKind::Symbol(symbol) => {
+            let (_, what, help) = OUTSIDE_SYMBOLS.iter().find(|(outside, ..)| outside == symbol)?;
+            Some((format!("{what} are not part of this subset"), help))
+        }
+        TokenKind::Literal(..) | TokenKind::Refused | TokenKind::End => None,
     }
 }
