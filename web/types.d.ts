@@ -312,8 +312,8 @@ export interface PlannedPlace { line: number; program: number; }
 /** Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says. */
 export interface PositionMessage {
   actual: Record<string, number>; boot_id: BootId; distance_to_go: Record<string, number>; feedrate: number;
-  following_error: Record<string, number>; machine: Record<string, number>; rev?: number; spindle_rpm: number;
-  ts: string; v: 1; work: Record<string, number>;
+  following_error: Record<string, number>; homed: Record<string, boolean>; machine: Record<string, number>;
+  rev?: number; spindle_rpm: number; ts: string; v: 1; work: Record<string, number>;
 }
 
 /** Payload of `presence`. */

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { picture } from "./pictures.mjs";
+import { inPictures, picture } from "./pictures.mjs";
 import { BIRTH, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -40,7 +40,7 @@ async function open(birth, options) {
   machine.say("birth", birth);
   for (const { number, axes } of birth.coordinate_systems) {
     const at = Object.fromEntries(Object.keys(axes).map((axis, i) => [axis, 25.4 * (i + 1)]));
-    machine.say(`cs/${number}/position`, { machine: at, work: at, distance_to_go: at, actual: at, following_error: at, feedrate: 508, spindle_rpm: 0 });
+    machine.say(`cs/${number}/position`, { machine: at, work: at, distance_to_go: at, actual: at, homed: Object.fromEntries(Object.keys(axes).map((axis) => [axis, true])), following_error: at, feedrate: 508, spindle_rpm: 0 });
     machine.state(number, {});
   }
   await machine.attach(page);
@@ -99,6 +99,36 @@ test("inches are shown on the whole screen when the program has them in force, o
   await page.getByRole("radiogroup", { name: "Velocity, in/min" }).waitFor();
   await page.getByRole("button", { name: /^Units: in/ }).click();
   await work.getByText("25.400", { exact: true }).waitFor();
+});
+
+for (const [width, height] of inPictures(SIZES)) {
+  for (const colorScheme of inPictures(["light", "dark"])) {
+    test(`at ${width}x${height} in ${colorScheme} an axis that is not homed says so, and what to do`, async () => {
+      await open(BIRTH, { viewport: { width, height }, colorScheme });
+      const said = machine.topics.get("cs/1/position");
+      machine.say("cs/1/position", { ...said, homed: { X: true, Y: false, Z: true } });
+      const axis = (letter, says) => page.locator(".positions").getByRole("rowheader", { name: says }).and(page.locator(`[data-axis="${letter}"] th`)).waitFor();
+      await axis("X", "X is homed");
+      await axis("Y", "Y is not homed");
+      const isCut = () => page.locator(".positions tr").evaluateAll((rows) => rows.filter((row) => row.scrollWidth > row.clientWidth + 1).map((row) => row.textContent));
+      await until(isCut, [], "the axes that are cut");
+      await screen.openByHand();
+      const note = page.getByRole("status").filter({ hasText: "Y is not homed: its drive does not know its position" });
+      await note.scrollIntoViewIfNeeded();
+      await picture(page, `homed-${width}-${colorScheme}`);
+      await note.getByRole("button", { name: "Explain Alarm 208" }).waitFor();
+      machine.say("cs/1/position", { ...said, homed: { X: true, Y: true, Z: true } });
+      await note.waitFor({ state: "hidden" });
+      await axis("Y", "Y is homed");
+    });
+  }
+}
+
+test("a machine that does not tell whether its axes are homed shows no sign", async () => {
+  await open(BIRTH);
+  await until(() => page.locator(".homed-sign:visible").count(), 3, "the signs");
+  machine.say("cs/1/position", { ...machine.topics.get("cs/1/position"), homed: {} });
+  await until(() => page.locator(".homed-sign:visible").count(), 0, "the signs");
 });
 
 test("an own speed and an own step are taken as they are typed", async () => {

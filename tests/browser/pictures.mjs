@@ -9,6 +9,9 @@ const OUT = new URL("out/", import.meta.url).pathname;
 export const SIZES = [[390, 844], [820, 1180], [1280, 800], [1920, 1080]];
 export const SCHEMES = ["light", "dark"];
 
+/** All of them where pictures are wanted, otherwise the first. */
+export const inPictures = (all) => (ALL ? all : all.slice(0, 1));
+
 /** Takes a picture of the page as it is now, if pictures are wanted. */
 export async function picture(page, name, options = {}) {
   if (!ALL) return;
@@ -22,7 +25,7 @@ export async function picture(page, name, options = {}) {
  */
 export async function takePictures(browser, url, shows) {
   const said = [];
-  for (const [width, height] of ALL ? SIZES : SIZES.slice(0, 1)) {
+  for (const [width, height] of inPictures(SIZES)) {
     const { page, errors, close } = await openPage(browser, { viewport: { width, height } });
     await page.goto(url);
     await page.getByText("Connected", { exact: true }).waitFor();

@@ -105,7 +105,7 @@ export class ScriptedMachine {
       const zero = Object.fromEntries(Object.keys(named).map((axis) => [axis, 0]));
       this.say(`cs/${number}/state`, STATE);
       this.say(`cs/${number}/program`, { number: null, nest_level: 0, stack: [], line: 0, block: "", interpreted_line: 0 });
-      this.say(`cs/${number}/position`, { machine: zero, work: zero, distance_to_go: zero, actual: zero, following_error: zero, feedrate: 0, spindle_rpm: 0 });
+      this.say(`cs/${number}/position`, { machine: zero, work: zero, distance_to_go: zero, actual: zero, homed: Object.fromEntries(Object.keys(named).map((axis) => [axis, true])), following_error: zero, feedrate: 0, spindle_rpm: 0 });
       this.say(`cs/${number}/modal`, { g: { "01": "G00" }, f: 0, s: 0, ta: 100, td: 100, ts_ms: 50, tool: 0, work_offset: "G54" });
       this.say(`cs/${number}/m_code/pending`, { outputs: [] });
       this.say(`cs/${number}/override/state`, { feed: 100, rapid: 100, spindle: 100 });

@@ -60,6 +60,10 @@ async function moveTo(text) {
   assert.equal(answer.status, 200);
 }
 
+test("simulated drives know their positions from the start: each axis is homed", async () => {
+  for (const axis of ["X", "Y", "Z"]) await page.locator(".positions").getByRole("rowheader", { name: `${axis} is homed` }).waitFor();
+});
+
 test("a work offset is changed, zero is set where the tool stands, and the last change is taken back", async () => {
   await moveTo("G53 G00 X30 Y20");
   await section("Offsets");

@@ -124,6 +124,7 @@ const texts = {
   "connection.old": "Die Werte auf dem Bildschirm sind veraltet.",
   "connection.try_now": "Jetzt versuchen",
 
+  "editor.checked": "So wie er ist: {found}.",
   "editor.close_the_meaning": "Erklärung schließen",
   "editor.compare": "Vergleichen",
   "editor.differs": { one: "{count} Stelle weicht von {program} im Speicher ab: Grün ist hier, Rot ist dort.", other: "{count} Stellen weichen von {program} im Speicher ab: Grün ist hier, Rot ist dort." },
@@ -201,6 +202,12 @@ const texts = {
   "findings.title": "{program}: {found}",
   "findings.warnings": { one: "{count} Warnung", other: "{count} Warnungen" },
 
+  "folders.about": "Namen mit / dazwischen sind Ordner ineinander, etwa Teile/links. Die Nummer, mit der Programme geladen und aufgerufen werden, bleibt.",
+  "folders.folder": "Ordner",
+  "folders.move": "Verschieben",
+  "folders.move_program": "{program} in einen Ordner verschieben",
+  "folders.none": "Kein Ordner",
+  "folders.title": "Ordner von {program}",
   "header.alarms": { one: "Alarm", other: "Alarme" },
   "header.connected": "Verbunden",
   "header.connecting": "Verbinden",
@@ -225,6 +232,9 @@ const texts = {
   "history.past_alarms": "Frühere Alarme",
   "history.timeline": "Zeitleiste",
 
+  "homed.home_at_the_drive": { one: "{axes} ist nicht referenziert: Der Antrieb kennt seine Position nicht, darum bewegt sich nichts. Mit den Mitteln des Antriebs referenzieren, dann Reset drücken.", other: "{axes} sind nicht referenziert: Die Antriebe kennen ihre Positionen nicht, darum bewegt sich nichts. Mit den Mitteln der Antriebe referenzieren, dann Reset drücken." },
+  "homed.is_homed": "{axis} ist referenziert",
+  "homed.is_not_homed": "{axis} ist nicht referenziert",
   "jog.hold": "gedrückt halten",
   "jog.minus": "{axis} minus verfahren: {way}",
   "jog.plus": "{axis} plus verfahren: {way}",

@@ -123,6 +123,7 @@ export default {
   "connection.old": "The values on the screen are old.",
   "connection.try_now": "Try now",
 
+  "editor.checked": "As it stands: {found}.",
   "editor.close_the_meaning": "Close the meaning",
   "editor.compare": "Compare",
   "editor.differs": { one: "{count} place differs from {program} in the store: green is here, red is there.", other: "{count} places differ from {program} in the store: green is here, red is there." },
@@ -200,6 +201,12 @@ export default {
   "findings.title": "{program}: {found}",
   "findings.warnings": { one: "{count} warning", other: "{count} warnings" },
 
+  "folders.about": "Names with / between them are folders within each other, such as parts/left. The number, by which programs are loaded and called, stays.",
+  "folders.folder": "Folder",
+  "folders.move": "Move",
+  "folders.move_program": "Move {program} to a folder",
+  "folders.none": "No folder",
+  "folders.title": "Folder of {program}",
   "header.alarms": { one: "alarm", other: "alarms" },
   "header.connected": "Connected",
   "header.connecting": "Connecting",
@@ -224,6 +231,9 @@ export default {
   "history.past_alarms": "Past alarms",
   "history.timeline": "Timeline",
 
+  "homed.home_at_the_drive": { one: "{axes} is not homed: its drive does not know its position, so nothing moves. Home it by the drive’s own means, then press Reset.", other: "{axes} are not homed: their drives do not know their positions, so nothing moves. Home them by the drives’ own means, then press Reset." },
+  "homed.is_homed": "{axis} is homed",
+  "homed.is_not_homed": "{axis} is not homed",
   "jog.hold": "hold",
   "jog.minus": "Jog {axis} minus: {way}",
   "jog.plus": "Jog {axis} plus: {way}",

@@ -124,6 +124,7 @@ const texts = {
   "connection.old": "画面の値は古い値です。",
   "connection.try_now": "今すぐ再試行",
 
+  "editor.checked": "現在の内容: {found}。",
   "editor.close_the_meaning": "説明を閉じる",
   "editor.compare": "比較",
   "editor.differs": { other: "保存済みの {program} と {count} か所が異なります: 緑はここ、赤は保存側です。" },
@@ -201,6 +202,12 @@ const texts = {
   "findings.title": "{program}: {found}",
   "findings.warnings": { other: "警告 {count} 件" },
 
+  "folders.about": "名前を / で区切ると、parts/left のように入れ子のフォルダーになります。ロードと呼び出しに使う番号は変わりません。",
+  "folders.folder": "フォルダー",
+  "folders.move": "移動",
+  "folders.move_program": "{program} をフォルダーに移動",
+  "folders.none": "フォルダーなし",
+  "folders.title": "{program} のフォルダー",
   "header.alarms": { other: "アラーム" },
   "header.connected": "接続中",
   "header.connecting": "接続しています",
@@ -225,6 +232,9 @@ const texts = {
   "history.past_alarms": "過去のアラーム",
   "history.timeline": "タイムライン",
 
+  "homed.home_at_the_drive": { other: "{axes} 軸は原点が未確定です。ドライブが位置を把握していないため、動作できません。ドライブ側で原点を確定してから、リセットしてください。" },
+  "homed.is_homed": "{axis} 軸は原点確定済み",
+  "homed.is_not_homed": "{axis} 軸は原点未確定",
   "jog.hold": "押している間",
   "jog.minus": "{axis} マイナス方向にジョグ: {way}",
   "jog.plus": "{axis} プラス方向にジョグ: {way}",

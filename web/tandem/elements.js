@@ -56,7 +56,13 @@ class TandemDro extends TandemElement {
     }
     const of = this.getAttribute("of") ?? "work";
     const values = of === "machine" || of === "distance_to_go" ? system.position?.[of] : system.position?.work;
-    for (const cell of this.#list.querySelectorAll("dd")) setText(cell, position(values?.[cell.dataset.axis ?? ""]));
+    for (const cell of this.#list.querySelectorAll("dd")) {
+      const axis = cell.dataset.axis ?? "";
+      const isNotHomed = system.position?.homed?.[axis] === false;
+      setText(cell, position(values?.[axis]));
+      setAttr(cell, "data-not-homed", isNotHomed);
+      setAttr(cell, "title", isNotHomed ? t("homed.is_not_homed", { axis }) : null);
+    }
   }
 }
 
@@ -116,6 +122,7 @@ dl { margin: 0; display: grid; gap: 0.1em; }
 dl div { display: flex; justify-content: space-between; align-items: baseline; gap: 1em; border-bottom: 1px solid var(--line); }
 dt { color: var(--muted); font-weight: 600; }
 dd { margin: 0; font: 1.8em/1.3 ui-monospace, "DejaVu Sans Mono", monospace; font-variant-numeric: tabular-nums; }
+dd[data-not-homed] { color: var(--muted); text-decoration: underline wavy 1.5px var(--attention); }
 `;
 
 const M_CODES = `

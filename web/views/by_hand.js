@@ -2,7 +2,9 @@
 // and the control lease.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
+import { explained } from "../explain.js";
 import { plain, readNumber } from "../format.js";
+import { notHomed } from "../homed.js";
 import { icon } from "../icons.js";
 import { jogButton } from "../jog.js";
 import { t } from "../language.js";
@@ -47,6 +49,8 @@ export const byHand = {
     });
     const keys = button({ class: "switch keys", role: "switch", "aria-label": t("by_hand.jog_by_keyboard_and_gamepad"), onclick: () => pad.set(!pad.on) }, t("by_hand.keys"));
     const padNote = h("p", { class: "muted pad-note", role: "status" });
+    const unhomed = h("span", { class: "grow" });
+    const homedNote = h("div", { class: "row homed-note", role: "status", "data-tone": "attention" }, icon("alarm"), unhomed, explained("alarm 208"));
     const mdi = mdiLine(app);
     const back = backButton(app);
     const lease = leaseButton(app);
@@ -61,6 +65,7 @@ export const byHand = {
       speed.element,
       step.element,
       homes,
+      homedNote,
       mdi.element,
       h("div", { class: "by-hand-foot" }, back.element, lease.element),
       h("div", { class: "by-hand-foot" }, ...switches.map((one) => one.element)),
@@ -103,6 +108,8 @@ export const byHand = {
       setText(padNote, !pad.on ? "" : pad.names[0] ? t("by_hand.keys_and_pad", { pad: pad.names[0] }) : t("by_hand.keys_jog"));
       setAttr(padNote, "hidden", !pad.on);
       for (const one of parts) one.render();
+      setText(unhomed, notHomed(system));
+      setAttr(homedNote, "hidden", unhomed.textContent === "");
       mdi.render(whyNot(app.model, "mdi"));
       for (const one of [back, lease, ...switches, forced]) one.render();
     };

@@ -3,6 +3,7 @@
 
 import { card, fill, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
+import { homedSign } from "../homed.js";
 import { t } from "../language.js";
 import { axesOf } from "../model.js";
 import { scaleOf } from "../units.js";
@@ -17,14 +18,14 @@ export const positions = {
     const body = h("tbody", {});
     const head = [t("positions.axis"), t("positions.work"), t("positions.machine"), t("positions.to_go")].map((text) => h("th", { scope: "col" }, text));
     const table = h("table", { class: "positions" }, h("thead", {}, h("tr", {}, ...head)), body);
-    /** @type {{axis: string, unit: HTMLElement, work: HTMLElement, machine: HTMLElement, toGo: HTMLElement}[]} */
+    /** @type {{axis: string, unit: HTMLElement, sign: ReturnType<typeof homedSign>, work: HTMLElement, machine: HTMLElement, toGo: HTMLElement}[]} */
     let rows = [];
     let shown = "";
 
     /** @param {import("../model.js").CoordinateSystem} system */
     const build = (system) => {
-      rows = axesOf(system).map((axis) => ({ axis, unit: h("small", {}), work: h("td", { class: "work" }), machine: h("td", {}), toGo: h("td", {}) }));
-      const row = (/** @type {typeof rows[number]} */ { axis, unit, work, machine, toGo }) => h("tr", { "data-axis": axis }, h("th", { scope: "row" }, axis, unit), work, machine, toGo);
+      rows = axesOf(system).map((axis) => ({ axis, unit: h("small", {}), sign: homedSign(axis), work: h("td", { class: "work" }), machine: h("td", {}), toGo: h("td", {}) }));
+      const row = (/** @type {typeof rows[number]} */ { axis, unit, sign, work, machine, toGo }) => h("tr", { "data-axis": axis }, h("th", { scope: "row" }, axis, unit, sign.element), work, machine, toGo);
       fill(body, ...rows.map(row));
       element.style.setProperty("--rows", String(rows.length));
     };
@@ -38,9 +39,10 @@ export const positions = {
       }
       // a jog that is held goes on until it is released: the rest of its way is none
       const isJog = system.state?.run_kind === "jog";
-      for (const { axis, unit, work, machine, toGo } of rows) {
+      for (const { axis, unit, sign, work, machine, toGo } of rows) {
         const scale = scaleOf(app.model, axis);
         setText(unit, scale.unit);
+        sign.render(system);
         setText(work, position(system.position?.work[axis], scale));
         setText(machine, position(system.position?.machine[axis], scale));
         const left = system.position?.distance_to_go[axis];

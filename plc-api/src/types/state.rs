@@ -149,6 +149,11 @@ pub struct Position {
     pub work: BTreeMap<String, f64>,
     /// Actual machine position.
     pub actual: BTreeMap<String, f64>,
+    /// Whether the axis is homed: its position counts from the machine's zero, by an absolute encoder or since its drive was
+    /// homed. One that is not homed does not move (alarm 208), and its positions are without meaning. Empty from a machine
+    /// that does not tell.
+    #[serde(default)]
+    pub homed: BTreeMap<String, bool>,
     /// Commanded minus actual.
     pub following_error: BTreeMap<String, f64>,
     /// Left of the block that runs.

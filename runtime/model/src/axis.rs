@@ -82,6 +82,16 @@ impl AxisSet {
         self.0 |= 1 << axis.index();
     }
 
+    /// The set as a number: bit 0 is X.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// The set of such a number.
+    pub const fn from_bits(bits: u8) -> Self {
+        AxisSet(bits)
+    }
+
     /// True when the axis is in the set.
     pub const fn contains(self, axis: Axis) -> bool {
         self.0 & (1 << axis.index()) != 0

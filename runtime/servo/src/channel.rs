@@ -136,6 +136,7 @@ pub(crate) fn channel(
     readings.write(&Reading {
         commanded: MachinePosition(at),
         actual: MachinePosition(at),
+        homed: motors.homed(),
         ..Reading::default()
     });
     let handle = ChannelHandle {
@@ -286,6 +287,7 @@ impl Channel {
             time_s,
             commanded: MachinePosition(self.setpoint),
             actual: MachinePosition(self.motors.actual()),
+            homed: self.motors.homed(),
             distance_to_go: running.map_or(AxisVector::ZERO, |profile| profile.target().minus(self.setpoint)),
             feedrate_mm_min: speed * 60.0,
             rate: moving_rate,

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use tandem_model::profile::{MotorLimits, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, SimulatedSkip};
-use tandem_model::{AXES_MAX, Axis, AxisVector};
+use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
 
 use crate::bus::{Command, DriveBus, Feedback};
 use crate::control::Fault;
@@ -36,6 +36,8 @@ pub(crate) struct Motors {
     places: Range<usize>,
     is_ideal: bool,
     actual: AxisVector,
+    /// Axes whose motor counts from the machine's zero.
+    homed: AxisSet,
     settled: bool,
     /// What keeps them from following.
     trouble: Option<Fault>,
@@ -80,6 +82,7 @@ impl Motors {
             is_ideal: places.clone().all(|place| bus.is_ideal(place)),
             places,
             actual: AxisVector::ZERO,
+            homed: AxisSet::EMPTY,
             settled: false,
             trouble: None,
         };
@@ -104,16 +107,21 @@ impl Motors {
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
         let (with_motor, without_motor) = self.by_place.split_at(feedback.len());
         let (mut changed, mut are_operational) = (0, true);
+        let mut homed = AxisSet::EMPTY;
         for (axis, feedback) in with_motor.iter().zip(feedback) {
             let actual = &mut self.actual[*axis];
             changed |= actual.to_bits() ^ feedback.position.to_bits();
             *actual = feedback.position;
             are_operational &= feedback.is_operational();
+            if feedback.is_homed {
+                homed.insert(*axis);
+            }
         }
         for axis in without_motor {
             self.actual[*axis] = setpoint[*axis];
         }
-        self.settled = changed == 0;
+        self.settled = changed == 0 && homed == self.homed;
+        self.homed = homed;
         self.trouble = None;
         if !are_operational {
             self.trouble = self.find_trouble(feedback);
@@ -155,7 +163,8 @@ impl Motors {
         Some(Fault::PositionJump { motor, axis, jump })
     }
 
-    /// True when no motor moved in the last cycle. A drive may settle the last bit away from its command: with the same command
+    /// True when no motor moved, was homed or lost its reference in the last cycle. A drive may settle the last bit away from
+    /// its command: with the same command
     /// nothing changes any more.
     pub(crate) fn has_settled(&self) -> bool {
         self.settled
@@ -168,6 +177,11 @@ impl Motors {
 
     pub(crate) fn actual(&self) -> AxisVector {
         self.actual
+    }
+
+    /// Axes whose motor counts from the machine's zero.
+    pub(crate) fn homed(&self) -> AxisSet {
+        self.homed
     }
 
     /// `max_acceleration` of each motor.

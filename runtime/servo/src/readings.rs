@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
-use tandem_model::{AXES_MAX, AxisVector, MachinePosition, Origin};
+use tandem_model::{AXES_MAX, AxisSet, AxisVector, MachinePosition, Origin};
 
 /// Number of spins before a reader yields its processor: the writer may be waiting for the same processor.
 const SPINS_BEFORE_YIELD: u32 = 64;
@@ -16,6 +16,8 @@ pub struct Reading {
     pub commanded: MachinePosition,
     /// Actual position. The following error is the commanded minus the actual position.
     pub actual: MachinePosition,
+    /// Axes whose motor counts from the machine's zero; the positions of the others are without meaning.
+    pub homed: AxisSet,
     /// From the commanded position to the end of the current block, signed; zero between blocks.
     pub distance_to_go: AxisVector,
     /// Commanded speed over X, Y, Z, mm/min; deg/min over the other axes when X, Y, Z rest.
@@ -55,6 +57,8 @@ const CELLS: usize = VECTORS + 3 * AXES_MAX;
 const EXECUTING: u64 = 1;
 const HELD: u64 = 2;
 const ORIENTED: u64 = 4;
+/// The set of axes that are homed begins at this bit of the flags.
+const HOMED_SHIFT: u32 = 8;
 
 /// A snapshot that the servo cycle writes and anyone reads: a sequence lock of atomics. The writer never waits;
 /// a reader that overlaps with a write reads again.
@@ -139,6 +143,7 @@ fn pack(reading: &Reading) -> [u64; VECTORS] {
         cells[COLUMN] = u64::from(origin.column);
         cells[FLAGS] |= EXECUTING;
     }
+    cells[FLAGS] |= u64::from(reading.homed.bits()) << HOMED_SHIFT;
     if reading.held {
         cells[FLAGS] |= HELD;
     }
@@ -156,6 +161,7 @@ fn unpack(cells: &[u64; CELLS]) -> Reading {
         time_s: number(TIME),
         commanded: MachinePosition(vector(0)),
         actual: MachinePosition(vector(1)),
+        homed: AxisSet::from_bits(low_bits(cells[FLAGS] >> HOMED_SHIFT)),
         distance_to_go: vector(2),
         feedrate_mm_min: number(FEEDRATE),
         rate: number(RATE),
@@ -190,6 +196,7 @@ mod tests {
             time_s: n,
             commanded: MachinePosition(AxisVector([n; AXES_MAX])),
             actual: MachinePosition(AxisVector([n + 0.5; AXES_MAX])),
+            homed: AxisSet::from_bits(0b1010_0101),
             distance_to_go: AxisVector([-n; AXES_MAX]),
             feedrate_mm_min: n * 60.0,
             rate: 1.0,

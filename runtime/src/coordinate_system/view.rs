@@ -121,6 +121,11 @@ impl View {
             machine: self.by_letter(reading.commanded.0),
             work: self.by_letter(work.0),
             actual: self.by_letter(reading.actual.0),
+            homed: self
+                .axes
+                .iter()
+                .map(|axis| (axis.letter().to_string(), reading.homed.contains(axis)))
+                .collect(),
             following_error: self.by_letter(reading.commanded.0.minus(reading.actual.0)),
             distance_to_go: self.by_letter(reading.distance_to_go),
             feedrate: finite(reading.feedrate_mm_min),

@@ -101,6 +101,35 @@ fn the_machine_stands_where_its_motors_report_and_moves_from_there() {
 }
 
 #[test]
+fn what_a_drive_says_of_its_reference_is_seen_with_the_positions() {
+    let bench = bench("").hardware(Box::new(|systems: &[&CoordinateSystemSettings]| {
+        let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
+        let at_start = motors.enumerate().map(|(place, _)| Feedback {
+            is_homed: place != 1,
+            ..Feedback::following(0.0)
+        });
+        Ok(Hardware {
+            bus: Box::new(Following::default()),
+            at_start: at_start.collect(),
+            spindles: vec![],
+        })
+    }));
+    let played = bench.play(async |scene, _| {
+        let system = scene.cs(1);
+        let homed = system.position().await.unwrap().homed;
+        assert_eq!(["X", "Y", "Z"].map(|axis| homed[axis]), [true, false, true]);
+    });
+    played.unwrap();
+}
+
+#[test]
+fn simulated_drives_are_homed_from_the_start() {
+    let played = bench("").play(async |scene, _| scene.cs(1).position().await.unwrap().homed);
+    let homed = played.unwrap();
+    assert_eq!(["X", "Y", "Z"].map(|axis| homed[axis]), [true; 3]);
+}
+
+#[test]
 fn a_drive_fault_stops_the_run_with_its_alarm_and_after_a_reset_it_runs_again() {
     let fault = Arc::<AtomicU16>::default();
     let of_bus = Arc::clone(&fault);

@@ -428,6 +428,8 @@ class Position:
     distance_to_go: dict[str, float]
     feedrate: float
     spindle_rpm: float
+    homed: dict[str, bool] = field(default_factory=dict)
+    """Whether the axis counts from the machine's zero; one that does not will not move. Empty from a machine that does not tell."""
 
 
 @dataclass(frozen=True, kw_only=True)

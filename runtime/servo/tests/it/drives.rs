@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering::Relaxed};
 
-use tandem_model::{Axis, AxisVector};
+use tandem_model::{Axis, AxisSet, AxisVector};
 use tandem_servo::{
     BusCounts, Command, Control, CycleResult, DriveBus, Event, Fault, Feedback, Hardware, Servo,
 };
@@ -24,6 +24,8 @@ struct Switches {
     fault_stays: AtomicBool,
     has_no_supply: AtomicBool,
     enabled: AtomicBool,
+    /// What all motors report; at first what they report at the start.
+    is_homed: AtomicBool,
 }
 
 /// Ideal drives.
@@ -52,6 +54,7 @@ impl DriveBus for Bus {
             0
         };
         for (command, feedback) in commands.iter().zip(&mut *feedback) {
+            feedback.is_homed = switches.is_homed.load(Relaxed);
             feedback.is_enabled = self.powered > POWER_UP;
             if feedback.is_enabled {
                 feedback.position = command.position;
@@ -69,6 +72,7 @@ impl DriveBus for Bus {
 /// Homed drives without power.
 fn rig_with(at_start: Feedback) -> (Rig, Arc<Switches>) {
     let switches = Arc::<Switches>::default();
+    switches.is_homed.store(at_start.is_homed, Relaxed);
     let bus = Bus {
         switches: Arc::clone(&switches),
         powered: 0,
@@ -170,6 +174,24 @@ fn a_motor_that_is_not_homed_gets_no_power() {
     };
     assert_eq!(fault.alarm().entry.number, 208);
     assert!(!switches.enabled.load(Relaxed));
+}
+
+#[test]
+fn a_motor_that_is_homed_at_rest_is_told_in_that_cycle() {
+    let at_start = Feedback {
+        is_enabled: false,
+        ..Feedback::default()
+    };
+    let (mut rig, switches) = rig_with(at_start);
+    assert_eq!(rig.reading().homed, AxisSet::EMPTY);
+    rig.cycles(10);
+    switches.is_homed.store(true, Relaxed);
+    rig.cycles(1);
+    let axes: Vec<Axis> = rig.reading().homed.iter().collect();
+    assert_eq!(axes, [Axis::X, Axis::Y, Axis::Z]);
+    switches.is_homed.store(false, Relaxed);
+    rig.cycles(1);
+    assert_eq!(rig.reading().homed, AxisSet::EMPTY);
 }
 
 #[test]

@@ -1,0 +1,35 @@
+// Whether an axis is homed: its position counts from the machine's zero. One that is not does not move, and its position means nothing.
+
+import { h, setAttr, setText } from "./dom.js";
+import { icon, setIcon } from "./icons.js";
+import { listed, t } from "./language.js";
+import { axesOf } from "./model.js";
+
+/** null: the machine does not tell. @param {import("./model.js").CoordinateSystem | null} system @param {string} axis */
+function isHomed(system, axis) {
+  return system?.position?.homed?.[axis] ?? null;
+}
+
+/** The sign of an axis, in words for screen readers. @param {string} axis */
+export function homedSign(axis) {
+  const sign = icon("home");
+  const says = h("span", { class: "visually-hidden" });
+  const element = h("span", { class: "homed-sign" }, sign, says);
+  /** @param {import("./model.js").CoordinateSystem} system */
+  const render = (system) => {
+    const homed = isHomed(system, axis);
+    setAttr(element, "hidden", homed === null);
+    setAttr(element, "data-homed", homed === null ? null : String(homed));
+    setIcon(sign, homed ? "home" : "alarm");
+    const text = homed ? t("homed.is_homed", { axis }) : t("homed.is_not_homed", { axis });
+    setText(says, text);
+    setAttr(element, "title", text);
+  };
+  return { element, render };
+}
+
+/** What is to be said of the axes that are not homed; empty: nothing. @param {import("./model.js").CoordinateSystem | null} system */
+export function notHomed(system) {
+  const axes = system ? axesOf(system).filter((axis) => isHomed(system, axis) === false) : [];
+  return axes.length === 0 ? "" : t("homed.home_at_the_drive", { axes: listed(axes), count: axes.length });
+}
