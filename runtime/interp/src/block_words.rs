@@ -300,7 +300,7 @@ impl BlockWords {
             fault(diagnostics::M_UNKNOWN.at(
                 word.span(),
                 format!("M{number:02} is not in the list of M codes"),
-                format!("Add [m_code.{number}] to the configuration, or correct the number."),
+                dialect.unlisted_help(number),
             ));
         }
     }
@@ -448,7 +448,7 @@ impl BlockWords {
     fn judge(&self, word: &Word, with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let dialect = with.dialect;
         let Some(spec) = self.spec(word.address, dialect) else {
-            self.judge_untaken(word, fault);
+            self.judge_untaken(word, dialect, fault);
             return;
         };
         let is_known = !self.unknown.contains(word.address);
@@ -461,8 +461,9 @@ impl BlockWords {
             return;
         };
         let may_differ = self.unknown_code && !dialect.modal_words.is_feed_word(word.address);
-        if may_differ || self.refused.contains(word.address) {
-            // a code that is not known may read it differently
+        let has_least = word.address == Address::F && with.options.min_feedrate_mm_min > 0.0;
+        if may_differ || has_least || self.refused.contains(word.address) {
+            // a code that is not known may read it differently; a feedrate is never less than the least one
             return;
         }
         judge_value(spec, value, word.span(), fault);
@@ -470,7 +471,7 @@ impl BlockWords {
 
     /// Judges a word that no code takes.
     #[cold]
-    fn judge_untaken(&self, word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
+    fn judge_untaken(&self, word: &Word, dialect: &Dialect, fault: &mut dyn FnMut(Diagnostic)) {
         let name = word.address.text();
         if self.m_code.is_some() && PARAMETERS.contains(word.address) {
             fault(diagnostics::PARAMETERS_REFUSED.at(
@@ -482,7 +483,7 @@ impl BlockWords {
             fault(diagnostics::WORD_NOT_TAKEN.at(
                 word.span(),
                 format!("no code of the block takes {name}"),
-                "Remove the word, or write the code that it belongs to.",
+                dialect.untaken_help(word.address),
             ));
         }
     }

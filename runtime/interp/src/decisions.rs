@@ -39,7 +39,7 @@ pub static DECISIONS: &[(&str, &str)] = &[
     ("D36", "A reset may take any time unless `timeout_ms` of the M code limits it: then an alarm. The state shows since when a program waits, and for which M code."),
     ("D40", "In a G31 block each motor moves alone at its skip velocity; where its skip input comes, it stops and goes back to that place, and without it goes to its target."),
     ("D41", "Captured positions are machine positions in mm or degrees, whatever G20 says; a motor without a capture tells where it stopped."),
-    ("D42", "Each block of a fixed cycle expands on its own, with repetitions between orientation and spindle stop. Z, R, P and K stay until G80. In G91 R counts from the initial level, Z from R; the initial level is Z where the cycle began, as in the manual's examples."),
+    ("D42", "Each block of a fixed cycle expands on its own, with repetitions between orientation and spindle stop. Z, R, P and K stay until G80. In G91 R counts from the initial level, Z from R, and a later G90 or G91 moves neither; the initial level is Z where the cycle began, as in the manual's examples."),
     ("D43", "The end-of-block word of the intermediate code is M999.002; `return` stands once for each M99."),
     ("D50", "Dialects share one program tree and one interpreter; what differs is a table of rules that the dialect gives."),
     ("D51", "dgshape: a program begins with G00, G17, G54, G90, G40, G49, G50, G80 and G98 in force, in mm unless `units` says otherwise. A comment ends on its line. O may follow a block, with a warning, as in the manual's own example."),

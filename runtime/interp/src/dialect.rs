@@ -53,6 +53,8 @@ pub struct Policy {
     pub other_m_codes: OtherMCodes,
     /// When an output is made whose M code has no setting.
     pub output: OutputDefault,
+    /// What an arc is whose end is not on its circle.
+    pub spiral: Spiral,
 }
 
 impl Policy {
@@ -64,6 +66,7 @@ impl Policy {
         spindle_word: SpindleWord::Speed,
         other_m_codes: OtherMCodes::Output,
         output: OutputDefault::AfterMotion,
+        spiral: Spiral::Meant,
     };
 }
 
@@ -92,6 +95,15 @@ pub enum OutputDefault {
     AfterMotion,
     /// With the motion of its block, also with parameters, and the program goes on.
     WithMotion,
+}
+
+/// What an arc is whose end is not on its circle. It moves as a spiral in any case (D26).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Spiral {
+    /// What the program means.
+    Meant,
+    /// A fault of the program, of which a check warns.
+    Doubted,
 }
 
 /// What two codes of one modal group in a block are.
@@ -155,6 +167,23 @@ impl Dialect {
     pub fn m_code(&self, role: Role) -> Option<&'static Code> {
         let mut codes = self.m_codes.codes.iter().rev().copied();
         codes.find(|code| code.role == role)
+    }
+
+    /// What to write for an M code that it does not list.
+    pub(crate) fn unlisted_help(&self, number: u16) -> String {
+        let foreign = (self.grammar)().foreign(&format!("M{number}"), "");
+        foreign
+            .unwrap_or_else(|| format!("Add [m_code.{number}] to the configuration, or correct the number."))
+    }
+
+    /// What to write for a word that no code of its block takes.
+    pub(crate) fn untaken_help(&self, address: Address) -> String {
+        let name = address.text();
+        let takers = self.names("or", |code| WordSpec::addresses(code.words).contains(address));
+        match takers.as_str() {
+            "" => format!("Remove {name}."),
+            takers => format!("Remove {name}, or write {takers} with it."),
+        }
     }
 
     /// The names of some codes as a [`list`]: `G01, G02 or G03`.

@@ -19,15 +19,34 @@ pub struct CycleWords {
     /// Initial level: Z where the cycle began.
     pub initial: Option<f64>,
     /// Z point.
-    pub z: Option<f64>,
+    pub z: Option<CycleLevel>,
     /// R point.
-    pub r: Option<f64>,
+    pub r: Option<CycleLevel>,
     /// Dwell at the Z point, s.
     pub dwell_s: Option<f64>,
     /// Number of repetitions.
     pub repetitions: Option<u16>,
     /// Depth of each cut of a cycle with pecks.
     pub peck: Option<f64>,
+}
+
+/// A level of a fixed cycle as it was written: a later G90 or G91 does not move it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleLevel {
+    /// The value of the word, mm.
+    pub value: f64,
+    /// Whether it is a position, or a distance from another level.
+    pub distance: Distance,
+}
+
+impl CycleLevel {
+    /// The level, mm; a distance counts from `origin`.
+    pub fn above(self, origin: f64) -> f64 {
+        match self.distance {
+            Distance::Absolute => self.value,
+            Distance::Incremental => origin + self.value,
+        }
+    }
 }
 
 /// What G10, G28 and G92 of dialect dgshape keep; it stays until the next program begins. mm or degrees.

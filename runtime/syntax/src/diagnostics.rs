@@ -268,6 +268,9 @@ diagnostics! {
     NOT_SERVED = "W0016", "Nobody serves an M code",
         "The file of [machine] served does not have it, and the stock sequence program does not serve it. On the machine it is alarm 300, unless another handler is there.",
         "Add a handler, write the file again, or correct the M code.";
+    ARC_END_OFF = "W0017", "An arc ends beside its circle",
+        "I, J and K are distances from the start point, in G90 and G91 alike (manual dgshape, G02 and G03). Where the end is farther from the centre than the start, or nearer, by more than a hundredth, the tool moves on a spiral (D26), which dialect dgshape does not know. Often they were written as the position of the centre.",
+        "wrong: G00 X10 Y0 and G03 X0 Y10 I0 J0.5   right: G00 X10 Y0 and G03 X0 Y10 I-10 J0";
 }
 
 #[cfg(test)]

@@ -137,11 +137,86 @@ pub(crate) static OF_NJ: &[Foreign] = &[
 /// Of dialect dgshape.
 pub(crate) static OF_DGSHAPE: &[Foreign] = &[
     ("#", "Write numbers: the dialect has no variables."),
+    ("=", "Write numbers: the dialect has no variables."),
+    ("[", "Write numbers: the dialect has no calculations."),
     (
         ";",
         "Remove it: a block ends with its line. A comment stands in parentheses.",
     ),
+    (
+        ":",
+        "Remove it: a program number is written as O1000, a comment in parentheses.",
+    ),
+    ("B", NO_SUCH_AXIS),
+    ("C", NO_SUCH_AXIS),
     ("E", "Write the feedrate as F."),
+    ("G5", PATH_IS_KEPT),
+    ("G5.1", PATH_IS_KEPT),
+    ("G8", PATH_IS_KEPT),
+    ("G9", PATH_IS_KEPT),
+    ("G15", "Remove it: positions are never polar."),
+    ("G16", "Calculate X and Y: positions are never polar."),
+    (
+        "G30",
+        "Write G53 X_ Y_ Z_ for a position of the machine, or G28 for the reference point.",
+    ),
+    ("G31", NO_PROBING),
+    ("G38.2", NO_PROBING),
+    ("G44", "Write G43 with H of a negative length."),
+    (
+        "G52",
+        "Write G10 L2 P_ X_ Y_ Z_ for a work offset, or G92 for all of them.",
+    ),
+    ("G54.1", "Write one of G54 to G59: there are no others."),
+    ("G61", PATH_IS_KEPT),
+    ("G64", PATH_IS_KEPT),
+    ("G65", NO_MACROS),
+    ("G66", NO_MACROS),
+    ("G67", "Remove it: there are no macros."),
+    ("G68", "Calculate X, Y and Z: the dialect has no rotation."),
+    ("G69", "Remove it: the dialect has no rotation."),
+    (
+        "G70",
+        "Write G20 for inches: the dialect has no cycle of this number.",
+    ),
+    (
+        "G71",
+        "Write G21 for millimetres: the dialect has no cycle of this number.",
+    ),
+    ("G73", "Write G83: it goes up to R after each cut."),
+    ("G74", NO_TAPPING),
+    ("G76", OTHER_BORING),
+    ("G84", NO_TAPPING),
+    ("G87", OTHER_BORING),
+    ("G88", OTHER_BORING),
+    (
+        "G90.1",
+        "Write I, J and K as distances from the start of the arc.",
+    ),
+    (
+        "G91.1",
+        "Remove it: I, J and K are always distances from the start of the arc.",
+    ),
+    (
+        "G93",
+        "Calculate F: the length of the block, times the number behind F, is the way a minute.",
+    ),
+    ("G94", "Remove it: F is always mm/min, or inches a minute."),
+    (
+        "G95",
+        "Calculate F: revolutions a minute times the feed of one revolution is the way a minute.",
+    ),
+    ("G96", "Write the speed of the spindle as S, in r/min."),
+    ("G97", "Remove it: S is always r/min."),
+    ("GOTO", NO_BRANCHES),
+    ("IF", NO_BRANCHES),
+    ("M4", "Write M03: it alone starts the spindle."),
+    ("M97", NO_SUBPROGRAMS),
+    ("M98", NO_SUBPROGRAMS),
+    (
+        "M99",
+        "Write M30 or M02 at the end: the dialect has no subprograms.",
+    ),
     (
         "V",
         "Write Y: an axis is X, Y, Z or A, and G91 makes its value a distance.",
@@ -154,7 +229,18 @@ pub(crate) static OF_DGSHAPE: &[Foreign] = &[
         "W",
         "Write Z: an axis is X, Y, Z or A, and G91 makes its value a distance.",
     ),
+    ("WHILE", NO_BRANCHES),
 ];
+
+const PATH_IS_KEPT: &str = "Remove it: motion always keeps to the path.";
+const NO_SUCH_AXIS: &str = "Remove it: the axes are X, Y, Z and A.";
+const NO_BRANCHES: &str =
+    "Write the blocks that are to be executed: the dialect has no branches and repetitions.";
+const NO_PROBING: &str = "Remove it: the dialect has no probing.";
+const NO_MACROS: &str = "Write the blocks of the macro here: the dialect has no subprograms.";
+const NO_SUBPROGRAMS: &str = "Write the blocks of the subprogram here: the dialect has no subprograms.";
+const NO_TAPPING: &str = "Remove it: no cycle taps.";
+const OTHER_BORING: &str = "Write G85, G86 or G89, which stay in the centre of the hole, or the motions.";
 
 /// What to write for a name of another control, a code without leading zeros, with the value behind it.
 pub(crate) fn help(all: &[Foreign], name: &str, value: &str) -> Option<String> {

@@ -157,6 +157,7 @@ static DGSHAPE: Grammar = Grammar {
         ("W0006", "2-6, Optional Block Skip"),
         ("W0007", "2-6, Program Number"),
         ("W0008", "2-2, G40 to G42"),
+        ("W0017", "2-2, G02 and G03"),
     ],
     foreign: foreign::OF_DGSHAPE,
 };

@@ -47,6 +47,25 @@ fn dgshape_g81_in_g91_counts_r_from_the_initial_level_and_z_from_r() {
     assert_eq!(levels("G91G98G81X5.Z-3.R-8."), ["r10", "r2", "f-1", "r10"]);
 }
 
+/// 2-2: Z specifies the location of the bottom of the hole. A row of holes is G90 for the first, G91 and K for the rest.
+#[test]
+fn dgshape_levels_of_a_cycle_stay_where_they_are_when_g90_and_g91_change() {
+    assert_eq!(
+        levels("G99G81X5.Z-3.R2.\nG91X6.K2"),
+        ["r10", "r2", "f-3", "r2", "r2", "f-3", "r2", "r2", "f-3", "r2"]
+    );
+    // below the initial level of 10, Z-3. below R
+    assert_eq!(
+        levels("G91G99G81X5.Z-3.R-8.\nG90X6."),
+        ["r10", "r2", "f-1", "r2", "r2", "f-1", "r2"]
+    );
+    // a word that is written anew counts as the block says
+    assert_eq!(
+        levels("G99G81X5.Z-3.R2.\nG91X6.Z-4."),
+        ["r10", "r2", "f-3", "r2", "r2", "f-2", "r2"]
+    );
+}
+
 #[test]
 fn dgshape_k_repeats_at_the_same_place_or_at_equal_distances() {
     assert_eq!(

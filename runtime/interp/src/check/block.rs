@@ -32,6 +32,7 @@ impl Explorer<'_> {
         let before = (block.skip_numbers() != 0).then(|| state.clone());
         self.length(here, state);
         self.read(here, state);
+        self.arc_end(here, state);
         follow(self.dialect, &self.words, block, state);
         if let Some(shown) = &mut self.shown {
             follow(self.dialect, &self.words, block, shown);

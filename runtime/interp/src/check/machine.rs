@@ -7,13 +7,19 @@ use super::graph::Here;
 use super::state::State;
 use super::verdict::Weight;
 use crate::codes::{Code, ModalGroup};
-use crate::dialect::SpindleWord;
+use crate::dialect::{SpindleWord, Spiral};
 use crate::execution::axis_of;
 use crate::meaning::{ModalValue, MotionKind, Role};
 use crate::restrictions;
 
 /// The words of an arc's centre.
 const CENTRES: AddressSet = AddressSet::of(&[Address::I, Address::J, Address::K]);
+
+/// Share of its radius by which the end of an arc may lie beside its circle.
+const BESIDE_MAX: f64 = 0.01;
+
+/// The same of small arcs, mm or inches: what rounding to three decimals leaves of them.
+const ROUNDING_MAX: f64 = 0.01;
 
 impl Explorer<'_> {
     /// Checks words against what is known of the coordinate system.
@@ -106,6 +112,36 @@ impl Explorer<'_> {
             })
             .collect();
         for finding in found {
+            self.note(here, finding, Weight::Sure);
+        }
+    }
+
+    /// Warns of an arc whose end is not on its circle, as far as the text shows. `state` is that before the block.
+    pub(super) fn arc_end(&mut self, here: Here<'_>, state: &State) {
+        let words = &self.words;
+        let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
+        let is_doubted = self.dialect.policy.spiral == Spiral::Doubted;
+        if !is_doubted || !words.taker.is_some_and(is_arc) || words.taken.contains(Address::R) {
+            return;
+        }
+        let (in_force, own) = (&state.modal.in_force, words.sets());
+        let Some(plane) = own.plane.or(in_force.plane) else {
+            return;
+        };
+        let distance = own.distance.or(in_force.distance);
+        let axes = plane.axes();
+        let [x, y] = axes.map(|axis| state.position.way(words, distance, axis));
+        let [i, j] = axes.map(|axis| words.get(restrictions::centre(axis)).unwrap_or_default());
+        let (start, end) = (i.hypot(j), (x - i).hypot(y - j));
+        let difference = (start - end).abs();
+        // not a number, and so no reason to warn, where the text does not show the way
+        if start > 0.0 && difference > ROUNDING_MAX && difference > BESIDE_MAX * start {
+            let Here { tree, block, .. } = here;
+            let finding = diagnostics::ARC_END_OFF.at(
+                tree.span(block),
+                format!("the arc begins {start:.3} from its centre and ends {end:.3} from it"),
+                "Write I, J and K as distances from the start of the arc to its centre.",
+            );
             self.note(here, finding, Weight::Sure);
         }
     }

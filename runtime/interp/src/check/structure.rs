@@ -43,14 +43,14 @@ pub(super) fn judge(program: &NcProgram, dialect: &Dialect, dead: Option<usize>,
         return;
     }
     let span = last.map_or_else(Span::default, |block| program.span(block));
-    let name = |role| dialect.m_code(role).map_or("", |code| code.code);
-    let (end, back) = (name(Role::End), name(Role::Return));
+    let end = dialect.m_code(Role::End).map_or("", |code| code.code);
+    let of_what = dialect.m_code(Role::Return).map_or_else(String::new, |back| {
+        format!(" of a main program, {} in that of a subprogram", back.code)
+    });
     findings.push(diagnostics::END_MISSING.at(
         span,
         "the program goes past this block and has no end",
-        format!(
-            "Write {end} in the last block of a main program, {back} in that of a subprogram, without block skip."
-        ),
+        format!("Write {end} in the last block{of_what}, without block skip."),
     ));
 }
 

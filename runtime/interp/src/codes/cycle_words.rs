@@ -13,6 +13,7 @@ use super::{POSITION_MAX, WordSpec, axis_word};
 use crate::execution::Execution;
 use crate::fixed_cycles::{Cycle, Expansion, Hole, Peck};
 use crate::meaning::ReturnLevel;
+use crate::modal::CycleLevel;
 
 /// X, Y, Z, R, P and K with their ranges (manual 2, utilities).
 pub static CYCLE_WORDS: [WordSpec; 6] = [
@@ -26,7 +27,7 @@ pub static CYCLE_WORDS: [WordSpec; 6] = [
 
 /// Takes over the words of a block in the fixed cycle in force, and begins to give its steps.
 pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
-    take_over(execution);
+    take_over(execution, words.distance);
     let kept = execution.modal.cycle;
     let in_force = execution.modal.in_force.cycle.flatten();
     let (Some(cycle), Some(z), Some(r)) = (in_force, kept.z, kept.r) else {
@@ -35,25 +36,28 @@ pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
         return;
     };
     let initial = initial_level(execution);
-    begin(execution, words, cycle, Words { initial, r, z });
+    let r_point = r.above(initial);
+    begin(execution, words, cycle, Levels { initial, r_point, z });
 }
 
-/// The words for the levels of a hole, mm; the initial level is a programmed position.
+/// The levels of a hole, mm; the initial one and the R point are programmed positions.
 #[derive(Clone, Copy)]
-pub(super) struct Words {
+pub(super) struct Levels {
     pub initial: f64,
-    pub r: f64,
-    pub z: f64,
+    pub r_point: f64,
+    pub z: CycleLevel,
 }
 
-/// Begins to give the steps of a block. In G91 R counts from the initial level, Z from R.
-pub(super) fn begin(execution: &mut Execution<'_>, position: AxisWords, cycle: &'static Cycle, words: Words) {
-    let Words { initial, r, z } = words;
+/// Begins to give the steps of a block. What was written in G91 is a distance: of Z from the R point.
+pub(super) fn begin(
+    execution: &mut Execution<'_>,
+    position: AxisWords,
+    cycle: &'static Cycle,
+    levels: Levels,
+) {
+    let Levels { initial, r_point, z } = levels;
     let kept = execution.modal.cycle;
-    let (r_point, z_point) = match position.distance {
-        Distance::Absolute => (r, z),
-        Distance::Incremental => (initial + r, initial + r + z),
-    };
+    let z_point = z.above(r_point);
     let returns = execution.modal.in_force.return_level == Some(ReturnLevel::Initial);
     let speed = execution.modal.spindle_speed_r_min;
     let peck = kept.peck.filter(|depth| *depth > 0.0).map(|depth| Peck {
@@ -79,11 +83,16 @@ pub(super) fn begin(execution: &mut Execution<'_>, position: AxisWords, cycle: &
     clippy::cast_sign_loss,
     reason = "the range has been checked, and a cast saturates"
 )]
-pub(super) fn take_over(execution: &mut Execution<'_>) {
-    let (z, r) = (execution.length(Address::Z), execution.length(Address::R));
+pub(super) fn take_over(execution: &mut Execution<'_>, distance: Distance) {
+    let level = |address| {
+        execution
+            .length(address)
+            .map(|value| CycleLevel { value, distance })
+    };
+    let (z, r) = (level(Address::Z), level(Address::R));
     let dwell_s = execution.words.get(Address::P).map(|time| time / 1000.0);
     let repetitions = execution.words.get(Address::K).map(|count| count as u16);
-    let peck = execution.length(Address::Q);
+    let peck = execution.length(Address::Q).map(f64::abs);
     let kept = &mut execution.modal.cycle;
     kept.z = z.or(kept.z);
     kept.r = r.or(kept.r);

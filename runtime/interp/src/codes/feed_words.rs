@@ -20,10 +20,17 @@ pub static FEED_WORDS: [WordSpec; 5] = [
     WordSpec::new(Address::Ts, "jerk time", "ms", 0.0, 125_000.0),
 ];
 
-/// F and S of dialect dgshape.
+/// F and S of dialect dgshape. What is below the least feedrate or speed of the machine counts as that (2-4, 2-5).
 pub static FEED_AND_SPEED: [WordSpec; 2] = [
     WordSpec::new(Address::F, "feedrate", "mm/min", FEEDRATE_MIN, f64::INFINITY),
-    WordSpec::new(Address::S, "spindle speed", "r/min", 0.0, f64::INFINITY).whole(),
+    WordSpec::new(
+        Address::S,
+        "spindle speed",
+        "r/min",
+        f64::NEG_INFINITY,
+        f64::INFINITY,
+    )
+    .whole(),
 ];
 
 /// Takes over the words of a block that no code has as its own. F above the maximum gives a warning, S above the
@@ -41,7 +48,7 @@ pub(crate) fn take_over(execution: &mut Execution<'_>) {
         let feedrate = programmed * execution.modal.unit();
         execution.modal.is_feed_programmed = true;
         execution.modal.feedrate_mm_min = feedrate.max(execution.limits.options.min_feedrate_mm_min);
-        execution.modal.feedrate_deg_min = programmed;
+        execution.modal.feedrate_deg_min = programmed.max(execution.limits.options.min_feedrate_mm_min);
     } else if !execution.modal.is_feed_programmed {
         execution.modal.feedrate_mm_min = execution.limits.default_feedrate_mm_min * execution.modal.unit();
     }

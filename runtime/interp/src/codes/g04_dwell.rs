@@ -2,7 +2,7 @@
 
 use tandem_model::flow::Action;
 use tandem_syntax::Address;
-use tandem_syntax::diagnostics::DWELL_TWICE;
+use tandem_syntax::diagnostics::{DWELL_TWICE, WORD_MISSING};
 
 use super::{Code, Refusal, WordSpec};
 use crate::block_words::BlockWords;
@@ -38,8 +38,8 @@ pub static G04_X_P: Code = Code {
         WordSpec::new(Address::P, "dwell time", "ms", 0.0, DWELL_MAX_S * 1000.0).whole(),
     ],
     docs: "Rests for the time of X, in seconds with a decimal point and in milliseconds without one, or of P in \
-           milliseconds, at most for an hour; without a word for no time at all.",
-    check: Some(one_time),
+           milliseconds, at most for an hour.",
+    check: Some(just_one_time),
     ..G04
 };
 
@@ -50,6 +50,19 @@ fn dwell(execution: &mut Execution<'_>) {
     execution.act(Action::Dwell {
         dwell_s: seconds.or(milliseconds).unwrap_or(0.0),
     });
+}
+
+fn just_one_time(words: &BlockWords) -> Option<Refusal> {
+    let code = words.codes().find(|code| code.role == Role::Dwell)?;
+    if words.present.intersection(code.addresses()).is_empty() {
+        return Some(Refusal {
+            entry: &WORD_MISSING,
+            address: Address::G,
+            message: format!("{} lacks X or P (dwell time)", code.code),
+            help: format!("Write X or P with a time of 0 to {DWELL_MAX_S} s."),
+        });
+    }
+    one_time(words)
 }
 
 fn one_time(words: &BlockWords) -> Option<Refusal> {

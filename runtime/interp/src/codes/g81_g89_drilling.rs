@@ -3,11 +3,11 @@
 //! Z, R, P and Q stay until G80, K is of its block alone. Without Z nothing is drilled, without R the R point is the initial
 //! level. None of them turns the spindle, which is why G86 moves as G81 does.
 
-use tandem_model::flow::{Action, AxisWords, Distance};
+use tandem_model::flow::{Action, AxisWords};
 use tandem_model::{Axis, AxisSet};
 use tandem_syntax::Address;
 
-use super::cycle_words::{Words, begin, initial_level, take_over};
+use super::cycle_words::{Levels, begin, initial_level, take_over};
 use super::{Code, POSITION_MAX, WordSpec, axis_word};
 use crate::execution::Execution;
 use crate::fixed_cycles::{Cycle, Level, Step, Steps};
@@ -25,7 +25,7 @@ const Z: WordSpec = WordSpec::new(
 const R: WordSpec = WordSpec::new(Address::R, "R point", "mm", -POSITION_MAX, POSITION_MAX);
 const K: WordSpec = WordSpec::new(Address::K, "number of repetitions", "", 0.0, 9999.0).whole();
 const P: WordSpec = WordSpec::new(Address::P, "dwell at the bottom", "ms", 0.0, 3_600_000.0).whole();
-const Q: WordSpec = WordSpec::new(Address::Q, "depth of each cut", "mm", 0.0, POSITION_MAX);
+const Q: WordSpec = WordSpec::new(Address::Q, "depth of each cut", "mm", -POSITION_MAX, POSITION_MAX);
 
 static WORDS: [WordSpec; 5] = [X, Y, Z, R, K];
 static WITH_DWELL: [WordSpec; 6] = [X, Y, Z, R, P, K];
@@ -75,8 +75,8 @@ pub static G81: Code = cycle(
     &DRILL,
     &WORDS,
     "Drills at X, Y: rapid to the R point, feed to Z, rapid to the initial level (G98) or the R point (G99), K times. Each \
-     later block with a word of it drills again until G80 or G00 to G03; Z and R stay, K does not. In G91 R counts from the \
-     initial level and Z from R. Without Z it only moves to X, Y; without R the R point is the initial level. The \
+     later block with a word of it drills again until G80 or G00 to G03; Z and R stay, K does not. Written in G91 R counts \
+     from the initial level and Z from R; a later G90 or G91 moves neither. Without Z it only moves to X, Y; without R the R point is the initial level. The \
      spindle must turn (M03), the plane is XY, and A does not move.",
 );
 /// G82.
@@ -92,7 +92,7 @@ pub static G83: Code = cycle(
     &PECK,
     &WITH_PECKS,
     "As G81, in cuts of depth Q: after each the tool goes to the R point and back to peck_clearance above the last depth, at \
-     rapid speed. Without Q, or with Q0, it goes down at once.",
+     rapid speed. The sign of Q does not count; without Q, or with Q0, it goes down at once.",
 );
 /// G85.
 pub static G85: Code = cycle(
@@ -119,7 +119,7 @@ pub static G89: Code = cycle(
 /// Takes over the words of a block in the fixed cycle in force, and begins to give its steps.
 fn run(execution: &mut Execution<'_>, words: AxisWords) {
     execution.modal.cycle.repetitions = None;
-    take_over(execution);
+    take_over(execution, words.distance);
     let Some(cycle) = execution.modal.in_force.cycle.flatten() else {
         return;
     };
@@ -127,12 +127,8 @@ fn run(execution: &mut Execution<'_>, words: AxisWords) {
     let Some(z) = kept.z else {
         return only_position(execution, words);
     };
-    let at_initial = match words.distance {
-        Distance::Absolute => initial,
-        Distance::Incremental => 0.0,
-    };
-    let r = kept.r.unwrap_or(at_initial);
-    begin(execution, words, cycle, Words { initial, r, z });
+    let r_point = kept.r.map_or(initial, |r| r.above(initial));
+    begin(execution, words, cycle, Levels { initial, r_point, z });
 }
 
 fn only_position(execution: &mut Execution<'_>, mut words: AxisWords) {

@@ -62,7 +62,7 @@ impl State {
         let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
         cycle.z = take(Address::Z)?.or(cycle.z);
         cycle.r = take(Address::R)?.or(cycle.r);
-        cycle.depth = take(Address::Q)?.or(cycle.depth);
+        cycle.depth = take(Address::Q)?.map(f64::abs).or(cycle.depth);
         cycle.dwell_ms = words.take(Address::P).and_then(Word::number).or(cycle.dwell_ms);
         let repetitions = words.take(Address::K).map_or(Some(1), Word::whole);
         let repetitions = repetitions.filter(|count| (1..=REPETITIONS_MAX).contains(count));

@@ -44,7 +44,7 @@ use crate::codes::work_offset::{
 };
 use crate::codes::{AXIS_WORDS, CodeTable};
 use crate::dialect::{
-    Dialect, MCodeTime, ModalWords, Numbers, OtherMCodes, OutputDefault, Policy, Rivals, SpindleWord,
+    Dialect, MCodeTime, ModalWords, Numbers, OtherMCodes, OutputDefault, Policy, Rivals, SpindleWord, Spiral,
 };
 use crate::restrictions;
 
@@ -124,6 +124,7 @@ pub(super) static DGSHAPE: Dialect = Dialect {
         spindle_word: SpindleWord::SpeedOrCode,
         other_m_codes: OtherMCodes::Declared,
         output: OutputDefault::WithMotion,
+        spiral: Spiral::Doubted,
     },
     path: PathRules {
         rapid: RapidPath::Straight,

@@ -48,20 +48,20 @@ impl Parser<'_> {
             return;
         }
         self.tree.number = number;
-        if !self.tree.blocks.is_empty() {
-            let span = self.cursor.span_from(start);
+        let follows = !self.tree.blocks.is_empty();
+        let span = self.cursor.span_from(start);
+        if self.nothing_else("the program number") && follows {
             let message = "the program number follows a block";
             let help = "Write it on the line after the mark of the data.";
             self.note(&diagnostics::PROGRAM_NUMBER_LATE, span, message, help);
         }
-        self.nothing_else("the program number");
     }
 
-    /// Tells when anything but comments follows on the line.
-    fn nothing_else(&mut self, what: &str) {
+    /// True when nothing but comments follows on the line; else tells.
+    fn nothing_else(&mut self, what: &str) -> bool {
         self.blanks();
         if matches!(self.cursor.peek(), None | Some(b'\n')) {
-            return;
+            return true;
         }
         let start = self.cursor.at();
         self.skip_line();
@@ -73,5 +73,6 @@ impl Parser<'_> {
             "Write the words on the next line.",
         );
         self.push_failed(start);
+        false
     }
 }

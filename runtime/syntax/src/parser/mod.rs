@@ -354,7 +354,11 @@ impl<'a> Parser<'a> {
             start,
             &diagnostics::SKIP_PLACE,
             format!("`{text}` does not stand at the beginning of the line"),
-            "Write the block skip before the block number and all words; divide with a variable on a line of its own.",
+            if self.grammar.program_codes {
+                "Write the block skip before the block number and all words; divide with a variable on a line of its own."
+            } else {
+                "Write the block skip before the block number and all words."
+            },
         );
     }
 
@@ -368,7 +372,11 @@ impl<'a> Parser<'a> {
             start,
             &diagnostics::BRACE_UNMATCHED,
             format!("`{}` belongs to no program code", char::from(byte)),
-            "Remove it, or write the if, else, switch, while or do that it belongs to.",
+            if self.grammar.program_codes {
+                "Remove it, or write the if, else, switch, while or do that it belongs to."
+            } else {
+                "Remove it, or make it a comment: the dialect has no branches and repetitions."
+            },
         );
     }
 
@@ -433,6 +441,11 @@ impl<'a> Parser<'a> {
             (format!("`{shown}` is not part of the language"), help)
         };
         self.report_from(start, &diagnostics::UNEXPECTED_CHARACTER, message, help);
+        // a comment of another control, or, without program codes, a statement of one: no finding of its own
+        let is_text = first == ';' || !(first.is_ascii_digit() || matches!(first, '.' | '+' | '-'));
+        if is_text && (first == ';' || !self.grammar.program_codes) {
+            self.skip_line();
+        }
     }
 
     /// What to write for a character that begins nothing.

@@ -52,7 +52,8 @@ impl Parser<'_> {
     fn no_address(&mut self, start: usize, letters: &str) {
         let first = letters.get(..1).unwrap_or_default();
         let rest = letters.get(1..).unwrap_or_default();
-        if self.address_of(first).is_some() && self.address_of(rest).is_some() {
+        let two_words = self.address_of(first).is_some() && self.address_of(rest).is_some();
+        if two_words && self.grammar.foreign(letters, "").is_none() {
             self.cursor.advance(1);
             let span = self.cursor.span_from(start);
             self.value_missing(span);
@@ -88,8 +89,10 @@ impl Parser<'_> {
             );
             return;
         }
+        let first = name.get(..1).and_then(|letter| self.address_of(letter));
+        let zero_meant = first.is_some() && name.get(1..).is_some_and(|rest| rest.eq_ignore_ascii_case("O"));
         let help = self.grammar.foreign(&name, &value).unwrap_or_else(|| {
-            let help = if name.len() <= 2 && name.contains(['O', 'o']) {
+            let help = if zero_meant {
                 "If a zero is meant, write the digit 0."
             } else {
                 "Remove it, or correct its address."
@@ -102,6 +105,9 @@ impl Parser<'_> {
             format!("`{name}` is no word of this dialect"),
             help,
         );
+        if name.len() > 1 && !zero_meant && !self.grammar.program_codes {
+            self.skip_line(); // text, or a statement of another control: no finding of its own
+        }
     }
 
     /// Passes the value of a word that has been reported already.
