@@ -28,9 +28,9 @@ export interface AllIo { in: Record<string, IoStateMessage>; out: Record<string,
 
 /** Payload of `birth`: what the machine is. Only `serves` changes while the runtime runs. */
 export interface BirthMessage {
-  boot_id: BootId; coordinate_systems: CoordinateSystemInfo[]; io: IoDeclarations; limits: Limits;
-  m_codes: Record<string, MCodeInfo>; machine: string; motors: MotorInfo[]; rev?: number; serves: ServedMCode[];
-  servo_period_us: number; ts: string; v: 1;
+  boot_id: BootId; coordinate_systems: CoordinateSystemInfo[]; identification: Identification; io: IoDeclarations;
+  limits: Limits; m_codes: Record<string, MCodeInfo>; machine: string; motors: MotorInfo[]; rev?: number;
+  serves: ServedMCode[]; servo_period_us: number; ts: string; v: 1;
 }
 
 /** Names one start of the runtime. Outputs, claims and resets of another boot are stale. */
@@ -155,6 +155,12 @@ export interface HmiButton {
 export interface HmiCard {
   cs?: number; icon?: string; input?: string; m_code?: number; module?: string; text: string; unit?: string;
   variable?: string;
+}
+
+/** What the nameplate of a machine says: the table `[identification]` of its configuration. What is not written there is absent. */
+export interface Identification {
+  location?: string; manufacturer?: string; model?: string; product_instance_uri?: string; serial_number?: string;
+  year_of_construction?: number;
 }
 
 export interface Inputs {

@@ -65,6 +65,7 @@ pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresen
     let open_outputs_max = open_outputs.max().unwrap_or_default();
     Birth {
         machine: machine.name.clone(),
+        identification: machine.identification.clone(),
         servo_period_us: machine.servo_period_us,
         coordinate_systems: systems.collect(),
         motors: motors.collect(),

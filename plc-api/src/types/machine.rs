@@ -45,6 +45,9 @@ pub struct BrokerInUse {
 pub struct Birth {
     /// Machine name.
     pub machine: String,
+    /// What its nameplate says.
+    #[serde(default)]
+    pub identification: Identification,
     /// Servo period, microseconds.
     pub servo_period_us: u64,
     /// Coordinate systems, ascending.
@@ -61,6 +64,30 @@ pub struct Birth {
     pub io: IoDeclarations,
     /// Limits of the interface.
     pub limits: Limits,
+}
+
+/// What the nameplate of a machine says: the table `[identification]` of its configuration. What is not written there is absent.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Identification {
+    /// Who built it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub manufacturer: Option<String>,
+    /// What its builder calls machines of its kind.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// What its builder tells it from others by.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial_number: Option<String>,
+    /// Names it among all machines in the world.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub product_instance_uri: Option<String>,
+    /// Where it stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub location: Option<String>,
+    /// When it was built.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub year_of_construction: Option<u16>,
 }
 
 /// One coordinate system.

@@ -30,7 +30,7 @@ pub fn channel_path(info: &CoordinateSystemInfo) -> String {
 }
 
 /// Name of an axis among all of the machine: the first coordinate system has plain letters.
-fn axis_name(info: &CoordinateSystemInfo, letter: &str) -> String {
+pub fn axis_name(info: &CoordinateSystemInfo, letter: &str) -> String {
     match info.number {
         1 => letter.to_owned(),
         number => format!("{letter}{number}"),
@@ -348,7 +348,7 @@ fn spindle_values(path: &str, channel: &Channel, values: &mut Values) {
 }
 
 /// `CncSpindleTurnDirection`: None, CW, CCW.
-fn turn_direction(rpm: f64) -> i32 {
+pub fn turn_direction(rpm: f64) -> i32 {
     if rpm > MOVED_MIN {
         1
     } else if rpm < -MOVED_MIN {
@@ -390,7 +390,7 @@ fn program_status(state: &State) -> i32 {
 }
 
 /// `CncChannelStatus`: Active, Interrupted, Reset.
-fn channel_status(execution: Execution) -> i32 {
+pub fn channel_status(execution: Execution) -> i32 {
     match execution {
         Execution::Active | Execution::Wait => 0,
         Execution::FeedHold

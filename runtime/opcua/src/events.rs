@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use opcua::nodes::Event;
+use opcua::nodes::{Event, ObjectType};
+use opcua::server::address_space::AddressSpace;
 use opcua::server::{EventField, SubscriptionCache};
 use opcua::types::{
     AttributeId, ByteString, DateTime, LocalizedText, NodeId, NumericRange, ObjectTypeId, QualifiedName,
-    StatusCode, UAString, Variant,
+    ReferenceTypeId, StatusCode, UAString, Variant,
 };
 use plc_api::Plc;
 use plc_api::types::BootId;
@@ -17,9 +18,14 @@ use plc_api::types::request::typed::Explain;
 use tokio::sync::mpsc;
 
 use crate::cnc;
+use crate::machine_tool::{MACHINE, MESSAGES, PROGRAM};
+use crate::program::Transition;
 
 /// Events that wait to be told; more are dropped, and the log says so. Reason: each state is a variable, too.
 pub const WAITING_MAX: usize = 1000;
+
+/// Severity of what is no fault.
+const MESSAGE_SEVERITY: u16 = 100;
 
 /// How long an explanation is waited for.
 const EXPLAIN_TIMEOUT: Duration = Duration::from_secs(2);
@@ -33,18 +39,45 @@ pub enum Happened {
         alarm: AlarmRecord,
         is_active: bool,
     },
-    /// A handler says or asks something.
-    Message { cs: u8, text: String },
+    /// The handler of an M code says or asks something.
+    Message { cs: u8, m: u16, text: String },
+    /// The active program has gone from a state to another.
+    Transition {
+        transition: Transition,
+        /// Its name, and the run that it is part of.
+        program: String,
+        job: String,
+    },
 }
 
-/// What the events are of.
+/// Indices of the namespaces that events are made of.
+#[derive(Debug, Clone, Copy)]
 pub struct Ids {
-    /// `CncAlarmType`.
-    pub alarm_type: NodeId,
-    /// `CncMessageType`.
-    pub message_type: NodeId,
-    /// Index of the namespace of this server.
+    pub cnc: u16,
+    pub machine_tool: u16,
+    /// Of this server.
     pub own: u16,
+}
+
+/// Event types of this server, since those of the machine tool are abstract: path, name, and the type that it is one of.
+const TYPES: [(&str, &str, u32); 2] = [
+    ("Types/MessageEventType", "MessageEventType", 35),
+    (
+        "Types/ProgramTransitionEventType",
+        "ProgramTransitionEventType",
+        17,
+    ),
+];
+
+/// Builds the event types of this server.
+pub fn build_types(space: &mut AddressSpace, ids: Ids) {
+    for (path, name, super_type) in TYPES {
+        let id = NodeId::new(ids.own, path);
+        let node = ObjectType::new(&id, QualifiedName::new(ids.own, name), name, false);
+        space.insert::<_, NodeId>(node, None);
+        let super_type = NodeId::new(ids.machine_tool, super_type);
+        space.insert_reference(&super_type, &id, ReferenceTypeId::HasSubtype);
+    }
 }
 
 /// Tells events in the order in which they happened, for ever.
@@ -56,10 +89,10 @@ pub async fn tell(
 ) {
     let mut explained: BTreeMap<u16, String> = BTreeMap::new();
     let mut count: u64 = 0;
-    let interface = NodeId::new(ids.own, cnc::INTERFACE);
     while let Some(happened) = happened.recv().await {
-        count += 1;
-        let event = match happened {
+        // at most two events of each
+        count += 2;
+        let events = match happened {
             Happened::Alarm {
                 boot,
                 alarm,
@@ -73,12 +106,31 @@ pub async fn tell(
                 if !help.is_empty() {
                     explained.insert(alarm.number, help.clone());
                 }
-                alarm_event(&ids, count, &boot, &alarm, is_active, help)
+                let of_alarm = Of {
+                    boot: &boot,
+                    alarm: &alarm,
+                    is_active,
+                };
+                vec![
+                    cnc_alarm(ids, count, of_alarm, help),
+                    alert(ids, count + 1, of_alarm),
+                ]
             }
-            Happened::Message { cs, text } => message_event(&ids, count, cs, &text),
+            Happened::Message { cs, m, text } => {
+                vec![
+                    cnc_message(ids, count, cs, &text),
+                    message(ids, count + 1, (cs, m), &text),
+                ]
+            }
+            Happened::Transition {
+                transition,
+                program,
+                job,
+            } => vec![program_transition(ids, count, transition, program, job)],
         };
-        // clients of the Server object get the event as well
-        subscriptions.notify_events(std::iter::once((&event as &dyn Event, &interface)));
+        // clients of the Server object get the events as well
+        let events = events.iter().map(|event| (event as &dyn Event, &event.notifier));
+        subscriptions.notify_events(events);
     }
 }
 
@@ -93,86 +145,131 @@ async fn explain(plc: &Plc, number: u16) -> String {
 /// An event, by the names of its fields.
 pub struct Told {
     type_id: NodeId,
+    /// The object whose clients are told.
+    notifier: NodeId,
     time: DateTime,
     /// Of an alarm.
     condition: Option<NodeId>,
     fields: BTreeMap<&'static str, Variant>,
 }
 
-fn told(
-    type_id: &NodeId,
-    count: u64,
+/// What all events have.
+struct Base<'a> {
+    type_id: NodeId,
+    notifier: NodeId,
     time: DateTime,
     source: (NodeId, String),
-    text: &str,
+    text: &'a str,
     severity: u16,
-) -> Told {
-    let (node, name) = source;
+}
+
+fn told(count: u64, base: Base<'_>) -> Told {
+    let (node, name) = base.source;
     let fields = [
         ("EventId", ByteString::from(count.to_be_bytes().to_vec()).into()),
-        ("EventType", type_id.clone().into()),
+        ("EventType", base.type_id.clone().into()),
         ("SourceNode", node.into()),
         ("SourceName", UAString::from(name).into()),
-        ("Time", time.into()),
+        ("Time", base.time.into()),
         ("ReceiveTime", DateTime::now().into()),
-        ("Message", LocalizedText::from(text).into()),
-        ("Severity", severity.into()),
+        ("Message", LocalizedText::from(base.text).into()),
+        ("Severity", base.severity.into()),
     ];
     Told {
-        type_id: type_id.clone(),
-        time,
+        type_id: base.type_id,
+        notifier: base.notifier,
+        time: base.time,
         condition: None,
         fields: fields.into(),
     }
 }
 
 /// Where something has happened: a coordinate system, or the machine.
-fn source(ids: &Ids, cs: Option<u8>) -> (NodeId, String) {
+fn source(ids: Ids, systems: &str, machine: &str, cs: Option<u8>) -> (NodeId, String) {
     match cs {
-        Some(cs) => {
-            let path = format!("{}/CncChannelList/cs{cs}", cnc::INTERFACE);
-            (NodeId::new(ids.own, path), format!("cs{cs}"))
-        }
-        None => (NodeId::new(ids.own, cnc::INTERFACE), "machine".to_owned()),
+        Some(cs) => (
+            NodeId::new(ids.own, format!("{systems}/cs{cs}")),
+            format!("cs{cs}"),
+        ),
+        None => (NodeId::new(ids.own, machine), "machine".to_owned()),
     }
 }
 
-fn alarm_event(
-    ids: &Ids,
-    count: u64,
-    boot: &BootId,
-    alarm: &AlarmRecord,
+fn cnc_source(ids: Ids, cs: Option<u8>) -> (NodeId, String) {
+    source(
+        ids,
+        &format!("{}/CncChannelList", cnc::INTERFACE),
+        cnc::INTERFACE,
+        cs,
+    )
+}
+
+fn machine_tool_source(ids: Ids, cs: Option<u8>) -> (NodeId, String) {
+    source(ids, &format!("{MACHINE}/Monitoring"), MACHINE, cs)
+}
+
+/// An alarm, of which start of the runtime, and whether it is there.
+#[derive(Clone, Copy)]
+struct Of<'a> {
+    boot: &'a BootId,
+    alarm: &'a AlarmRecord,
     is_active: bool,
-    help: String,
-) -> Told {
-    // OPC 10000-5, 6.4.2: 801 to 1000 is high, 201 to 400 medium low
-    let severity = match alarm.severity {
-        AlarmSeverity::Alarm => 900,
-        AlarmSeverity::Warning => 300,
-    };
-    let raised = DateTime::parse_from_rfc3339(&alarm.raised_at.0).unwrap_or_else(|_| DateTime::now());
-    let is_new = is_active && alarm.acknowledged_by.is_none();
-    let time = if is_new { raised } else { DateTime::now() };
-    let mut event = told(
-        &ids.alarm_type,
-        count,
-        time,
-        source(ids, alarm.cs),
-        &alarm.text,
-        severity,
-    );
-    event.condition = Some(NodeId::new(
-        ids.own,
-        format!("{}/Alarms/{boot}-{}", cnc::INTERFACE, alarm.id),
-    ));
-    event
-        .fields
-        .extend(condition_fields(alarm, is_active, severity, time));
+}
+
+impl Of<'_> {
+    /// An event of the alarm: of a type, told to the clients of an object, from a source.
+    fn event(self, ids: Ids, count: u64, type_id: NodeId, notifier: &str, source: (NodeId, String)) -> Told {
+        let Self {
+            boot,
+            alarm,
+            is_active,
+        } = self;
+        // OPC 10000-5, 6.4.2: 801 to 1000 is high, 201 to 400 medium low
+        let severity = match alarm.severity {
+            AlarmSeverity::Alarm => 900,
+            AlarmSeverity::Warning => 300,
+        };
+        let raised = DateTime::parse_from_rfc3339(&alarm.raised_at.0).unwrap_or_else(|_| DateTime::now());
+        let is_new = is_active && alarm.acknowledged_by.is_none();
+        let time = if is_new { raised } else { DateTime::now() };
+        let base = Base {
+            type_id,
+            notifier: NodeId::new(ids.own, notifier),
+            time,
+            source,
+            text: &alarm.text,
+            severity,
+        };
+        let mut event = told(count, base);
+        let condition = format!("{notifier}/Alarms/{boot}-{}", alarm.id);
+        event.condition = Some(NodeId::new(ids.own, condition));
+        event
+            .fields
+            .extend(condition_fields(alarm, is_active, severity, time));
+        event
+    }
+}
+
+/// An alarm as OPC 40502 tells it.
+fn cnc_alarm(ids: Ids, count: u64, of_alarm: Of<'_>, help: String) -> Told {
+    let alarm = of_alarm.alarm;
+    let type_id = NodeId::new(ids.cnc, 1006);
+    let mut event = of_alarm.event(ids, count, type_id, cnc::INTERFACE, cnc_source(ids, alarm.cs));
     event.fields.extend([
         ("AlarmIdentifier", UAString::from(alarm.number.to_string()).into()),
         ("AuxParameters", place(alarm).into()),
         ("HelpSource", UAString::from(help).into()),
     ]);
+    event
+}
+
+/// The same as OPC 40501 tells it.
+fn alert(ids: Ids, count: u64, of_alarm: Of<'_>) -> Told {
+    let alarm = of_alarm.alarm;
+    let type_id = NodeId::new(ids.machine_tool, 39);
+    let mut event = of_alarm.event(ids, count, type_id, MESSAGES, machine_tool_source(ids, alarm.cs));
+    let code = UAString::from(alarm.number.to_string());
+    event.fields.insert("ErrorCode", code.into());
     event
 }
 
@@ -233,15 +330,62 @@ fn condition_fields(
     ]
 }
 
-fn message_event(ids: &Ids, count: u64, cs: u8, text: &str) -> Told {
-    told(
-        &ids.message_type,
-        count,
-        DateTime::now(),
-        source(ids, Some(cs)),
+/// What a handler says, as OPC 40502 tells it.
+fn cnc_message(ids: Ids, count: u64, cs: u8, text: &str) -> Told {
+    let base = Base {
+        type_id: NodeId::new(ids.cnc, 1011),
+        notifier: NodeId::new(ids.own, cnc::INTERFACE),
+        time: DateTime::now(),
+        source: cnc_source(ids, Some(cs)),
         text,
-        100,
-    )
+        severity: MESSAGE_SEVERITY,
+    };
+    told(count, base)
+}
+
+/// The same as OPC 40501 tells it.
+fn message(ids: Ids, count: u64, (cs, m): (u8, u16), text: &str) -> Told {
+    let base = Base {
+        type_id: NodeId::new(ids.own, TYPES[0].0),
+        notifier: NodeId::new(ids.own, MESSAGES),
+        time: DateTime::now(),
+        source: machine_tool_source(ids, Some(cs)),
+        text,
+        severity: MESSAGE_SEVERITY,
+    };
+    let mut event = told(count, base);
+    event
+        .fields
+        .insert("Identifier", UAString::from(format!("M{m}")).into());
+    event
+}
+
+/// A transition of the active program.
+fn program_transition(ids: Ids, count: u64, transition: Transition, program: String, job: String) -> Told {
+    let state_machine = format!("{PROGRAM}/State");
+    let text = format!("{} to {}", transition.from.name(), transition.to.name());
+    let base = Base {
+        type_id: NodeId::new(ids.own, TYPES[1].0),
+        notifier: NodeId::new(ids.own, state_machine.as_str()),
+        time: DateTime::now(),
+        source: (NodeId::new(ids.own, state_machine.as_str()), "State".to_owned()),
+        text: &text,
+        severity: MESSAGE_SEVERITY,
+    };
+    let mut event = told(count, base);
+    let node = |node: u32| Variant::from(NodeId::new(ids.machine_tool, node));
+    let (from, to) = (transition.from, transition.to);
+    event.fields.extend([
+        ("Transition", LocalizedText::from(transition.name).into()),
+        ("Transition/Id", node(transition.node)),
+        ("FromState", LocalizedText::from(from.name()).into()),
+        ("FromState/Id", node(from.node())),
+        ("ToState", LocalizedText::from(to.name()).into()),
+        ("ToState/Id", node(to.node())),
+        ("Name", UAString::from(program).into()),
+        ("JobIdentifier", UAString::from(job).into()),
+    ]);
+    event
 }
 
 impl Event for Told {

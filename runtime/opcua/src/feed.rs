@@ -17,8 +17,10 @@ use tokio::sync::mpsc;
 use crate::cnc;
 use crate::events::Happened;
 use crate::instance::unknown;
+use crate::machine_tool::{self, Spaces};
 use crate::nodes::{Manager, data_value};
 use crate::own;
+use crate::program::ActiveProgram;
 use crate::values::Values;
 use crate::view::{Change, View};
 
@@ -37,6 +39,8 @@ pub struct Feed {
     pub manager: Arc<Manager>,
     pub subscriptions: Arc<SubscriptionCache>,
     pub view: View,
+    /// The program of the first coordinate system.
+    pub program: ActiveProgram,
     /// What was told last, by path.
     pub told: BTreeMap<String, (NodeId, Result<Variant, StatusCode>)>,
     /// Takes what clients are told as events.
@@ -97,6 +101,7 @@ impl Feed {
         let shape = |view: &View| {
             (
                 view.birth.machine.clone(),
+                view.birth.identification.clone(),
                 view.birth.coordinate_systems.clone(),
                 view.birth.motors.clone(),
             )
@@ -147,6 +152,10 @@ impl Feed {
     /// Tells what differs from what was told.
     fn tell(&mut self, change: Change, at: DateTime) {
         let mut values = Values::default();
+        let spaces = self.manager.inner().spaces();
+        // what the coordinate systems and alarms make of the machine
+        machine_tool::machine_values(&self.view, spaces, &mut values);
+        self.tell_program(spaces, &mut values);
         match change {
             Change::Machine => {
                 cnc::machine_values(&self.view, &mut values);
@@ -155,6 +164,7 @@ impl Feed {
             Change::Channel(number) => {
                 if let Some((info, channel)) = self.view.channel(number) {
                     cnc::channel_values(info, channel, &mut values);
+                    machine_tool::channel_values(info, channel, &mut values);
                     own::channel_values(info, channel, &mut values);
                 }
             }
@@ -179,6 +189,27 @@ impl Feed {
         if let Err(status) = self.manager.set_values(&self.subscriptions, values) {
             tracing::error!(%status, "values were not told");
         }
+    }
+
+    /// The program of the first coordinate system, and what it has come from.
+    fn tell_program(&mut self, spaces: Spaces, values: &mut Values) {
+        let mut numbers = self.view.birth.coordinate_systems.iter();
+        let first = numbers
+            .next()
+            .and_then(|info| self.view.channels.get(&info.number));
+        if let Some(state) = first.and_then(|channel| channel.state.as_ref()) {
+            let passed = self.program.follow(state);
+            if let Some(known) = self.program.known() {
+                for transition in passed {
+                    self.tell_event(Happened::Transition {
+                        transition,
+                        program: known.name.clone(),
+                        job: known.job.clone(),
+                    });
+                }
+            }
+        }
+        machine_tool::program_values(&self.program, spaces, values);
     }
 
     /// Alarms that have come, changed or gone, and what handlers say or ask.
@@ -212,14 +243,13 @@ impl Feed {
                 let said = state.and_then(|state| {
                     let waiting = state.waiting_on.as_ref()?;
                     let question = waiting.question.as_ref().map(|question| &question.text);
-                    question
-                        .or_else(|| Some(&waiting.progress.as_ref()?.text))
-                        .cloned()
+                    let text = question.or_else(|| Some(&waiting.progress.as_ref()?.text))?;
+                    Some((waiting.m, text.clone()))
                 });
-                let text = said.unwrap_or_default();
+                let (m, text) = said.unwrap_or_default();
                 let before = self.messages.insert(cs, text.clone());
                 if !text.is_empty() && before.as_ref() != Some(&text) {
-                    self.tell_event(Happened::Message { cs, text });
+                    self.tell_event(Happened::Message { cs, m, text });
                 }
             }
             _ => {}
@@ -243,6 +273,7 @@ impl Feed {
     /// Nothing is known of a machine that is not heard: no value stays good.
     fn tell_away(&mut self) {
         self.view.forget();
+        self.program = ActiveProgram::default();
         let away = unknown(StatusCode::BadNoCommunication);
         let values = self.told.values().map(|(id, _)| (id, None, away.clone()));
         if let Err(status) = self.manager.set_values(&self.subscriptions, values) {

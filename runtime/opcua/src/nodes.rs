@@ -17,10 +17,11 @@ use parking_lot::Mutex;
 
 use crate::access::Access;
 use crate::cnc;
-use crate::events::Ids;
+use crate::events::{self, Ids};
 use crate::instance::{Builder, unknown};
+use crate::machine_tool::{self, Spaces};
 use crate::methods::{self, Outcome};
-use crate::nodesets::{CNC, NodeSet};
+use crate::nodesets::{CNC, MACHINE_TOOL, MACHINERY, NodeSet};
 use crate::own;
 use crate::view::View;
 
@@ -72,12 +73,14 @@ impl InMemoryNodeManagerImplBuilder for NodesBuilder {
         }
         let own = space.namespace_index(OWN).unwrap_or_default();
         let built = build(space, own, &self.view);
-        Nodes {
+        let nodes = Nodes {
             namespaces,
             own,
             access: self.access,
             built: Mutex::new(built),
-        }
+        };
+        events::build_types(space, nodes.event_ids());
+        nodes
     }
 }
 
@@ -85,6 +88,7 @@ impl InMemoryNodeManagerImplBuilder for NodesBuilder {
 fn build(space: &mut AddressSpace, own: u16, view: &View) -> BTreeSet<String> {
     let mut builder = Builder::new(space, own);
     cnc::build(&mut builder, view);
+    machine_tool::build(&mut builder, view);
     own::build(&mut builder, view);
     builder.built()
 }
@@ -98,16 +102,25 @@ impl Nodes {
             .then(|| NodeId::new(self.own, path))
     }
 
-    /// Identifiers of events.
+    fn namespace(&self, uri: &str) -> u16 {
+        let mut namespaces = self.namespaces.iter();
+        let found = namespaces.find(|namespace| namespace.namespace_uri == uri);
+        found.map_or(0, |namespace| namespace.namespace_index)
+    }
+
+    /// Namespaces of states.
+    pub fn spaces(&self) -> Spaces {
+        Spaces {
+            machine_tool: self.namespace(MACHINE_TOOL),
+            machinery: self.namespace(MACHINERY),
+        }
+    }
+
+    /// Namespaces of events.
     pub fn event_ids(&self) -> Ids {
-        let cnc = self
-            .namespaces
-            .iter()
-            .find(|namespace| namespace.namespace_uri == CNC);
-        let cnc = cnc.map_or(0, |namespace| namespace.namespace_index);
         Ids {
-            alarm_type: NodeId::new(cnc, 1006),
-            message_type: NodeId::new(cnc, 1011),
+            cnc: self.namespace(CNC),
+            machine_tool: self.namespace(MACHINE_TOOL),
             own: self.own,
         }
     }

@@ -6,6 +6,12 @@ use opcua::nodes::{ImportedItem, NodeSet2Import, NodeSetImport, NodeSetNamespace
 /// OPC 40502, CNC systems.
 pub const CNC: &str = "http://opcfoundation.org/UA/CNC";
 
+/// OPC 40501, machine tools.
+pub const MACHINE_TOOL: &str = "http://opcfoundation.org/UA/MachineTool/";
+
+/// OPC 40001, machinery.
+pub const MACHINERY: &str = "http://opcfoundation.org/UA/Machinery/";
+
 /// Each after those that it needs.
 const FILES: [(&str, &str); 7] = [
     ("DI", include_str!("../nodesets/Opc.Ua.Di.NodeSet2.xml")),

@@ -24,6 +24,7 @@ use crate::feed::Feed;
 use crate::nodes::{NodesBuilder, manager};
 use crate::nodesets;
 use crate::options::{Credentials, Options};
+use crate::program::ActiveProgram;
 use crate::view::View;
 
 /// Sessions at the same time. Reason: a plant's clients and a margin; each costs some ten kilobytes.
@@ -87,6 +88,7 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
         manager,
         subscriptions: Arc::clone(handle.subscriptions()),
         view,
+        program: ActiveProgram::default(),
         told: BTreeMap::new(),
         happened,
         alarms: BTreeMap::new(),

@@ -23,6 +23,7 @@ SERVER = os.environ["TANDEM_OPCUA_BIN"]
 OWN = "https://github.com/tandem-nc/tandem/opcua"
 CNC = "http://opcfoundation.org/UA/CNC"
 MACHINE_TOOL = "http://opcfoundation.org/UA/MachineTool/"
+MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 PATIENCE_S = 20.0
 PROGRAM = """N10 G17 G90 G54
 N20 G00 X5
@@ -36,6 +37,13 @@ N90 G01 X0 F600
 N99 M30
 """
 """Number 7: it waits three times."""
+IDENTIFICATION = """
+[identification]
+manufacturer = "Example Works"
+serial_number = "4711"
+product_instance_uri = "urn:example.com:mill:4711"
+location = "hall 2"
+"""
 
 
 def free_port() -> int:
@@ -90,6 +98,7 @@ class Machine:
         shutil.copytree(ROOT / "examples", folder / "examples", dirs_exist_ok=True)
         self.config = folder / "examples/config/demo.toml"
         with self.config.open("a") as config:
+            config.write(IDENTIFICATION)
             config.write(f'\n[mqtt]\nlisten = "127.0.0.1:{self.mqtt}"\n\n[http]\nlisten = "127.0.0.1:{self.http}"\n{more}\n')
             config.writelines(f'[m_code.{m}]\nunhandled = "wait"\n' for m in (20, 21, 22))
         self.token: str | None = None

@@ -6,12 +6,24 @@ import asyncio
 from typing import Any
 
 from asyncua import Client, ua
-from machine import CNC, OWN, Machine, in_loop, served
+from machine import CNC, MACHINE_TOOL, OWN, Machine, in_loop, served
 from test_methods import call, client_of, uint
 
 
-ALARM, MESSAGE = 1006, 1011
+ALARM, MESSAGE = (CNC, 1006), (CNC, 1011)
 """CncAlarmType and CncMessageType."""
+
+ALERT, NOTIFICATION, TRANSITION = (MACHINE_TOOL, 39), (MACHINE_TOOL, 35), (MACHINE_TOOL, 17)
+"""AlertType, NotificationEventType and ProductionProgramTransitionEventType."""
+
+OF_TYPE = {
+    ALARM: ("AlarmIdentifier", "AuxParameters", "HelpSource"),
+    MESSAGE: (),
+    ALERT: ("ErrorCode",),
+    NOTIFICATION: ("Identifier",),
+    TRANSITION: ("Name", "JobIdentifier"),
+}
+"""What each type adds."""
 
 FIELDS = {
     ua.ObjectIds.BaseEventType: ("EventType", "SourceNode", "SourceName", "Message", "Severity", "Time"),
@@ -20,6 +32,8 @@ FIELDS = {
     ua.ObjectIds.AlarmConditionType: ("ActiveState/Id",),
 }
 """Fields by the type that declares them."""
+
+TRANSITION_FIELDS = (ua.ObjectIds.TransitionEventType, ("Transition", "Transition/Id", "FromState", "ToState"))
 
 
 def field(type_id: ua.NodeId, path: list[ua.QualifiedName]) -> ua.SimpleAttributeOperand:
@@ -42,22 +56,23 @@ class Events:
         return await asyncio.wait_for(self.got.get(), 10)
 
 
-async def subscribe(client: Client, source: Any, event_type: int) -> Events:
-    """Subscribe to events of a type of OPC 40502."""
-    cnc = await client.get_namespace_index(CNC)
+async def subscribe(client: Client, source: Any, event_type: tuple[str, int]) -> Events:
+    """Subscribe to events of a type."""
+    namespace = await client.get_namespace_index(event_type[0])
+    type_id = ua.NodeId(event_type[1], namespace)
     events = Events()
     subscription = await client.create_subscription(100, events)
     wanted = ua.EventFilter()
-    for type_id, names in FIELDS.items():
+    known = FIELDS | ({TRANSITION_FIELDS[0]: TRANSITION_FIELDS[1]} if event_type == TRANSITION else {})
+    for declared_by, names in known.items():
         for name in names:
-            wanted.SelectClauses.append(field(ua.NodeId(type_id), [ua.QualifiedName(part) for part in name.split("/")]))
-    if event_type == ALARM:
-        for name in ("AlarmIdentifier", "AuxParameters", "HelpSource"):
-            wanted.SelectClauses.append(field(ua.NodeId(ALARM, cnc), [ua.QualifiedName(name, cnc)]))
+            wanted.SelectClauses.append(field(ua.NodeId(declared_by), [ua.QualifiedName(part) for part in name.split("/")]))
+    for name in OF_TYPE[event_type]:
+        wanted.SelectClauses.append(field(type_id, [ua.QualifiedName(name, namespace)]))
     # a client's own clause is a list of types, which the library of the server does not compare
-    type_node = ua.LiteralOperand(ua.Variant(ua.NodeId(event_type, cnc)))
+    type_node = ua.LiteralOperand(ua.Variant(type_id))
     wanted.WhereClause = ua.ContentFilter([ua.ContentFilterElement(ua.FilterOperator.OfType, [type_node])])
-    await subscription.subscribe_events(source, evfilter=wanted)
+    await subscription.subscribe_events(source, evfilter=wanted, queuesize=100)
     return events
 
 
@@ -77,7 +92,7 @@ def test_an_alarm_is_an_event_when_it_comes_is_acknowledged_and_goes(machine: Ma
             explained = machine.get("/explain/300")["text"]
             for events in both:
                 event = await events.next()
-                assert event.EventType == ua.NodeId(ALARM, cnc)
+                assert event.EventType == ua.NodeId(ALARM[1], cnc)
                 assert event.SourceNode == ua.NodeId("CNC/CncChannelList/cs1", own)
                 assert event.Message.Text == alarm["text"]
                 assert event.AlarmIdentifier == "300"
@@ -119,6 +134,71 @@ def test_what_a_handler_says_is_a_message(machine: Machine) -> None:
             event = await events.next()
             assert event.Message.Text == "the clamp closes"
             assert event.SourceName == "cs1"
+
+    with served(machine) as address:
+        in_loop(watch(address))
+
+
+def test_an_alarm_is_an_alert_of_the_machine_tool(machine: Machine) -> None:
+    machine.ask("PUT", "/programs/8", "N10 G90 G54\nN20 M77\nN30 M30\n")
+
+    async def watch(address: str) -> None:
+        async with client_of(address, "anna", "any") as client:
+            own = await client.get_namespace_index(OWN)
+            messages = client.get_node(ua.NodeId("MachineTool/Notification/Messages", own))
+            both = [await subscribe(client, source, ALERT) for source in (messages, client.nodes.server)]
+            machine.command(1, "load", program=8)
+            machine.ask("POST", "/cs/1/start", {})
+            machine.until("STOPPED")
+            alarm = machine.get("/alarms")["alarms"][0]
+            machine.command(1, "reset")
+            for events in both:
+                raised, cleared = await events.next(), await events.next()
+                assert raised.EventType == ua.NodeId(39, await client.get_namespace_index(MACHINE_TOOL))
+                assert raised.ErrorCode == cleared.ErrorCode == "300"
+                assert raised.Message.Text == alarm["text"]
+                assert raised.SourceNode == ua.NodeId("MachineTool/Monitoring/cs1", own)
+                assert (getattr(raised, "ActiveState/Id"), getattr(cleared, "ActiveState/Id")) == (True, False)
+                assert (raised.Severity, raised.Retain, cleared.Retain) == (900, True, False)
+                assert events.got.empty(), "no event comes twice"
+
+    with served(machine) as address:
+        in_loop(watch(address))
+
+
+def test_a_program_tells_each_of_its_transitions_and_a_handler_its_messages(machine: Machine) -> None:
+    async def watch(address: str) -> None:
+        async with client_of(address) as client:
+            own = await client.get_namespace_index(OWN)
+            machine_tool = await client.get_namespace_index(MACHINE_TOOL)
+            state = client.get_node(ua.NodeId("MachineTool/Production/ActiveProgram/State", own))
+            transitions = await subscribe(client, state, TRANSITION)
+            messages = client.get_node(ua.NodeId("MachineTool/Notification/Messages", own))
+            notifications = await subscribe(client, messages, NOTIFICATION)
+            machine.command(1, "load", program=7)
+            machine.ask("POST", "/cs/1/start", {})
+            machine.until("WAIT")
+            run = machine.get("/cs/1/state")["run_id"]
+            seq = machine.open_m_code()["seq"]
+            said = {"boot_id": machine.get("/cs/1/m_codes")["boot_id"], "handler_id": "clamp"}
+            machine.ask("POST", f"/cs/1/m_codes/{seq}/claim", said)
+            machine.ask("POST", f"/cs/1/m_codes/{seq}/progress", said | {"text": "the clamp closes"})
+            message = await notifications.next()
+            assert (message.Message.Text, message.Identifier) == ("the clamp closes", "M20")
+            assert message.EventType == ua.NodeId("Types/MessageEventType", own)
+            machine.ask("POST", "/cs/1/stop", {})
+            machine.until("STOPPED")
+            machine.command(1, "reset")
+            for name, node, began, became, job in (
+                ("InitializingToRunning", 91, "Initializing", "Running", run),
+                ("RunningToAborted", 108, "Running", "Aborted", run),
+                ("AbortedToInitializing", 102, "Aborted", "Initializing", None),
+            ):
+                event = await transitions.next()
+                assert (event.Transition.Text, event.FromState.Text, event.ToState.Text) == (name, began, became)
+                assert getattr(event, "Transition/Id") == ua.NodeId(node, machine_tool)
+                assert event.Name == "7"
+                assert job is None or event.JobIdentifier == job
 
     with served(machine) as address:
         in_loop(watch(address))

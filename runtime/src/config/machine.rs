@@ -8,7 +8,7 @@ use plc_api::lock_input::LockRules;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::io::IoDeclarations;
 use plc_api::types::m_code::MCodeDeclaration;
-use plc_api::types::machine::Served;
+use plc_api::types::machine::{Identification, Served};
 use plc_api::types::output::{Redelivery, Timing};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -28,6 +28,8 @@ const SPINDLE_M_CODES: [u16; 4] = [3, 4, 5, 19];
 pub struct Machine {
     /// MQTT topic level.
     pub name: String,
+    /// What its nameplate says.
+    pub identification: Identification,
     /// Servo period, microseconds.
     pub servo_period_us: u64,
     /// How late a servo cycle may begin in motion, ms.

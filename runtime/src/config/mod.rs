@@ -8,6 +8,7 @@ mod demo;
 mod dgshape;
 mod error;
 mod hmi;
+mod identification;
 mod input;
 mod io;
 mod machine;
@@ -31,6 +32,7 @@ pub use broker::{Broker, ExternalBroker};
 pub use dgshape::DgshapeConfig;
 pub use error::ConfigError;
 pub use hmi::HmiConfig;
+pub use identification::IdentificationConfig;
 pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use io::{IoConfig, IoPointConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
@@ -57,6 +59,9 @@ pub struct Config {
     /// `[machine]`
     #[serde(default)]
     pub machine: MachineConfig,
+    /// `[identification]`
+    #[serde(default)]
+    pub identification: IdentificationConfig,
     /// `[[motor]]`
     #[serde(default)]
     pub motor: Vec<MotorConfig>,

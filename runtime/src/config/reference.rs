@@ -8,8 +8,8 @@ use serde_json::Value;
 
 use super::error::known;
 use super::{
-    Config, CoordinateSystemConfig, HmiConfig, HttpConfig, IoPointConfig, LockConfig, LockSourceConfig,
-    MCodeConfig, MachineConfig, MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig,
+    Config, CoordinateSystemConfig, HmiConfig, HttpConfig, IdentificationConfig, IoPointConfig, LockConfig,
+    LockSourceConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig,
     SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
@@ -88,6 +88,7 @@ impl Config {
         let config = settings.into_generator().into_root_schema_for::<Self>();
         let tables = [
             ("machine", order_of::<MachineConfig>()),
+            ("identification", order_of::<IdentificationConfig>()),
             ("motor", order_of::<MotorConfig>()),
             ("coordinate_system", order_of::<CoordinateSystemConfig>()),
             ("tool", order_of::<ToolConfig>()),

@@ -2,6 +2,7 @@
 
 mod coordinate_system;
 mod hmi;
+mod identification;
 mod input;
 mod io;
 mod motor;
@@ -126,6 +127,7 @@ impl Config {
         self.machine.check(&mut problems.of("machine", "[machine] "));
         self.mqtt.check(&mut problems.of("mqtt", "[mqtt] "));
         self.input.check(&self.coordinate_system, problems);
+        let identification = self.identification(problems);
         let io = self.io.declarations(problems);
         let signers = self.signers(problems);
         let tools = self.tools(problems);
@@ -136,6 +138,7 @@ impl Config {
         self.check_hmi(&coordinate_systems, problems);
         Machine {
             name: self.machine.name.clone(),
+            identification,
             servo_period_us: self.machine.servo_period_us,
             servo_late_ms: self.machine.servo_late_ms,
             presence_expires_ms: self.machine.presence_expires_ms,

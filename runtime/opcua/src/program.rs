@@ -1,0 +1,236 @@
+//! The active program of OPC 40501: its state, and the transitions that it has gone through.
+
+use std::collections::VecDeque;
+
+use plc_api::types::state::{Execution, RunKind, State};
+
+/// States of `ProductionProgramStateMachineType`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProgramState {
+    Initializing,
+    Running,
+    Ended,
+    Interrupted,
+    Aborted,
+}
+
+use ProgramState::{Aborted, Ended, Initializing, Interrupted, Running};
+
+impl ProgramState {
+    pub const fn name(self) -> &'static str {
+        match self {
+            Initializing => "Initializing",
+            Running => "Running",
+            Ended => "Ended",
+            Interrupted => "Interrupted",
+            Aborted => "Aborted",
+        }
+    }
+
+    /// Its `StateNumber`.
+    pub const fn number(self) -> u32 {
+        match self {
+            Initializing => 0,
+            Running => 1,
+            Ended => 2,
+            Interrupted => 3,
+            Aborted => 4,
+        }
+    }
+
+    /// The identifier of its node in the namespace of machine tools.
+    pub const fn node(self) -> u32 {
+        match self {
+            Initializing => 5039,
+            Running => 5041,
+            Ended => 5038,
+            Interrupted => 5040,
+            Aborted => 5037,
+        }
+    }
+
+    /// What the state of a coordinate system says of its program. While axes are moved by hand the program is at its head.
+    fn of(state: &State) -> Self {
+        if state.run_kind.is_some_and(|kind| kind != RunKind::Program) {
+            return Initializing;
+        }
+        match state.execution {
+            Execution::Ready => Initializing,
+            Execution::Active | Execution::Wait => Running,
+            Execution::FeedHold
+            | Execution::ProgramStopped
+            | Execution::OptionalStop
+            | Execution::Interrupted => Interrupted,
+            Execution::ProgramCompleted => Ended,
+            Execution::Stopped if state.program.is_none() => Initializing,
+            Execution::Stopped => Aborted,
+        }
+    }
+}
+
+/// A transition of `ProductionProgramStateMachineType`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Transition {
+    pub name: &'static str,
+    /// Its `TransitionNumber`.
+    pub number: u32,
+    /// The identifier of its node in the namespace of machine tools.
+    pub node: u32,
+    pub from: ProgramState,
+    pub to: ProgramState,
+}
+
+const fn of(name: &'static str, number: u32, node: u32, from: ProgramState, to: ProgramState) -> Transition {
+    Transition {
+        name,
+        number,
+        node,
+        from,
+        to,
+    }
+}
+
+/// All between two states.
+const TRANSITIONS: [Transition; 9] = [
+    of("InitializingToRunning", 0, 91, Initializing, Running),
+    of("RunningToEnded", 1, 92, Running, Ended),
+    of("EndedToInitializing", 2, 106, Ended, Initializing),
+    of("RunningToInterrupted", 4, 109, Running, Interrupted),
+    of("InterruptedToRunning", 5, 107, Interrupted, Running),
+    of("RunningToAborted", 6, 108, Running, Aborted),
+    of("InterruptedToAborted", 7, 105, Interrupted, Aborted),
+    of("AbortedToInitializing", 8, 102, Aborted, Initializing),
+    of("InitializingToAborted", 9, 104, Initializing, Aborted),
+];
+
+/// The fewest transitions from a state to another.
+fn way(from: ProgramState, to: ProgramState) -> Vec<Transition> {
+    let mut ways = VecDeque::from([(from, Vec::new())]);
+    while let Some((at, way)) = ways.pop_front() {
+        if at == to {
+            return way;
+        }
+        // no way is longer than the number of states
+        if way.len() < TRANSITIONS.len() {
+            for transition in TRANSITIONS.iter().filter(|transition| transition.from == at) {
+                let longer = way.iter().copied().chain([*transition]).collect();
+                ways.push_back((transition.to, longer));
+            }
+        }
+    }
+    Vec::new()
+}
+
+/// What is known of a program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Known {
+    /// Its number; empty without one.
+    pub name: String,
+    /// The run that it is part of; empty before the first.
+    pub job: String,
+    pub state: ProgramState,
+}
+
+/// The active program.
+#[derive(Debug, Default)]
+pub struct ActiveProgram {
+    known: Option<Known>,
+    last: Option<Transition>,
+}
+
+impl ActiveProgram {
+    /// Takes in a state: the transitions that have led to it, in their order. What was missed between two states is the fewest
+    /// transitions that lead from one to the other.
+    pub fn follow(&mut self, state: &State) -> Vec<Transition> {
+        let known = Known {
+            name: state
+                .program
+                .map_or_else(String::new, |number| number.to_string()),
+            job: state.run_id.clone().unwrap_or_default(),
+            state: ProgramState::of(state),
+        };
+        let passed = self
+            .known
+            .as_ref()
+            .map_or_else(Vec::new, |before| way(before.state, known.state));
+        self.last = passed.last().copied().or(self.last);
+        self.known = Some(known);
+        passed
+    }
+
+    /// The program; none before a state was heard.
+    pub fn known(&self) -> Option<&Known> {
+        self.known.as_ref()
+    }
+
+    /// Its last transition; none before there was one.
+    pub fn last(&self) -> Option<Transition> {
+        self.last
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(execution: Execution) -> State {
+        State {
+            execution,
+            program: Some(7),
+            ..State::default()
+        }
+    }
+
+    fn names(passed: &[Transition]) -> Vec<&'static str> {
+        passed.iter().map(|transition| transition.name).collect()
+    }
+
+    #[test]
+    fn each_state_reaches_each_other_by_transitions_that_join() {
+        let all = [Initializing, Running, Ended, Interrupted, Aborted];
+        for (from, to) in all.into_iter().flat_map(|from| all.map(|to| (from, to))) {
+            let way = way(from, to);
+            assert_eq!(way.is_empty(), from == to);
+            assert!(way.is_empty() || (way[0].from, way[way.len() - 1].to) == (from, to));
+            assert!(way.windows(2).all(|two| two[0].to == two[1].from));
+            assert!(
+                way.iter()
+                    .all(|one| one.name == format!("{}To{}", one.from.name(), one.to.name()))
+            );
+        }
+    }
+
+    #[test]
+    fn a_run_from_its_start_through_a_pause_to_its_end() {
+        let mut program = ActiveProgram::default();
+        assert_eq!(names(&program.follow(&state(Execution::Ready))), [""; 0]);
+        assert_eq!(program.last(), None);
+        for (execution, passed) in [
+            (Execution::Active, vec!["InitializingToRunning"]),
+            (Execution::Wait, vec![]),
+            (Execution::ProgramStopped, vec!["RunningToInterrupted"]),
+            (Execution::Active, vec!["InterruptedToRunning"]),
+            (Execution::ProgramCompleted, vec!["RunningToEnded"]),
+            (
+                Execution::Active,
+                vec!["EndedToInitializing", "InitializingToRunning"],
+            ),
+            (Execution::Stopped, vec!["RunningToAborted"]),
+            (Execution::Ready, vec!["AbortedToInitializing"]),
+        ] {
+            assert_eq!(names(&program.follow(&state(execution))), passed);
+        }
+        assert_eq!(program.last().map(|last| last.number), Some(8));
+    }
+
+    #[test]
+    fn axes_that_are_moved_by_hand_are_no_run_of_the_program() {
+        let jogged = State {
+            run_kind: Some(RunKind::Jog),
+            ..state(Execution::Active)
+        };
+        let mut program = ActiveProgram::default();
+        program.follow(&jogged);
+        assert_eq!(program.known().map(|known| known.state), Some(Initializing));
+    }
+}
