@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::Router;
 use axum::middleware;
 use plc_api::port::Port;
-use tandem_mtconnect::Agent;
+use tandem_mtconnect::{Agent, AgentSettings};
 use tokio_util::sync::CancellationToken;
 
 use crate::access::guard::guard_reading;
@@ -32,7 +32,11 @@ pub(crate) async fn start(
         .shdr_address()?
         .map(|address| bind(SHDR_LISTEN, address))
         .transpose()?;
-    let agent = Agent::start(port, mtconnect.version, stop.clone()).await;
+    let of_agent = AgentSettings {
+        version: mtconnect.version,
+        emergency_stop: mtconnect.emergency_stop.clone(),
+    };
+    let agent = Agent::start(port, of_agent, stop.clone()).await;
     if let Some(listener) = adapter {
         agent.serve_shdr(listener);
     }

@@ -47,6 +47,8 @@ pub struct GatewaySettings {
 pub struct MtconnectSettings {
     /// `[mtconnect] version`: version of the documents.
     pub version: MtconnectVersion,
+    /// `[mtconnect] emergency_stop`: name of the input that is on while the emergency stop is not pressed. `None`: without it.
+    pub emergency_stop: Option<String>,
     /// `[mtconnect] shdr_listen`: address and port of the adapter, on the loopback. Port 0 takes any free port. `None`: without it.
     pub shdr_listen: Option<String>,
 }

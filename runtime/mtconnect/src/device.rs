@@ -1,7 +1,7 @@
 //! The device model: components and data items of a machine, as a probe tells them.
 
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::Birth;
+use plc_api::types::machine::{Birth, Identification};
 
 /// What kind of value a data item has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,6 +82,8 @@ pub struct Device {
     pub name: String,
     /// Names it among all machines.
     pub uuid: String,
+    /// What its nameplate says.
+    pub identification: Identification,
     /// Its parts; each comes after the one that it is part of, the device first.
     pub components: Vec<Component>,
     /// What is observed.
@@ -97,6 +99,7 @@ impl Device {
         let mut device = Self {
             name: birth.machine.clone(),
             uuid: format!("tandem-{}", birth.machine),
+            identification: birth.identification.clone(),
             components: Vec::new(),
             items: Vec::new(),
         };
@@ -227,6 +230,8 @@ impl Device {
             self.event(path, kind, None);
         }
         for (kind, sub_type) in [
+            ("PART_COUNT", "TARGET"),
+            ("PART_COUNT", "REMAINING"),
             ("PROGRAM", "MAIN"),
             ("PROGRAM", "ACTIVE"),
             ("LINE_NUMBER", "ABSOLUTE"),

@@ -171,11 +171,18 @@ fn component(xml: &mut Xml, device: &Device, index: usize) {
     }
     xml.open(this.element, &attributes);
     if this.parent.is_none() {
-        xml.text(
-            "Description",
-            &[("manufacturer", "Tandem")],
-            "A machine with a Tandem runtime",
-        );
+        let plate = &device.identification;
+        let known = [
+            ("manufacturer", &plate.manufacturer),
+            ("model", &plate.model),
+            ("serialNumber", &plate.serial_number),
+            ("station", &plate.location),
+        ];
+        let known: Vec<(&str, &str)> = known
+            .into_iter()
+            .filter_map(|(name, value)| Some((name, value.as_deref()?)))
+            .collect();
+        xml.text("Description", &known, "A machine with a Tandem runtime");
     }
     let items = device.items.iter().filter(|item| item.component == index);
     let mut is_first = true;

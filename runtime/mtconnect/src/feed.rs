@@ -6,14 +6,18 @@ use std::sync::Arc;
 
 use plc_api::Execution;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::data::ToolData;
+use plc_api::types::io::{IoPoint, IoState};
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
+use plc_api::types::run::Run;
 use plc_api::types::state::{Position, ProgramPlace, RunKind, State};
 use plc_api::types::topic::Topic;
 
-use crate::Version;
 use crate::buffer::{ActiveAlarm, BUFFER_SIZE, Buffer, Value};
 use crate::device::{Category, Device, axis_id, item_id, path_id};
+use crate::documents::asset_id;
+use crate::{AgentSettings, Version};
 
 /// A device with its observations.
 #[derive(Debug)]
@@ -23,23 +27,39 @@ pub struct Feed {
     version: Version,
     /// Index of a data item by its id.
     items: BTreeMap<String, usize>,
-    /// Execution and completed programs of each coordinate system.
-    parts: BTreeMap<CoordinateSystemNumber, (Option<Execution>, u64)>,
+    /// Parts of each coordinate system.
+    parts: BTreeMap<CoordinateSystemNumber, Parts>,
+    /// The input that is on while the emergency stop is not pressed.
+    emergency_stop: Option<IoPoint>,
+    /// The tool table as it was last seen.
+    tools: Option<Vec<ToolData>>,
     /// Alarms that are active, by condition.
     alarms: BTreeMap<usize, BTreeSet<u16>>,
 }
 
+/// Parts that were completed since the agent was started.
+#[derive(Debug)]
+struct Parts {
+    /// The run that is counted.
+    run: Option<String>,
+    /// Parts of it that are counted.
+    done: u32,
+    count: u64,
+}
+
 impl Feed {
     /// Nothing is known yet but what never changes.
-    pub fn new(device: Device, version: Version, timestamp: &Arc<str>) -> Self {
+    pub fn new(device: Device, settings: &AgentSettings, timestamp: &Arc<str>) -> Self {
         let buffer = Buffer::new(device.items.len(), BUFFER_SIZE, timestamp);
         let items = device.items.iter().enumerate();
         let items: BTreeMap<String, usize> = items.map(|(index, item)| (item.id.clone(), index)).collect();
         let mut feed = Self {
             buffer,
-            version,
+            version: settings.version,
             items,
             parts: BTreeMap::new(),
+            emergency_stop: settings.emergency_stop.as_deref().map(IoPoint::input),
+            tools: None,
             alarms: BTreeMap::new(),
             device,
         };
@@ -66,6 +86,9 @@ impl Feed {
         let at: Arc<str> = message.ts.0.as_str().into();
         match (&message.topic, &message.payload) {
             (_, Payload::AlarmActive(active)) => self.alarms(&active.alarms, &at),
+            (Topic::Io(point), Payload::Io(state)) if Some(point) == self.emergency_stop.as_ref() => {
+                self.emergency_stop(state, &at);
+            }
             (Topic::CoordinateSystem(cs, _), payload) => self.of_system(*cs, payload, &at),
             _ => {}
         }
@@ -76,6 +99,7 @@ impl Feed {
         let path = path_id(cs);
         match payload {
             Payload::State(state) => self.state(cs, state, at),
+            Payload::Run(state) => self.run(cs, state.run.as_ref(), at),
             Payload::Program(place) => self.place(&path, place, at),
             Payload::Position(position) => self.position(cs, position, at),
             Payload::Override(overrides) => {
@@ -153,14 +177,65 @@ impl Feed {
             Some(text) => self.tell(&path, "MESSAGE", None, text, at),
             None => self.unavailable(&path, "MESSAGE", at),
         }
-        let (before, count) = self.parts.entry(cs).or_default();
-        let is_completed = state.execution == Execution::ProgramCompleted;
-        if is_completed && before.is_some_and(|before| before != Execution::ProgramCompleted) {
-            *count += 1;
-        }
-        *before = Some(state.execution);
-        let count = *count;
+    }
+
+    /// What was completed before the agent was started is not counted.
+    fn run(&mut self, cs: CoordinateSystemNumber, run: Option<&Run>, at: &Arc<str>) {
+        let id = run.map(|run| run.id.clone());
+        let done = run.map_or(0, |run| run.parts_done);
+        let parts = self.parts.entry(cs).or_insert_with(|| Parts {
+            run: id.clone(),
+            done,
+            count: 0,
+        });
+        let before = if parts.run == id { parts.done } else { 0 };
+        parts.count += u64::from(done.saturating_sub(before));
+        (parts.run, parts.done) = (id, done);
+        let (path, count) = (path_id(cs), parts.count);
         self.tell(&path, "PART_COUNT", None, count, at);
+        let Some(run) = run else {
+            self.unavailable_of(&path, "PART_COUNT", Some("TARGET"), at);
+            self.unavailable_of(&path, "PART_COUNT", Some("REMAINING"), at);
+            return;
+        };
+        let left = run.parts.saturating_sub(run.parts_done);
+        self.tell(&path, "PART_COUNT", Some("TARGET"), run.parts, at);
+        self.tell(&path, "PART_COUNT", Some("REMAINING"), left, at);
+    }
+
+    /// While nobody writes the input, nothing is known of the emergency stop.
+    fn emergency_stop(&mut self, state: &IoState, at: &Arc<str>) {
+        let component = "ctl";
+        if state.lost && state.forced.is_none() {
+            return self.unavailable(component, "EMERGENCY_STOP", at);
+        }
+        let word = if state.value.is_on() { "ARMED" } else { "TRIGGERED" };
+        self.tell(component, "EMERGENCY_STOP", None, word, at);
+    }
+
+    /// The tool table as it is now. True when there are new observations.
+    pub fn tools(&mut self, now: &[ToolData], at: &Arc<str>) -> bool {
+        let Some(before) = self.tools.replace(now.to_vec()) else {
+            return false;
+        };
+        let next = self.buffer.next();
+        for tool in now.iter().filter(|tool| !before.contains(tool)) {
+            self.tell_again("ASSET_CHANGED", &asset_id(tool.id), at);
+        }
+        for tool in before
+            .iter()
+            .filter(|tool| now.iter().all(|now| now.id != tool.id))
+        {
+            self.tell_again("ASSET_REMOVED", &asset_id(tool.id), at);
+        }
+        self.buffer.next() != next
+    }
+
+    /// Tells the same asset again when it has changed again.
+    fn tell_again(&mut self, kind: &str, asset: &str, at: &Arc<str>) {
+        if let Some(item) = self.items.get(&item_id("dev", kind, None)).copied() {
+            self.buffer.observe(item, Value::Text(asset.into()), at);
+        }
     }
 
     fn execution(&self, execution: Execution) -> &'static str {

@@ -22,8 +22,10 @@ use parking_lot::Mutex;
 use plc_api::hub::Filter;
 use plc_api::port::Port;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::io::IoPoint;
 use plc_api::types::machine::Birth;
 use plc_api::types::message::Payload;
+use plc_api::types::request::typed;
 use plc_api::types::topic::{CsTopic, Topic};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -76,6 +78,18 @@ impl Version {
     }
 }
 
+/// What an agent is started with.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct AgentSettings {
+    /// Version of its documents.
+    pub version: Version,
+    /// Name of the input that is on while the emergency stop is not pressed; `None`: the machine does not know it.
+    pub emergency_stop: Option<String>,
+}
+
+/// How often the tool table is looked at. Reason: nobody is told when it changes.
+const TOOLS_EVERY: Duration = Duration::from_secs(1);
+
 /// The agent of one machine. Clones are handles to the same one.
 #[derive(Debug, Clone)]
 pub struct Agent {
@@ -104,7 +118,7 @@ impl std::fmt::Debug for Inner {
 
 impl Agent {
     /// Begins to observe a machine, until `stop`. The instance id is the millisecond of the start: another one at each boot.
-    pub async fn start(port: Arc<dyn Port>, version: Version, stop: CancellationToken) -> Self {
+    pub async fn start(port: Arc<dyn Port>, settings: AgentSettings, stop: CancellationToken) -> Self {
         // subscribed first: nothing that is said meanwhile is missed
         let mut said = port.subscribe(Filter::All);
         let birth = match port
@@ -119,9 +133,9 @@ impl Agent {
         let timestamp: Arc<str> = now().into();
         let agent = Self {
             inner: Arc::new(Inner {
-                feed: Mutex::new(Feed::new(Device::of(&birth), version, &timestamp)),
+                feed: Mutex::new(Feed::new(Device::of(&birth), &settings, &timestamp)),
                 began: timestamp,
-                version,
+                version: settings.version,
                 instance_id: u64::try_from(since.as_millis()).unwrap_or_default(),
                 news: watch::Sender::new(0),
                 stop,
@@ -129,7 +143,8 @@ impl Agent {
             }),
         };
         let numbers = birth.coordinate_systems.iter().map(|system| system.number);
-        for topic in topics(numbers) {
+        let input = settings.emergency_stop.map(IoPoint::input).map(Topic::Io);
+        for topic in topics(numbers).into_iter().chain(input) {
             if let Some(message) = agent.inner.port.read(&topic).await {
                 agent.inner.feed.lock().take(&message);
             }
@@ -149,7 +164,23 @@ impl Agent {
                 }
             }
         });
+        tokio::spawn(agent.clone().watch_tools());
         agent
+    }
+
+    /// Looks for tools that have changed, until the agent ends.
+    async fn watch_tools(self) {
+        loop {
+            if let Ok(table) = self.inner.port.ask(typed::Tools).await {
+                let mut feed = self.inner.feed.lock();
+                if feed.tools(&table.tools, &now().into()) {
+                    self.inner.news.send_replace(feed.buffer.next());
+                }
+            }
+            if !self.sleep(TOOLS_EVERY).await {
+                return;
+            }
+        }
     }
 
     /// Its requests.
@@ -188,7 +219,7 @@ impl Agent {
 
 /// What is read at the begin.
 fn topics(numbers: impl Iterator<Item = CoordinateSystemNumber>) -> Vec<Topic> {
-    const OF_SYSTEM: [CsTopic; 7] = [
+    const OF_SYSTEM: [CsTopic; 8] = [
         CsTopic::State,
         CsTopic::Program,
         CsTopic::Position,
@@ -196,6 +227,7 @@ fn topics(numbers: impl Iterator<Item = CoordinateSystemNumber>) -> Vec<Topic> {
         CsTopic::Override,
         CsTopic::Tool,
         CsTopic::Spindle,
+        CsTopic::Run,
     ];
     let of_systems = numbers.flat_map(|cs| OF_SYSTEM.map(|topic| Topic::cs(cs, topic)));
     of_systems.chain([Topic::AlarmActive]).collect()

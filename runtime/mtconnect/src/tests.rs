@@ -1,3 +1,5 @@
+mod observed;
+
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -9,10 +11,12 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use http_body_util::BodyExt;
 use plc_api::Execution;
+use plc_api::types::data::ToolData;
 use plc_api::types::machine::{
-    ActiveAlarms, AlarmRecord, AlarmSeverity, Birth, CoordinateSystemInfo, MotorInfo,
+    ActiveAlarms, AlarmRecord, AlarmSeverity, Birth, CoordinateSystemInfo, Identification, MotorInfo,
 };
 use plc_api::types::message::{Message, Payload};
+use plc_api::types::run::{Run, RunState};
 use plc_api::types::state::{Modal, Overrides, Position, ProgramPlace, RunKind, Spindle, State, Tool};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, Timestamp};
@@ -24,7 +28,7 @@ use tower::ServiceExt;
 use crate::buffer::{Observation, Value};
 use crate::device::{Device, item_id};
 use crate::feed::Feed;
-use crate::{Agent, Version, filter};
+use crate::{Agent, AgentSettings, Version, filter};
 
 /// A mill with a rotary axis and a spindle, and a loader.
 fn birth() -> Birth {
@@ -40,6 +44,13 @@ fn birth() -> Birth {
     };
     Birth {
         machine: "mill-1".into(),
+        identification: Identification {
+            manufacturer: Some("Example & Works".into()),
+            model: Some("M 400".into()),
+            serial_number: Some("47 11".into()),
+            location: Some("hall 2".into()),
+            ..Identification::default()
+        },
         motors: vec![
             motor(1, "linear"),
             motor(2, "linear"),
@@ -137,6 +148,7 @@ fn everything() -> Vec<Message> {
     };
     vec![
         state(Execution::Wait),
+        run("1", 3, 1),
         of_mill(CsTopic::Program, Payload::Program(place)),
         positions(1.25),
         of_mill(CsTopic::Modal, Payload::Modal(modal)),
@@ -153,15 +165,19 @@ fn everything() -> Vec<Message> {
 }
 
 fn feed(version: Version) -> Feed {
-    Feed::new(Device::of(&birth()), version, &"2026-01-01T00:00:00Z".into())
+    let settings = AgentSettings {
+        version,
+        emergency_stop: None,
+    };
+    Feed::new(Device::of(&birth()), &settings, &"2026-01-01T00:00:00Z".into())
 }
 
 /// The newest observation of a data item of the mill's path.
 fn path_value(feed: &Feed, kind: &str, sub_type: Option<&str>) -> Option<String> {
-    value(feed, &item_id("path1", kind, sub_type))
+    value_of(feed, &item_id("path1", kind, sub_type))
 }
 
-fn value(feed: &Feed, id: &str) -> Option<String> {
+fn value_of(feed: &Feed, id: &str) -> Option<String> {
     let index = feed.device.items.iter().position(|item| item.id == id).unwrap();
     match &feed.buffer.latest(index).last().unwrap().value {
         Value::Text(text) => Some(text.to_string()),
@@ -196,8 +212,8 @@ fn what_the_machine_says_is_told_in_the_words_and_units_of_the_standard() {
             "{kind}"
         );
     }
-    assert_eq!(value(&feed, "ax1A_angle_actual").as_deref(), Some("90"));
-    assert_eq!(value(&feed, "ax1S_rotary_mode").as_deref(), Some("SPINDLE"));
+    assert_eq!(value_of(&feed, "ax1A_angle_actual").as_deref(), Some("90"));
+    assert_eq!(value_of(&feed, "ax1S_rotary_mode").as_deref(), Some("SPINDLE"));
     assert!(
         !everything().iter().any(|message| feed.take(message)),
         "what is known is no news"
@@ -217,18 +233,24 @@ fn a_wait_is_active_in_versions_that_do_not_know_the_word() {
     }
 }
 
-#[test]
-fn a_part_is_counted_when_a_program_comes_to_its_end() {
-    let mut feed = feed(Version::V2_3);
-    let mut count = |execution| {
-        feed.take(&state(execution));
-        path_value(&feed, "PART_COUNT", None).unwrap()
+fn run(id: &str, parts: u32, parts_done: u32) -> Message {
+    let run = Run {
+        id: id.into(),
+        cs: 1,
+        program: 7,
+        hash: None,
+        from_line: None,
+        parts,
+        parts_done,
+        began: Timestamp("2026-01-01T00:00:00Z".into()),
+        end: None,
+        took_s: 0.0,
+        last_part_s: None,
+        waits: Vec::new(),
+        alarms: Vec::new(),
+        waits_for: None,
     };
-    assert_eq!(count(Execution::ProgramCompleted), "0", "that was before");
-    assert_eq!(count(Execution::Active), "0");
-    assert_eq!(count(Execution::ProgramCompleted), "1");
-    assert_eq!(count(Execution::ProgramCompleted), "1");
-    assert_eq!(count(Execution::Stopped), "1");
+    of_mill(CsTopic::Run, Payload::Run(RunState { run: Some(run) }))
 }
 
 #[test]
@@ -297,7 +319,7 @@ fn a_path_wants_data_items_by_component_and_attribute() {
 /// Every version, and the documents that it has.
 fn documents() -> Vec<(Version, &'static str, String)> {
     use crate::documents::{ErrorKind, Head, Sequences, assets, devices, error, streams};
-    use plc_api::types::data::{ToolData, ToolTable};
+    use plc_api::types::data::ToolTable;
 
     let mut all = Vec::new();
     for version in [Version::V1_7, Version::V2_0, Version::V2_3, Version::V2_7] {
@@ -306,6 +328,14 @@ fn documents() -> Vec<(Version, &'static str, String)> {
         for message in &everything() {
             feed.take(message);
         }
+        let changed = ToolData {
+            id: 1,
+            radius: 5.0,
+            length: 80.0,
+        };
+        feed.tools(&[], &"2026-01-01T00:00:00Z".into());
+        feed.tools(&[changed], &"2026-01-01T00:00:01Z".into());
+        feed.tools(&[], &"2026-01-01T00:00:02Z".into());
         let head = Head {
             version,
             model_change_time: "2026-01-01T00:00:00.000Z".into(),
@@ -403,7 +433,7 @@ fn every_document_is_valid_by_the_schema_of_its_version() {
 async fn agent() -> (plc_api::fake::FakePort, Agent, CancellationToken) {
     let fake = plc_api::fake::FakePort::new([1]);
     let stop = CancellationToken::new();
-    let agent = Agent::start(Arc::new(fake.clone()), Version::V2_3, stop.clone()).await;
+    let agent = Agent::start(Arc::new(fake.clone()), AgentSettings::default(), stop.clone()).await;
     (fake, agent, stop)
 }
 

@@ -83,6 +83,7 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
         tokens,
         mtconnect: config.mtconnect.as_ref().map(|mtconnect| MtconnectSettings {
             version: mtconnect.version,
+            emergency_stop: mtconnect.emergency_stop.clone(),
             shdr_listen: mtconnect.shdr_listen.clone(),
         }),
         allow_origins: config.http.allow_origins.clone(),

@@ -471,6 +471,8 @@ pub struct ProgramsConfig {
 pub struct MtconnectConfig {
     /// Version of the standard that its documents follow.
     pub version: MtconnectVersion,
+    /// Input of `[io.in.NAME]` that is on while the emergency stop is not pressed; default none: `EMERGENCY_STOP` is unavailable.
+    pub emergency_stop: Option<String>,
     /// Address of an adapter for an MTConnect agent of another make, which speaks SHDR; it knows no users, and is on the loopback only.
     pub shdr_listen: Option<String>,
 }

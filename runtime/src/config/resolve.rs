@@ -13,6 +13,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use plc_api::handlers::RUNTIME_M_CODES;
+use plc_api::types::io::{IoDeclarations, IoKind};
 use plc_api::types::m_code::{DeclaredParams, MCodeDeclaration, ParamDeclaration, ParamLetter};
 use plc_api::types::machine::Served;
 use schemars::{JsonSchema, Schema, schema_for};
@@ -129,6 +130,7 @@ impl Config {
         self.input.check(&self.coordinate_system, problems);
         let identification = self.identification(problems);
         let io = self.io.declarations(problems);
+        self.check_mtconnect(&io, problems);
         let signers = self.signers(problems);
         let tools = self.tools(problems);
         let motors = self.motors(problems);
@@ -153,6 +155,23 @@ impl Config {
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),
             signers,
             hold_on_bus_loss: self.mqtt.on_bus_loss == OnBusLoss::HoldAtWait,
+        }
+    }
+
+    fn check_mtconnect(&self, io: &IoDeclarations, problems: &mut Problems<'_>) {
+        let Some(name) = self
+            .mtconnect
+            .as_ref()
+            .and_then(|mtconnect| mtconnect.emergency_stop.as_ref())
+        else {
+            return;
+        };
+        let declared = io.inputs.get(name);
+        if declared.is_none_or(|declared| declared.kind != IoKind::Bool) {
+            let text = format!(
+                "[mtconnect] emergency_stop = \"{name:.40}\": there is no such input that is on or off; write [io.in.{name:.40}]"
+            );
+            problems.add("mtconnect.emergency_stop", text);
         }
     }
 
