@@ -9,6 +9,7 @@ mod language;
 mod links;
 mod page;
 mod rules;
+mod units;
 
 use std::collections::BTreeSet;
 
