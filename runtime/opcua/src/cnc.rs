@@ -312,6 +312,10 @@ fn axis_values(path: &str, letter: &str, channel: &Channel, values: &mut Values)
         .zip(of(now, |position| &position.work))
         .map(|(machine, work)| machine - work);
     values.put(path, "ZeroOffset", offset);
+    let homed = now
+        .as_ref()
+        .and_then(|position| position.homed.get(letter).copied());
+    values.put(path, "IsReferenced", homed);
     let before = of(&channel.position_before, |position| &position.machine);
     // the last position of a motion tells no feedrate any more
     let is_path_moving = now.as_ref().is_some_and(|now| now.feedrate > 0.0);

@@ -76,6 +76,7 @@ def channel(machine: Machine, cs: int) -> dict[str, Any]:
             expected |= {f"{at}/CmdPos": commanded, f"{at}/ActPos": is_at, f"{at}/RemDist": left}
         expected |= {
             f"{axis}/ZeroOffset": machine_at - work,
+            f"{axis}/IsReferenced": position["homed"][letter],
             f"{axis}/IsRotational": False,
             f"{axis}/IsVirtual": True,
             f"{axis}/IsInactive": False,
