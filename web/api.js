@@ -57,6 +57,16 @@ export const api = {
     await request("POST", `/cs/${cs}/runs`, { program, parts }, underLease(cs));
   },
 
+  /** The path of a text as manual data input would move now, as bytes. @param {number} cs @param {string} text */
+  async manualPath(cs, text) {
+    return (await request("POST", `/cs/${cs}/mdi/path`, { text })).arrayBuffer();
+  },
+
+  /** What it would do. @param {number} cs @param {string} text @returns {Promise<import("./types.d.ts").Rehearsal>} */
+  async manualRehearsal(cs, text) {
+    return (await request("POST", `/cs/${cs}/mdi/rehearsal`, { text })).json();
+  },
+
   /** What is in force at a line, and what a start from there does. @param {number} cs @param {LineStart} from @returns {Promise<import("./types.d.ts").LineState>} */
   async lineState(cs, from) {
     return (await request("POST", `/cs/${cs}/line_state`, from)).json();
@@ -234,6 +244,18 @@ export const api = {
   async program(number) {
     const response = await request("GET", `/programs/${number}`);
     return { text: await response.text(), hash: (response.headers.get("ETag") ?? "").replaceAll('"', "") };
+  },
+
+  /** What is wrong with a text as this program, which is not stored. @param {number} number @param {string} text @param {string} dialect @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
+  async checkText(number, text, dialect) {
+    const query = dialect === "" ? "" : `?dialect=${dialect}`;
+    const answer = await request("POST", `/programs/${number}/check_text${query}`, text, {}, TIMEOUT_MS + text.length / STORED_CHARS_PER_MS);
+    return (await answer.json()).diagnostics;
+  },
+
+  /** Puts a program into a folder; empty: into none. @param {number} number @param {string} folder */
+  async putInFolder(number, folder) {
+    await request("PUT", `/programs/${number}/folder`, { folder });
   },
 
   /**

@@ -65,6 +65,8 @@ export class Model {
   selected = 1;
   /** A block that somebody has chosen, on the path or in the program. @type {{program: number, line: number, by: "path" | "program"} | null} */
   chosen = null;
+  /** What is looked at before it runs, drawn in the place of the program. @type {{path: import("./path/bytes.js").Answer, key: string} | null} */
+  preview = null;
   /** @type {import("./types.d.ts").ProgramInfo[] | null} programs of the store; null: not read yet */
   programs = null;
   /** @type {import("./types.d.ts").CurrentUser | null} who is logged in */

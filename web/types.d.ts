@@ -353,7 +353,7 @@ export interface ProgramDiagnostic {
 
 /** One program of the store. */
 export interface ProgramInfo {
-  bytes: number; dialect: string; errors: number; hash: string; number: number; o_number: number | null;
+  bytes: number; dialect: string; errors: number; folder: string; hash: string; number: number; o_number: number | null;
   signature: SignatureState | null; title: string; warnings: number;
 }
 

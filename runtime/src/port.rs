@@ -24,6 +24,7 @@ use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
+use plc_api::types::planned::PathQuery;
 use plc_api::types::request::{
     Answer, CoordinateSystemRequest, Destination, MachineRequest, ProgramRequest, Refusal, RefusalCode,
     Request,
@@ -327,6 +328,18 @@ impl RuntimePort {
                 let told = self.on_disk(move |_| Ok(search())).await?;
                 told.map(Answer::LineState)
             }
+            MachineRequest::ManualPath(cs, text) => {
+                let query = PathQuery {
+                    cs: Some(cs),
+                    ..PathQuery::default()
+                };
+                let planned = self.previews.path(self.manual(cs, &text)?, &query);
+                planned.await.map(Answer::Path)
+            }
+            MachineRequest::ManualRehearsal(cs, text) => {
+                let rehearsed = self.previews.rehearsal(self.manual(cs, &text)?, Some(cs));
+                rehearsed.await.map(Answer::Rehearsed)
+            }
         }
     }
 
@@ -384,6 +397,10 @@ impl RuntimePort {
             ProgramRequest::StoreProgram(number, upload) => self.store_program(number, upload).await,
             ProgramRequest::RemoveProgram(number, condition) => self.remove_program(number, condition).await,
             ProgramRequest::CheckProgram(number) => self.check_program(number),
+            ProgramRequest::CheckText(number, dialect, text) => {
+                self.check_text(number, dialect.as_deref(), text).await
+            }
+            ProgramRequest::PutInFolder(number, folder) => self.put_in_folder(number, &folder).await,
             ProgramRequest::IntermediateCode(number) => self.intermediate_code(number).await,
             ProgramRequest::PlannedPath(number, query) => {
                 let program = self.stored(number)?;

@@ -6,6 +6,7 @@
 
 mod file;
 pub(crate) mod folder;
+mod places;
 mod program;
 pub(crate) mod signing;
 
@@ -26,6 +27,7 @@ use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
 use folder::{Accepted, Found, Look, Outside, ProgramFolder};
+use places::Places;
 pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
 use serde::{Deserialize, Serialize};
@@ -55,6 +57,8 @@ pub struct ProgramStore {
     writing: Mutex<()>,
     /// `None`: nothing is kept on disk, or the folder could not be opened.
     folder: Mutex<Option<ProgramFolder>>,
+    /// In which folder of lists each program lies.
+    places: Mutex<Places>,
     /// Files that a look found changed outside, with their times: one that the next look finds so, too, is read.
     changing: Mutex<BTreeMap<u16, Option<String>>>,
 }
@@ -122,6 +126,7 @@ impl ProgramStore {
             path: None,
             writing: Mutex::default(),
             folder: Mutex::default(),
+            places: Mutex::default(),
             changing: Mutex::default(),
         }
     }
@@ -155,6 +160,7 @@ impl ProgramStore {
         self.path = Some(path.to_owned());
         let (folder, look) = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed)?;
         *self.folder.get_mut() = Some(folder);
+        *self.places.get_mut() = Places::read(path);
         Ok(self.take_over(look))
     }
 
@@ -328,7 +334,27 @@ impl ProgramStore {
 
     /// Programs for lists, ascending.
     pub fn list(&self) -> Vec<ProgramInfo> {
-        self.all().values().map(|program| program.info()).collect()
+        let places = self.places.lock();
+        self.all()
+            .values()
+            .map(|program| ProgramInfo {
+                folder: places.of(program.number).to_owned(),
+                ..program.info()
+            })
+            .collect()
+    }
+
+    /// Puts a program into a folder of lists; empty: into none. False when there is no such program.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub(crate) fn put_in_folder(&self, number: u16, folder: &str) -> io::Result<bool> {
+        let _one_at_a_time = self.writing.lock();
+        if self.get(number).is_none() {
+            return Ok(false);
+        }
+        self.places.lock().put(number, folder)?;
+        Ok(true)
     }
 
     /// When the program's file was last written; `None` without one.
@@ -481,6 +507,7 @@ impl ProgramStore {
             if let Some(folder) = folder {
                 folder.remove(number)?;
             }
+            self.places.lock().put(number, "")?;
             self.damaged.write().remove(&number);
             self.forget(number);
             Ok(Ok(Some(Edit {

@@ -99,6 +99,74 @@ test("findings stand in the margin with their help, move with the text, and go w
   assert.equal(await stored(41), "G90\nG01 X1 F500\nM30\n");
 });
 
+test("while somebody types, findings stand in the margin with their help, and nothing is stored", async () => {
+  await store(60, "G90\nG01 X1 F500\nM30\n");
+  await edit("O0060");
+  await text().click();
+  await page.keyboard.press("Control+Home");
+  await page.keyboard.type("G01 X1 X2\n");
+  await dialog().locator(".cm-lint-marker-error").hover();
+  await dialog().locator(".cm-tooltip").getByText("X stands twice in the block").waitFor();
+  await dialog().getByText("As it stands: 1 error.").waitFor();
+  await page.keyboard.press("Control+Home");
+  for (let i = 0; i < 3; i += 1) await page.keyboard.press("Control+Delete");
+  await page.keyboard.press("Control+Shift+K");
+  await dialog().getByText("As it stands: nothing to complain of.").waitFor();
+  await dialog().locator(".cm-lint-marker").waitFor({ state: "detached" });
+  assert.equal(await stored(60), "G90\nG01 X1 F500\nM30\n");
+});
+
+test("the meaning of a word is shown where the pointer rests, in the editor and in the program; nobody explains what has none", async () => {
+  await store(61, "G90\nG01 X1 F500\nM30\n");
+  await edit("O0061");
+  await text().locator(".cm-line").nth(1).locator("span", { hasText: "G01" }).hover();
+  await dialog().locator(".meaning-tip").getByText("Linear Interpolation").waitFor();
+  await text().locator(".cm-line").nth(0).locator("span", { hasText: "G90" }).hover();
+  await dialog().locator(".meaning-tip").getByText("Absolute command").waitFor();
+  await tool("Close").click();
+  await page.getByRole("button", { name: "Load O0061" }).click();
+  const code = page.locator(".program-text .nc-g", { hasText: "G01" });
+  await code.hover();
+  await page.getByRole("tooltip").getByText("Linear Interpolation").waitFor();
+  await page.mouse.move(5, 5);
+  await page.getByRole("tooltip").waitFor({ state: "hidden" });
+  await page.locator(".program-text .line-number").nth(1).click();
+  await page.locator(".program-text").focus();
+  await page.keyboard.press("F1");
+  await page.getByRole("dialog", { name: /G01/ }).waitFor();
+});
+
+test("programs lie in folders: moved by a dialog and by dragging, closed, found in all, and kept by a new number", async () => {
+  await page.setViewportSize({ width: 1280, height: 1600 });
+  for (const number of [62, 63, 64]) await store(number, `// Part ${number}\nG90\nM30\n`);
+  await page.getByRole("button", { name: "Read again" }).click();
+  await page.getByRole("button", { name: "Move O0062 to a folder" }).click();
+  const form = page.getByRole("dialog", { name: "Folder of O0062" });
+  await form.getByLabel("Folder").fill("a//b");
+  await form.getByRole("button", { name: "Move" }).click();
+  await page.locator(".toast", { hasText: "write names with / between them" }).waitFor();
+  await form.getByLabel("Folder").fill("parts/left");
+  await form.getByRole("button", { name: "Move" }).click();
+  const head = page.getByRole("button", { name: /^parts\/left/ });
+  await head.waitFor();
+  const folderOf = async (number) => (await (await fetch(`${runtime.url}/api/v1/programs`)).json()).programs.find((one) => one.number === number)?.folder;
+  assert.equal(await folderOf(62), "parts/left");
+  await page.getByLabel("Search programs").fill("part");
+  await page.locator('[data-number="63"] .title').first().dragTo(head);
+  await until(() => folderOf(63), "parts/left", "the folder of O0063");
+  await page.getByLabel("Search programs").fill("");
+  await head.click();
+  await page.locator('[data-number="62"]').waitFor({ state: "detached" });
+  await page.getByLabel("Search programs").fill("left part 62");
+  await page.locator('[data-number="62"]').waitFor();
+  await page.getByRole("button", { name: "Rename O0062" }).click();
+  const renamed = page.getByRole("dialog", { name: "Rename O0062" });
+  await renamed.getByLabel("New number").fill("65");
+  await renamed.getByRole("button", { name: "Rename" }).click();
+  await until(() => folderOf(65), "parts/left", "the folder of O0065");
+  errors.splice(0, errors.length, ...errors.filter((line) => !/status of 400/.test(line)));
+});
+
 test("the word at the cursor is explained without leaving the editor", async () => {
   await store(42, "G90\nG01 X1 F500\nM30\n");
   await edit("O0042");

@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 import { launch, openPage } from "./browser.mjs";
 import { picture, SCHEMES, SIZES } from "./pictures.mjs";
 import { now, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
-import { Screen } from "./screen.mjs";
+import { Screen, until } from "./screen.mjs";
 
 const TARGET_PX = 60;
 
@@ -110,5 +110,51 @@ test("by a mouse targets are as they were, until the operator wants them large, 
   await page.reload();
   await new Screen(page).sees("READY");
   assert.equal(await touch(), "true");
+  await close();
+});
+
+test("fingers on the path: one turns it, two move and zoom it, and the page does not scroll", async () => {
+  const { page, errors, close } = await openPage(browser, { viewport: { width: 820, height: 1180 }, hasTouch: true, isMobile: true });
+  const machine = new ScriptedMachine();
+  machine.programs.set(1, "G01 X100\nG01 Y100\nM30\n");
+  machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 0, warnings: 0, folder: "" }];
+  machine.paths.set(1, [[0, 0, 0, 1, 0, false], [100, 0, 0, 1, 1, false], [100, 100, 0, 2, 2, false]]);
+  machine.start();
+  await machine.attach(page);
+  await page.goto(`${ORIGIN}/`);
+  await new Screen(page).sees("READY");
+  const canvas = page.locator(".path-lines");
+  const seen = () => canvas.evaluate((one) => one.statistics().seen);
+  const isDrawn = () => canvas.evaluate((one) => one.statistics().lines > 0);
+  await until(isDrawn, true, "the path is drawn");
+  await canvas.scrollIntoViewIfNeeded();
+  const { x, y, width, height } = await canvas.boundingBox();
+  const [cx, cy] = [x + width / 2, y + height / 2];
+  const cdp = await page.context().newCDPSession(page);
+  /** Fingers by their places, one after the other. */
+  const fingers = async (...steps) => {
+    for (const [i, places] of steps.entries()) {
+      const touchPoints = places.map(([px, py], id) => ({ x: px, y: py, id }));
+      await cdp.send("Input.dispatchTouchEvent", { type: i === 0 ? "touchStart" : "touchMove", touchPoints });
+    }
+    await cdp.send("Input.dispatchTouchEvent", { type: "touchEnd", touchPoints: [] });
+  };
+  const top = await page.evaluate(() => scrollY);
+  const first = await seen();
+  await fingers([[cx, cy]], [[cx + 30, cy]], [[cx + 60, cy + 20]]);
+  const turned = await seen();
+  assert.notEqual(turned.turn, first.turn, "one finger turns the picture");
+  assert.notEqual(turned.tilt, first.tilt);
+  assert.deepEqual([turned.scale, turned.centre], [first.scale, first.centre], "and neither moves nor zooms it");
+  await fingers([[cx - 40, cy], [cx + 40, cy]], [[cx - 60, cy], [cx + 60, cy]], [[cx - 80, cy], [cx + 80, cy]]);
+  const zoomed = await seen();
+  assert.ok(Math.abs(zoomed.scale / turned.scale - 2) < 0.15, `twice as far apart is twice as large, not ${zoomed.scale / turned.scale} times`);
+  assert.equal(zoomed.turn, turned.turn, "two fingers do not turn it");
+  await fingers([[cx - 40, cy], [cx + 40, cy]], [[cx - 10, cy], [cx + 70, cy]], [[cx + 20, cy], [cx + 100, cy]]);
+  const moved = await seen();
+  assert.notDeepEqual(moved.centre, zoomed.centre, "two fingers move it");
+  assert.ok(Math.abs(moved.scale / zoomed.scale - 1) < 0.02, `and at the same distance do not zoom it: ${moved.scale / zoomed.scale}`);
+  assert.equal(await page.evaluate(() => scrollY), top, "the page does not scroll");
+  assert.deepEqual(errors, []);
   await close();
 });

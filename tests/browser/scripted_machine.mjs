@@ -141,7 +141,7 @@ export class ScriptedMachine {
     const planned = /^\/programs\/(\d+)\/(path|rehearsal)$/.exec(path);
     if (planned) return this.#plan(route, Number(planned[1]), planned[2]);
     if (path === "/programs") {
-      const unsaid = { dialect: "nj", hash: "5".repeat(64), o_number: null, signature: null };
+      const unsaid = { dialect: "nj", hash: "5".repeat(64), folder: "", o_number: null, signature: null };
       return route.fulfill({ json: { programs: this.programList.map((program) => ({ ...unsaid, ...program })) } });
     }
     const text = this.programs.get(Number(/^\/programs\/(\d+)$/.exec(path)?.[1]));

@@ -12,6 +12,9 @@ import { coloursOf, themeOf } from "./look.js";
 /** Findings marked in the margin. */
 const MARKED_MAX = 1000;
 
+/** In a longer line no word is looked for, characters. */
+const LONG_LINE = 2000;
+
 /** CodeMirror, read when an editor is first opened. @returns {Promise<CodeMirror>} */
 export function codeMirror() {
   return import("../vendor/codemirror.js");
@@ -25,6 +28,7 @@ export function codeMirror() {
  * @property {boolean} [readOnly]
  * @property {() => void} [changed]
  * @property {(word: string) => void} [explain] asked for the meaning of a word
+ * @property {(word: string) => Promise<HTMLElement | null>} [tip] what is shown of a word below the pointer; null: nothing
  */
 
 /** Whether all lines end as on Windows. @param {string} text */
@@ -40,7 +44,7 @@ export class Code {
   #compare;
 
   /** @param {CodeMirror} cm @param {CodeOptions} options */
-  constructor(cm, { text, dialect, label, readOnly = false, changed = () => {}, explain = () => {} }) {
+  constructor(cm, { text, dialect, label, readOnly = false, changed = () => {}, explain = () => {}, tip = async () => null }) {
     this.#cm = cm;
     this.#compare = new cm.Compartment();
     const root = this.element.attachShadow({ mode: "open", delegatesFocus: true });
@@ -64,6 +68,7 @@ export class Code {
           if (update.docChanged) changed();
         }),
         cm.keymap.of([{ key: "F1", run: () => (explain(this.word()), true) }, ...cm.searchKeymap, ...cm.lintKeymap, ...cm.historyKeymap, ...cm.defaultKeymap]),
+        cm.hoverTooltip((_, at) => this.#tip(at, tip)),
         this.#compare.of([]),
       ],
     });
@@ -92,10 +97,23 @@ export class Code {
     const { state } = this.#view;
     const { from, to, head } = state.selection.main;
     if (from < to) return state.sliceDoc(from, Math.min(to, from + 100)).trim();
-    const line = state.doc.lineAt(head);
-    const at = head - line.from;
-    const words = line.text.matchAll(/[A-Z_]+(?:\d+(?:\.\d+)?)?/gi);
-    return [...words].find(({ index, 0: word }) => index <= at && at <= index + word.length)?.[0] ?? "";
+    return this.#wordAt(head).word;
+  }
+
+  /** A word and where it is; empty: none is there. @param {number} place */
+  #wordAt(place) {
+    const line = this.#view.state.doc.lineAt(place);
+    const at = place - line.from;
+    const words = line.text.length > LONG_LINE ? [] : line.text.matchAll(/[A-Z_]+(?:\d+(?:\.\d+)?)?/gi);
+    const found = [...words].find(({ index, 0: word }) => index <= at && at <= index + word.length);
+    return { word: found?.[0] ?? "", from: line.from + (found?.index ?? at) };
+  }
+
+  /** @param {number} place @param {(word: string) => Promise<HTMLElement | null>} tip */
+  async #tip(place, tip) {
+    const { word, from } = this.#wordAt(place);
+    const dom = await tip(word);
+    return dom && { pos: from, end: from + word.length, create: () => ({ dom }) };
   }
 
   /** Selects a line and brings it into view. @param {number} number from 1 */

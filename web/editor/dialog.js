@@ -4,11 +4,13 @@
 import { openDialog } from "../dialog.js";
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { meaning } from "../explain.js";
+import { tipOf } from "../explain_tip.js";
 import { finding, summary } from "../findings.js";
 import { programName, shortHash, whole } from "../format.js";
 import { icon } from "../icons.js";
 import { sentences, t } from "../language.js";
 import { disableFor, whyNotNow } from "../why_not.js";
+import { Checks } from "./checks.js";
 import { Code, codeMirror } from "./code.js";
 
 /** Longer texts are only shown, and stored unchanged: to change them in a browser would need too much memory. */
@@ -44,6 +46,9 @@ class Editor {
   #isChanged = false;
   /** Whether anything was typed: otherwise the text is stored byte for byte as it came. */
   #isTouched = false;
+  /** What was found while it was typed. */
+  #said = "";
+  #checks = new Checks(() => this.#check(), (found) => this.#mark(found));
   #dialog;
   #number;
   #note = h("p", { class: "muted note grow", role: "status" });
@@ -60,7 +65,7 @@ class Editor {
     this.#opened = { hash: "", ...opened, dialect };
     this.#text = text;
     this.#isEditable = text.length <= EDITABLE_CHARS;
-    this.#code = new Code(cm, { text, dialect, label: t("editor.program_text"), readOnly: !this.#isEditable, changed: () => this.#changed(), explain: (word) => void this.#explain(word) });
+    this.#code = new Code(cm, { text, dialect, label: t("editor.program_text"), readOnly: !this.#isEditable, changed: () => this.#changed(), explain: (word) => void this.#explain(word), tip: tipOf });
     this.#number = h("input", { type: "number", class: "input editor-number", min: 1, max: NUMBER_MAX, step: 1, value: number, required: true });
     this.#number.addEventListener("input", () => this.#describe());
     this.#compare = button({ class: "button", "aria-pressed": "false", onclick: () => void this.#toggleCompare() }, t("editor.compare"));
@@ -77,7 +82,10 @@ class Editor {
       this.#findings,
       h("div", { class: "row editor-foot" }, this.#note, close, this.#store),
     );
-    this.#dialog = openDialog("editor", t("editor.program"), [form], () => this.#code.destroy());
+    this.#dialog = openDialog("editor", t("editor.program"), [form], () => {
+      this.#checks.stop();
+      this.#code.destroy();
+    });
     // Escape, pressed by accident, must not discard what was written
     form.addEventListener("keydown", (event) => {
       if (event.key !== "Escape" || event.defaultPrevented || !this.#isChanged) return;
@@ -100,6 +108,7 @@ class Editor {
 
   #changed() {
     this.#isTouched = true;
+    this.#checks.changed();
     if (this.#isChanged) return;
     this.#isChanged = true;
     this.#describe();
@@ -112,12 +121,28 @@ class Editor {
     const program = programName(number);
     const isOwn = number === this.#opened.number && this.#opened.hash !== "";
     const stored = isOwn ? t(this.#isChanged ? "editor.is_changed" : "editor.is_as_stored", { program }) : t(there ? "editor.will_be_replaced" : "editor.is_new", { program });
-    setText(this.#note, sentences(long, stored));
+    setText(this.#note, sentences(long, stored, this.#said));
     disableFor(this.#store, whyNotNow(this.#app.model, "administrate"));
     setAttr(this.#compare, "disabled", !there);
   }
 
+  /** What the runtime would find; null: it does not say. */
+  async #check() {
+    const number = Number(this.#number.value) || this.#opened.number;
+    return this.#app.api.checkText(number, this.#code.text, this.#opened.dialect ?? "").catch(() => null);
+  }
+
+  /** Marks what was found while it was typed; a list that is there is brought up to date. @param {ProgramDiagnostic[]} found */
+  #mark(found) {
+    this.#said = t("editor.checked", { found: summary(found) || t("findings.none") });
+    if (this.#findings.hidden) this.#code.mark(found);
+    else this.#show(found);
+    this.#describe();
+  }
+
   async #keep() {
+    this.#checks.stop();
+    this.#said = "";
     const { number, hash = "", dialect = "" } = this.#opened;
     const chosen = Number(this.#number.value);
     const sent = this.#isTouched ? this.#code.text : this.#text;

@@ -73,9 +73,10 @@ export class Picture {
     }
   }
 
-  /** Draw calls and lines of the last frame, bytes uploaded so far. */
+  /** Draw calls and lines of the last frame, bytes uploaded so far, and from where the path is seen. */
   get statistics() {
-    return { ...this.#lines?.drawn, uploaded: this.#lines?.uploaded ?? 0, frames: this.frames, tookMs: this.tookMs };
+    const { scale, turn, tilt, centre, view } = this.camera;
+    return { seen: { scale, turn, tilt, centre, view }, ...this.#lines?.drawn, uploaded: this.#lines?.uploaded ?? 0, frames: this.frames, tookMs: this.tookMs };
   }
 
   /** Takes the size of the box and the colours of the scheme. True: it has a size. */

@@ -89,6 +89,16 @@ class PathView {
 
   /** @param {import("../model.js").CoordinateSystem} system */
   #say(system) {
+    const text = this.#preview() ? sentences(this.#picture.trouble, t("path.preview")) : this.#saidOfPlan(system);
+    setText(this.#note, text);
+    setAttr(this.#note, "hidden", text === "");
+    const letters = Object.keys(system.info.axes).sort().filter((letter) => "XYZ".includes(letter));
+    const where = letters.map((letter) => `${letter} ${position(system.position?.machine[letter])}`).join(", ");
+    setAttr(this.#canvas, "aria-label", t("path.tool_at", { place: where }));
+  }
+
+  /** @param {import("../model.js").CoordinateSystem} system */
+  #saidOfPlan(system) {
     const { path: plan, error } = this.#loader;
     const texts = [this.#picture.trouble || error];
     if (plan && !plan.complete) texts.push(plan.chunks.length ? t("path.planning_drawn") : t("path.planning"));
@@ -97,12 +107,7 @@ class PathView {
       const { program, line } = placeOf(plan.dependsWord, plan.programs);
       texts.push(program === system.state?.program ? t("path.dashed", { line, text: plan.why }) : t("path.dashed_of", { line, program, text: plan.why }));
     }
-    const text = sentences(...texts);
-    setText(this.#note, text);
-    setAttr(this.#note, "hidden", text === "");
-    const letters = Object.keys(system.info.axes).sort().filter((letter) => "XYZ".includes(letter));
-    const where = letters.map((letter) => `${letter} ${position(system.position?.machine[letter])}`).join(", ");
-    setAttr(this.#canvas, "aria-label", t("path.tool_at", { place: where }));
+    return sentences(...texts);
   }
 
   #changed() {
@@ -122,7 +127,7 @@ class PathView {
     const shown = this.#see(system, now);
     const { camera } = this.#picture;
     const scene = [
-      this.#loader.revision, shown.now, ...shown.tool, shown.radius, ...shown.zero, shown.selected, shown.trail?.revision, this.#box.clientWidth, this.#box.clientHeight,
+      this.#loader.revision, this.#preview()?.key, shown.now, ...shown.tool, shown.radius, ...shown.zero, shown.selected, shown.trail?.revision, this.#box.clientWidth, this.#box.clientHeight,
       devicePixelRatio, document.documentElement.dataset.theme,
     ].join();
     if (scene !== this.#drawn && this.#picture.measure()) {
@@ -143,24 +148,41 @@ class PathView {
 
   /** What is to be shown now. @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").Shown} */
   #see(system, now) {
-    const { path: plan } = this.#loader;
+    const preview = this.#preview();
+    const plan = preview?.path ?? this.#loader.path;
     const at = point(system.position?.machine);
+    if (preview) return { ...this.#unmoved(system, at), path: plan, tool: at, trail: null };
     const scrubbed = plan ? this.#rehearse.time : null;
     const live = plan ? this.#live.time(now) : null;
     const time = scrubbed ?? live;
     const place = plan && time !== null ? atTime(plan, time) : null;
-    const work = point(system.position?.work);
     const { chosen } = this.app.model;
     const ended = system.state?.execution === "PROGRAM_COMPLETED" ? Infinity : -1;
     return {
+      ...this.#unmoved(system, at),
       path: plan,
       now: time ?? ended,
       tool: place?.at ?? at,
+      trail: live === null && scrubbed === null ? system.trail : null,
+      selected: plan && chosen ? this.#placeOf(plan, chosen) : 0,
+    };
+  }
+
+  /** What is looked at before it runs, instead of the program. */
+  #preview() {
+    const { model } = this.app;
+    return model.panel === "set-up" ? model.preview : null;
+  }
+
+  /** What of the picture does not depend on a path. @param {import("../model.js").CoordinateSystem} system @param {Point} at */
+  #unmoved(system, at) {
+    const work = point(system.position?.work);
+    return {
+      now: -1,
       radius: toolRadius(this.app, system),
       zero: /** @type {Point} */ (at.map((value, i) => value - /** @type {number} */ (work[i]))),
       limits: limitsOf(system, this.app.model.birth?.motors ?? []),
-      trail: live === null && scrubbed === null ? system.trail : null,
-      selected: plan && chosen ? this.#placeOf(plan, chosen) : 0,
+      selected: 0,
     };
   }
 
@@ -175,7 +197,7 @@ class PathView {
   #fitFirst(system, shown) {
     const size = shown.path?.complete ? "all" : shown.path?.chunks.length ? "some" : "none";
     const { camera } = this.#picture;
-    const of = [system.info.number, system.state?.program].join();
+    const of = [system.info.number, this.#preview()?.key ?? system.state?.program].join();
     const key = [of, size, camera.width, camera.height].join();
     if (key === this.#fitted) return;
     const isOther = !this.#fitted.startsWith(`${of},`);
@@ -212,6 +234,7 @@ class PathView {
 
   /** A line of the path is chosen: the program shows its block. @param {number} x @param {number} y */
   #click(x, y) {
+    if (this.#preview()) return;
     const { path: plan } = this.#loader;
     const found = this.#picture.pick(plan, x, y);
     this.app.model.chosen = plan && found ? { ...placeOf(found.word, plan.programs), by: "path" } : null;

@@ -3,6 +3,7 @@
 
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { explain } from "../explain.js";
+import { tipsOn } from "../explain_tip.js";
 import { programName, shortHash } from "../format.js";
 import { t } from "../language.js";
 import { NcText } from "../nc_text.js";
@@ -67,6 +68,14 @@ class ProgramView {
       const line = Number(target?.closest(".line")?.querySelector(".line-number")?.textContent);
       if (line > 0) this.app.model.chosen = { program: this.#number, line, by: "program" };
       app.invalidate();
+    });
+    tipsOn(this.element, codeOf);
+    this.#view.addEventListener("keydown", (event) => {
+      if (event.key !== "F1") return;
+      event.preventDefault();
+      const hovered = this.#rows.querySelector(".nc-g:hover, .nc-m:hover");
+      const code = hovered ?? this.#rows.querySelector(':is([data-chosen], [aria-current="step"]) :is(.nc-g, .nc-m)');
+      if (code) void explain(codeOf(code));
     });
     new ResizeObserver(() => this.#drawAnew()).observe(this.#view);
   }
@@ -177,6 +186,11 @@ class ProgramView {
     const numbers = Array.from({ length: Math.min(fits + 1, text.lines - first) }, (_, i) => first + i + 1);
     fill(this.#rows, ...numbers.map((number) => row(number, text, running, interpreted, chosen)));
   }
+}
+
+/** The code that an element shows; empty: none. @param {Element} element */
+function codeOf(element) {
+  return element.matches(".nc-g, .nc-m") ? (element.textContent ?? "") : "";
 }
 
 /** @param {HTMLElement} element @param {number} height */

@@ -10,6 +10,7 @@ import { icon } from "../icons.js";
 import { listed, t } from "../language.js";
 import { orderParts } from "../order.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
+import { askForFolder, foldersKey, inFolders } from "./folders.js";
 
 /** @typedef {import("../types.d.ts").ProgramInfo} ProgramInfo */
 
@@ -52,10 +53,10 @@ export const programs = {
       const found = [...(known ?? [])].filter((program) => isFound(program, search.value)).sort(ORDERS[order.value]);
       setText(empty, known === null ? "" : known.length === 0 ? t("programs.the_store_is_empty") : t("programs.none_called", { search: search.value }));
       setAttr(empty, "hidden", known === null || found.length > 0);
-      const key = JSON.stringify([found, current?.info.dialect]);
+      const key = JSON.stringify([found, current?.info.dialect, foldersKey(), search.value !== "", whyNotNow(model, "administrate")]);
       if (key !== shown) {
         shown = key;
-        fill(list, ...found.map((program) => entry(app, program)));
+        fill(list, ...inFolders(app, found, (program) => entry(app, program), search.value !== ""));
       }
       const why = whyNot(model, "load");
       for (const item of list.children) {
@@ -72,9 +73,9 @@ export const programs = {
 };
 
 /** @param {ProgramInfo} program @param {string} wanted */
-function isFound({ number, title }, wanted) {
+function isFound({ number, title, folder }, wanted) {
   const words = wanted.toLowerCase().split(/\s+/);
-  const text = `${programName(number)} ${title}`.toLowerCase();
+  const text = `${programName(number)} ${title} ${folder}`.toLowerCase();
   return words.every((word) => text.includes(word));
 }
 
@@ -104,7 +105,7 @@ function entry(app, program) {
   return h(
     "li",
     { class: "stored", "data-number": number },
-    h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, t("programs.loaded")), found !== "" && findings),
+    h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, t("programs.loaded")), found !== "" && findings, h("span", { class: "spring" }), tool(t("folders.move_program", { program: name }), "folder", () => askForFolder(app, program))),
     h("p", { class: "muted title", title: program.title }, program.title || t("common.no_title")),
     h("p", { class: "muted title", title: `SHA-256 ${program.hash}` }, facts.filter(Boolean).join(" · ")),
     h("div", { class: "row stored-tools" }, tool(t("programs.run_parts", { program: name }), "play", () => orderParts(app, program)), tool(t("programs.edit", { program: name }), "edit", onEdit), tool(t("programs.rename", { program: name }), "rename", () => rename(app, program)), tool(t("programs.save_copy", { program: name }), "save", () => void download(app, number)), tool(t("programs.delete", { program: name }), "trash", () => void remove(app, program)), h("span", { class: "spring" }), load),

@@ -1,14 +1,15 @@
-// Setting up a part: work offsets with zero-set and touch-off by hand, the tool table, variables, and the machine's M codes.
+// Setting up a part: work offsets with zero-set and touch-off by hand, probe cycles, the tool table, variables, and the machine's M codes.
 
 import { button, fill, h, setAttr } from "../dom.js";
 import { t } from "../language.js";
 import { mButtons } from "../set_up/m_buttons.js";
 import { offsets } from "../set_up/offsets.js";
+import { probe } from "../set_up/probe.js";
 import { tools } from "../set_up/tools.js";
 import { variables } from "../set_up/variables.js";
 
 /** @type {import("../set_up/values.js").Section[]} */
-const SECTIONS = [offsets, tools, variables, mButtons];
+const SECTIONS = [offsets, probe, tools, variables, mButtons];
 
 /** @type {import("../main.js").View} */
 export const setUp = {
@@ -23,6 +24,7 @@ export const setUp = {
     const choose = (/** @type {number} */ number) => {
       at = number;
       shown = "";
+      app.model.preview = null;
       app.invalidate();
     };
     const render = () => {

@@ -87,6 +87,8 @@ impl FakePort {
             MachineRequest::CommandStatus(_)
             | MachineRequest::Explain(_)
             | MachineRequest::LineState(..)
+            | MachineRequest::ManualPath(..)
+            | MachineRequest::ManualRehearsal(..)
             | MachineRequest::Run { .. }
             | MachineRequest::Runs(_) => unsupported(),
         }

@@ -22,6 +22,15 @@ pub struct PathQuery {
     pub count: Option<u32>,
 }
 
+/// A text of NC blocks, as manual data input would run it.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ManualText {
+    /// One or several lines.
+    pub text: String,
+}
+
 /// A planned path as bytes, which the page on the planned path describes.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PlannedPath {

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::refusal::{Refusal, RefusalCode};
+
 /// Bytes of one program's text; more are refused as `too_large`.
 pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
 
@@ -33,6 +35,49 @@ pub struct ProgramInfo {
     /// stored, loaded and called.
     #[serde(default)]
     pub o_number: Option<u32>,
+    /// The folder that it lies in among others, such as `parts/left`; empty: in none. For lists: it is loaded and called by
+    /// its number.
+    #[serde(default)]
+    pub folder: String,
+}
+
+/// Characters of the name of a folder, with those above it.
+pub const FOLDER_CHARS_MAX: usize = 120;
+
+/// Folders within each other.
+pub const FOLDER_DEPTH_MAX: usize = 8;
+
+/// Where a program lies among others.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ProgramFolder {
+    /// Names of folders within each other, such as `parts/left`; empty: in none. Up to 120 characters, 8 names.
+    pub folder: String,
+}
+
+impl ProgramFolder {
+    /// The same as it is kept: without spaces around names.
+    ///
+    /// # Errors
+    /// It is too long or too deep, or a name is empty, `.` or `..`, or holds a control character or a backslash.
+    pub fn checked(&self) -> Result<Self, Refusal> {
+        let names: Vec<&str> = self.folder.split('/').map(str::trim).collect();
+        let is_name = |name: &&str| {
+            !matches!(*name, "" | "." | "..") && !name.chars().any(|char| char.is_control() || char == '\\')
+        };
+        let folder = names.join("/");
+        let fits = folder.chars().count() <= FOLDER_CHARS_MAX && names.len() <= FOLDER_DEPTH_MAX;
+        if folder.is_empty() || fits && names.iter().all(is_name) {
+            return Ok(Self { folder });
+        }
+        let text = format!(
+            "folder {:.200?}: write names with / between them, such as parts/left, at most {FOLDER_DEPTH_MAX} names and \
+             {FOLDER_CHARS_MAX} characters",
+            self.folder
+        );
+        Err(Refusal::new(RefusalCode::Invalid, text))
+    }
 }
 
 /// What is known of the signature of a program.
@@ -118,4 +163,31 @@ pub enum DiagnosticSeverity {
     Error,
     /// The text deserves a look.
     Warning,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checked(folder: &str) -> Option<String> {
+        let folder = ProgramFolder {
+            folder: folder.to_owned(),
+        };
+        folder.checked().ok().map(|folder| folder.folder)
+    }
+
+    #[test]
+    fn a_folder_is_names_within_each_other_up_to_the_limits() {
+        assert_eq!(checked(" parts / left ").as_deref(), Some("parts/left"));
+        assert_eq!(checked("").as_deref(), Some(""));
+        for wrong in ["/", "a//b", "a/", "..", "a/./b", "a\\b", "a\nb"] {
+            assert_eq!(checked(wrong), None, "{wrong:?}");
+        }
+        let deep = ["a"; FOLDER_DEPTH_MAX].join("/");
+        assert_eq!(checked(&deep), Some(deep.clone()));
+        assert_eq!(checked(&format!("{deep}/a")), None);
+        let long = "a".repeat(FOLDER_CHARS_MAX);
+        assert_eq!(checked(&long), Some(long.clone()));
+        assert_eq!(checked(&format!("{long}a")), None);
+    }
 }

@@ -16,7 +16,7 @@ use super::line_start::{self, LineStart};
 use super::machine::{AlarmRaise, AlarmRecord};
 use super::output::{self, CheckpointReport, HandlerPresence, HandshakeResult, ProgressReport};
 use super::planned::{self, PathQuery};
-use super::program::{ProgramCheck, ProgramInfo, ProgramText};
+use super::program::{ProgramCheck, ProgramFolder, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
 use super::run;
 use super::state::{LockSet, SpindleDirection};
@@ -339,6 +339,10 @@ requests! {
         AlarmHistory -> Vec<AlarmRecord>;
         /// What is in force at a line of the loaded program, and what a start from there does.
         LineState(cs: CoordinateSystemNumber, from: LineStart) -> line_start::LineState;
+        /// The path of a text as manual data input would move now, as far as it is planned.
+        ManualPath(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::PlannedPath;
+        /// What a text would do as manual data input, as far as it is planned.
+        ManualRehearsal(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::Rehearsal;
         /// A run, by its id; with a wait it is told when it has ended, or when the time is over.
         Run {
             /// Its id.
@@ -368,6 +372,10 @@ requests! {
         RemoveProgram(number: u16, condition: ProgramCondition) -> ();
         /// Checks a program of the store.
         CheckProgram(number: u16) -> ProgramCheck;
+        /// Checks a text as if it were this program, in a dialect; `None`: that of the lowest coordinate system.
+        CheckText(number: u16, dialect: Option<String>, text: String) -> ProgramCheck;
+        /// Puts a program of the store into a folder.
+        PutInFolder(number: u16, folder: ProgramFolder) -> ();
         /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
         IntermediateCode(number: u16) -> String;
         /// The path of a program of the store as it would run now, as far as it is planned.

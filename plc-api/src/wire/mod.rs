@@ -14,6 +14,7 @@ pub mod mqtt;
 mod pattern;
 mod payloads;
 pub mod problem;
+mod program_rows;
 mod requests;
 pub mod rest;
 pub mod right;

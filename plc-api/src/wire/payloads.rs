@@ -417,6 +417,12 @@ pub(super) fn store_program(incoming: IncomingRequest<'_>) -> Result<Request, Fa
     Ok(Request::StoreProgram(number, upload))
 }
 
+/// The text is the body.
+pub(super) fn check_text(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
+    let (number, dialect) = (incoming.number("number")?, incoming.query.dialect.clone());
+    Ok(Request::CheckText(number, dialect, text(incoming)?))
+}
+
 /// The parts of an upload.
 pub(super) fn upload(number: u16, upload: ProgramUpload) -> RequestParts {
     let parts = RequestParts::default().with("number", number);

@@ -8,10 +8,11 @@ use super::answer::{
 use super::io;
 use super::payloads::{
     CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, StartArgs, VariableGet, VariableSet, VariableWrite,
-    break_lease, command_answer, handshake, lease, of_area, read_command, read_input, read_path, read_runs,
+    break_lease, command_answer, handshake, lease, of_area, read_command, read_input, read_runs,
     read_seconds, read_variables, release, remove_program, store_program, switch, upload, variables,
     with_filter, write_input, write_variables,
 };
+use super::program_rows;
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set, SetInput};
 use super::route::{Content, Headers, Query, Route};
 use super::row::Fault;
@@ -26,7 +27,6 @@ use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::line_start::{LineStart, LineState};
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{self, CheckpointReport, HandlerPresence, HandshakeResult, ProgressReport};
-use crate::types::planned::{PathQuery, Rehearsal};
 use crate::types::program::ProgramCheck;
 use crate::types::question::{self, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
@@ -70,7 +70,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 47] = [
+pub static ROWS: [Row; 51] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -551,38 +551,12 @@ pub static ROWS: [Row; 47] = [
         answer: |_| AnswerForm::Text,
         ..carried!(Read, IntermediateCode(number: number))
     },
-    Row {
-        routes: &[Route::get(
-            "/programs/{number}/path",
-            "The path of a program as it would run now, as far as it is planned: bytes, which the book describes.",
-        )
-        .answered(200, Content::Bytes)
-        .query(Query::Path)
-        .headers(Headers::Cached)
-        .refusals(&[400, 422])],
-        is_large: true,
-        answer: |_| AnswerForm::Path,
-        ..Row::new(Read, |incoming| Ok(Request::PlannedPath(incoming.number("number")?, read_path(&incoming)?)),
-            written!(Request::PlannedPath(number, query) => {
-                    let PathQuery { cs, tolerance, from, count } = query;
-                    let parts = RequestParts::default().with("number", number).query("from", from);
-                    parts.queried("cs", cs).queried("tolerance", tolerance).queried("count", count)
-                }),
-        )
-    },
-    Row {
-        routes: &[Route::get(
-            "/programs/{number}/rehearsal",
-            "What a run of a program does, as it would run now, as far as it is planned; of the run under way, the time left.",
-        )
-        .gives::<Rehearsal>()
-        .query(Query::RunBy)
-        .refusals(&[400, 422])],
-        answer: json_of::<Rehearsal>,
-        ..Row::new(Read, |incoming| Ok(Request::Rehearsal(incoming.number("number")?, incoming.query.cs)),
-            written!(Request::Rehearsal(number, cs) => RequestParts::default().with("number", number).queried("cs", cs)),
-        )
-    },
+    program_rows::PATH,
+    program_rows::REHEARSAL,
+    program_rows::CHECK_TEXT,
+    program_rows::FOLDER,
+    program_rows::MANUAL_PATH,
+    program_rows::MANUAL_REHEARSAL,
 ];
 
 /// A request that did not come on a route or topic, with the right of its row; `None` where no row carries it.

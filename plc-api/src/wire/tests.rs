@@ -19,7 +19,8 @@ use crate::types::output::{
     CheckpointReport, Claim, HandledCode, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset,
     ResetResult,
 };
-use crate::types::planned::PathQuery;
+use crate::types::planned::{ManualText, PathQuery};
+use crate::types::program::ProgramFolder;
 use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use crate::types::run::{PARTS_MAX, RunOrder, RunQuery};
@@ -76,6 +77,10 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::StoreProgram(..)
         | Request::RemoveProgram(..)
         | Request::CheckProgram(_)
+        | Request::CheckText(..)
+        | Request::PutInFolder(..)
+        | Request::ManualPath(..)
+        | Request::ManualRehearsal(..)
         | Request::IntermediateCode(_)
         | Request::PlannedPath(..)
         | Request::Rehearsal(..)
@@ -343,7 +348,7 @@ fn of_programs() -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(1..=255_u8), "[a-z0-9]{1,8}", any::<bool>(), 0..14);
+    let parts = (any::<u16>(), text(), proptest::option::of(1..=255_u8), "[a-z0-9]{1,8}", any::<bool>(), 0..18);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::CheckProgram(number),
@@ -357,6 +362,10 @@ fn of_machine() -> impl Strategy<Value = Request> {
         9 => Request::Rehearsal(number, cs),
         10 => Request::LineState(cs.unwrap_or(1), LineStart { program: online.then_some(number), ..LineStart::line(u32::from(number) + 1) }),
         11 => Request::Run { id: text + "/ %?", wait_s: u32::from(number % 61) },
+        13 => Request::CheckText(number, online.then_some(id), text),
+        14 => Request::PutInFolder(number, ProgramFolder { folder: text }),
+        15 => Request::ManualPath(cs.unwrap_or(1), ManualText { text }),
+        16 => Request::ManualRehearsal(cs.unwrap_or(1), ManualText { text }),
         12 => Request::Runs(RunQuery { cs, from: number.into(), count: u32::from(number % 1000) + 1 }),
         _ => Request::Handlers,
     })

@@ -205,6 +205,8 @@ pub struct MotionOptions {
     pub short_block: ShortBlock,
     /// The simulated skip input of each axis's motor (G31); `None`: its input never comes.
     pub simulated_skip: [Option<SimulatedSkip>; AXES_MAX],
+    /// What a simulated probe touches with X and Y.
+    pub simulated_round: Option<SimulatedRound>,
 }
 
 /// When a simulated skip input is on, by the motor's actual machine position, mm or degrees.
@@ -214,6 +216,30 @@ pub enum SimulatedSkip {
     Below(f64),
     /// Above this position.
     Above(f64),
+}
+
+/// A round wall about Z that a simulated probe touches with X and Y, below its upper edge: machine positions, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimulatedRound {
+    /// X and Y of the centre.
+    pub centre: [f64; 2],
+    /// Of the circle on which the centre of the probe's ball touches.
+    pub radius: f64,
+    /// True: a bore, which is touched from within; false: a boss, from outside.
+    pub is_bore: bool,
+    /// The wall is where Z is below this.
+    pub below: f64,
+}
+
+impl SimulatedRound {
+    /// Where an axis comes to the wall that the probe at this position of X, Y and Z touches; `axis`: 0 for X, 1 for Y.
+    pub fn touched(&self, axis: usize, [x, y, z]: [f64; 3]) -> Option<f64> {
+        let away = [x - self.centre[0], y - self.centre[1]];
+        let is_touched = z < self.below && (away[0].hypot(away[1]) > self.radius) == self.is_bore;
+        let across = away.get(1_usize.checked_sub(axis)?)?;
+        let half = (self.radius.powi(2) - across.powi(2)).max(0.0).sqrt();
+        is_touched.then(|| self.centre[axis] + half.copysign(away[axis]))
+    }
 }
 
 impl SimulatedSkip {
@@ -273,6 +299,7 @@ impl Default for MotionOptions {
             overcut: Overcut::Detect,
             short_block: ShortBlock::Shrink,
             simulated_skip: [None; AXES_MAX],
+            simulated_round: None,
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use tandem_model::profile::{MotorLimits, Profile};
-use tandem_model::settings::{CoordinateSystemSettings, SimulatedSkip};
+use tandem_model::settings::{CoordinateSystemSettings, SimulatedRound, SimulatedSkip};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
 
 use crate::bus::{Command, DriveBus, Feedback};
@@ -32,6 +32,8 @@ pub(crate) struct Motors {
     deceleration: [f64; AXES_MAX],
     /// The axes with a motor, by its place on the bus, then those without.
     by_place: [Axis; AXES_MAX],
+    /// What a simulated probe touches.
+    round: Option<SimulatedRound>,
     /// On the bus.
     places: Range<usize>,
     is_ideal: bool,
@@ -79,6 +81,7 @@ impl Motors {
             axes,
             by_place,
             deceleration,
+            round: settings.motion.simulated_round,
             is_ideal: places.clone().all(|place| bus.is_ideal(place)),
             places,
             actual: AxisVector::ZERO,
@@ -204,9 +207,19 @@ impl Motors {
         if motor.skip_is_set {
             return Some((actual, motor.skip_limits));
         }
-        let input = motor.simulated_skip?;
-        let position = if at_once { actual } else { input.threshold() };
-        input.is_on(actual).then_some((position, motor.skip_limits))
+        let input = motor.simulated_skip.filter(|input| input.is_on(actual));
+        let threshold = input
+            .map(SimulatedSkip::threshold)
+            .or_else(|| self.touched(axis))?;
+        let position = if at_once { actual } else { threshold };
+        Some((position, motor.skip_limits))
+    }
+
+    /// Where an axis comes to what a simulated probe touches now.
+    fn touched(&self, axis: Axis) -> Option<f64> {
+        let place = [Axis::X, Axis::Y].iter().position(|one| *one == axis)?;
+        let at = [Axis::X, Axis::Y, Axis::Z].map(|axis| self.actual[axis]);
+        self.round?.touched(place, at)
     }
 
     /// CNC motor number of an axis; 0 without one.

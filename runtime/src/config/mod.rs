@@ -37,8 +37,8 @@ pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use io::{IoConfig, IoPointConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 pub use reference::{ConfigKey, ConfigWord};
-pub use words::OnBusLoss;
 use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
+pub use words::{OnBusLoss, RoundKind};
 
 /// Least rate and window. Reason: nothing moves with less.
 const RATE_MIN: f64 = 1e-9;
@@ -83,6 +83,9 @@ pub struct Config {
     /// `[[simulated_skip]]`
     #[serde(default)]
     pub simulated_skip: Vec<SimulatedSkipConfig>,
+    /// `[[simulated_round]]`
+    #[serde(default)]
+    pub simulated_round: Vec<SimulatedRoundConfig>,
     /// `[mqtt]`
     #[serde(default)]
     pub mqtt: MqttConfig,
@@ -414,6 +417,31 @@ pub struct SimulatedSkipConfig {
     /// On above this machine position.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub above: Option<f64>,
+}
+
+/// `[[simulated_round]]`
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SimulatedRoundConfig {
+    /// The coordinate system whose X and Y touch it by G31; one for each.
+    pub coordinate_system: u8,
+    /// What it is.
+    pub kind: RoundKind,
+    /// Machine position of its centre.
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
+    pub x: f64,
+    /// Machine position of its centre.
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
+    pub y: f64,
+    /// Its diameter.
+    #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
+    pub diameter: f64,
+    /// Diameter of the ball of the probe, less than that of a bore.
+    #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
+    pub ball: f64,
+    /// Machine position of Z below which the wall is; default: everywhere.
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
+    pub below: Option<f64>,
 }
 
 /// `[mqtt]`

@@ -10,7 +10,7 @@ use super::error::known;
 use super::{
     Config, CoordinateSystemConfig, HmiConfig, HttpConfig, IdentificationConfig, IoPointConfig, LockConfig,
     LockSourceConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig,
-    SimulatedSkipConfig, TlsConfig, ToolConfig,
+    SimulatedRoundConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -100,6 +100,7 @@ impl Config {
             ("io.in", order_of::<IoPointConfig>()),
             ("io.out", order_of::<IoPointConfig>()),
             ("simulated_skip", order_of::<SimulatedSkipConfig>()),
+            ("simulated_round", order_of::<SimulatedRoundConfig>()),
             ("mqtt", order_of::<MqttConfig>()),
             ("http", order_of::<HttpConfig>()),
             ("hmi", order_of::<HmiConfig>()),

@@ -288,6 +288,7 @@ impl Config {
             problems.add("coordinate_system", text);
         }
         let skips = self.simulated_skips(motors, problems);
+        let rounds = self.simulated_rounds(problems);
         let mut taken = BTreeMap::new();
         let mut systems = BTreeMap::new();
         for (index, config) in self.coordinate_system.iter().enumerate() {
@@ -307,7 +308,7 @@ impl Config {
             let declared = m_codes.keys().copied().collect();
             let period_us = self.machine.servo_period_us;
             let system = CoordinateSystem {
-                settings: config.settings(motors, period_us, &skips, declared, &mut checked),
+                settings: config.settings(motors, period_us, (&skips, &rounds), declared, &mut checked),
                 dialect: config.dialect,
                 work_offsets: config.work_offsets(&mut checked),
                 programs: self.programs(config, &mut checked),

@@ -17,6 +17,16 @@ pub enum OnBusLoss {
     HoldAtWait,
 }
 
+/// What a simulated probe touches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum RoundKind {
+    /// Touched from within.
+    Bore,
+    /// Touched from outside.
+    Boss,
+}
+
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "MotorKind", rename_all = "lowercase")]
 pub(super) enum MotorKindWord {

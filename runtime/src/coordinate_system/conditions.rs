@@ -1,6 +1,6 @@
 //! What a plan is made with: the machine as it is when it is made.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use tandem_syntax::NcProgram;
 
 use super::View;
 use crate::config::CoordinateSystem as Configured;
-use crate::program_store::StoredProgram;
+use crate::program_store::{StoredProgram, called_by};
 use crate::shared::Shared;
 
 /// The program with those that it may call, and all that it reads.
@@ -46,7 +46,9 @@ impl Conditions {
         let skips = state.optional_skip.iter();
         let optional_skip = skips.filter_map(|n| 1_u32.checked_shl(u32::from(n.checked_sub(1)?)));
         let all = shared.store.all();
-        let called = crate::program_store::called_by(&all, main.number);
+        // manual data input is not in the store
+        let mains = main.check.programs.iter().copied().chain([main.number]);
+        let called: BTreeSet<u16> = mains.flat_map(|main| called_by(&all, main)).collect();
         let texts = all.iter().filter(|(number, program)| {
             called.contains(number) && program.dialect.name == configured.dialect.name
         });

@@ -2,12 +2,16 @@
 
 use std::sync::Arc;
 
-use plc_api::types::program::ProgramText;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::planned::ManualText;
+use plc_api::types::program::{ProgramFolder, ProgramText};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::upload::{ProgramCondition, ProgramUpload};
-use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
+use tandem_interp::meaning::Role;
+use tandem_model::limits::{M_CODE_MAX, MDI_BYTES_MAX, PROGRAM_BYTES_MAX};
 
 use super::RuntimePort;
+use crate::config::CoordinateSystem;
 use crate::disk::Part;
 use crate::journal::Event;
 use crate::program_store::{Changed, Edit, EditKind, StoredProgram, called_by, signing};
@@ -46,13 +50,7 @@ impl RuntimePort {
         } = upload;
         let rules = self.shared.store.rules_of(dialect.as_deref());
         let rules = rules.map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
-        if text.len() > PROGRAM_BYTES_MAX {
-            let text = format!(
-                "the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read",
-                text.len()
-            );
-            return Err(Refusal::new(RefusalCode::TooLarge, text));
-        }
+        refuse_too_large(&text)?;
         let signature = signature.map(|text| {
             let refusal = "the signature is 64 bytes in Base64, as openssl pkeyutl -sign -rawin | base64 -w0 writes them";
             signing::of_text(&text).ok_or_else(|| Refusal::new(RefusalCode::Invalid, refusal))
@@ -126,6 +124,52 @@ impl RuntimePort {
         Ok(Answer::Check(program.check.clone()))
     }
 
+    /// Checks a text as if it were a program of the store.
+    pub(super) async fn check_text(
+        &self,
+        number: u16,
+        dialect: Option<&str>,
+        text: String,
+    ) -> Result<Answer, Refusal> {
+        let rules = self.shared.store.rules_of(dialect);
+        let rules = rules.map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
+        refuse_too_large(&text)?;
+        let check = move |_: &Shared| Ok(StoredProgram::new(number, &text, rules).check);
+        self.on_disk(check).await.map(Answer::Check)
+    }
+
+    pub(super) async fn put_in_folder(&self, number: u16, folder: &ProgramFolder) -> Result<Answer, Refusal> {
+        let ProgramFolder { folder } = folder.checked()?;
+        let put = move |shared: &Shared| shared.store.put_in_folder(number, &folder);
+        if self.on_disk(put).await? {
+            return Ok(Answer::Done);
+        }
+        Err(no_program(number))
+    }
+
+    /// A text as manual data input would run it from the start-up modal state.
+    pub(super) fn manual(
+        &self,
+        cs: CoordinateSystemNumber,
+        text: &ManualText,
+    ) -> Result<Arc<StoredProgram>, Refusal> {
+        self.mailbox(cs)?;
+        if text.text.len() > MDI_BYTES_MAX {
+            let text = format!(
+                "the text has {} bytes; at most {MDI_BYTES_MAX} are read",
+                text.text.len()
+            );
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        let systems = &self.shared.machine.coordinate_systems;
+        let system = systems.iter().find(|system| system.settings.number == cs);
+        let rules = system.map(CoordinateSystem::text_rules);
+        let rules = rules.unwrap_or_else(|| self.shared.machine.text_rules());
+        let end = rules.dialect.m_code(Role::End).map_or("", |code| code.code);
+        let program = StoredProgram::manual(&format!("{}\n{end}\n", text.text), rules, false);
+        Ok(Arc::new(program))
+    }
+
     pub(super) async fn intermediate_code(&self, number: u16) -> Result<Answer, Refusal> {
         let program = self.stored(number)?;
         if program.has_errors() {
@@ -148,6 +192,17 @@ fn noted<T>(shared: &Shared, changed: Changed<T>, is_written: impl Fn(&T) -> boo
         Err(_) => return shared.note(Part::Programs, changed),
     }
     changed
+}
+
+fn refuse_too_large(text: &str) -> Result<(), Refusal> {
+    if text.len() <= PROGRAM_BYTES_MAX {
+        return Ok(());
+    }
+    let text = format!(
+        "the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read",
+        text.len()
+    );
+    Err(Refusal::new(RefusalCode::TooLarge, text))
 }
 
 fn no_program(number: u16) -> Refusal {

@@ -313,6 +313,7 @@ impl StoredProgram {
             signature: self.check.signature,
             dialect: self.dialect.name.to_owned(),
             o_number: self.tree.number(),
+            folder: String::new(),
         }
     }
 }

@@ -130,3 +130,31 @@ fn a_file_that_is_larger_than_a_program_may_be_is_not_read_whole() {
             .is_empty()
     );
 }
+
+#[test]
+fn the_folder_of_a_program_is_kept_with_the_store_stays_when_it_is_written_and_goes_with_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = ProgramStore::open(folder.path(), rules()).unwrap();
+    store.write(7, "G90\nM30\n").unwrap();
+    assert!(store.put_in_folder(7, "parts/left").unwrap());
+    assert!(!store.put_in_folder(8, "parts/left").unwrap(), "there is no 8");
+    store.write(7, "G91\nM30\n").unwrap();
+    let again = ProgramStore::open(folder.path(), rules()).unwrap();
+    assert_eq!(again.list()[0].folder, "parts/left");
+    again.delete(7).unwrap();
+    again.write(7, "G90\nM30\n").unwrap();
+    assert_eq!(again.list()[0].folder, "");
+}
+
+#[test]
+fn a_damaged_file_of_folders_takes_no_program_away() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = ProgramStore::open(folder.path(), rules()).unwrap();
+    store.write(7, "G90\nM30\n").unwrap();
+    store.put_in_folder(7, "parts").unwrap();
+    for damaged in ["", "{\"7\": 1}", "{\"7\": \"a/../b\"}"] {
+        std::fs::write(folder.path().join("folders.json"), damaged).unwrap();
+        let again = ProgramStore::open(folder.path(), rules()).unwrap();
+        assert_eq!(again.list()[0].folder, "", "{damaged}");
+    }
+}

@@ -1,7 +1,7 @@
 //! What is planned of a program before it runs is what then happens: its path, its times, the time left.
 
 use plc_api::Execution;
-use plc_api::types::planned::{PathQuery, PlannedPath, Rehearsal, RehearsalOutcome};
+use plc_api::types::planned::{ManualText, PathQuery, PlannedPath, Rehearsal, RehearsalOutcome};
 use plc_api::types::request::typed;
 use plc_api::types::request::{OverrideChange, RefusalCode, Request};
 
@@ -327,5 +327,65 @@ fn the_time_left_is_right_with_overrides_and_after_a_hold() {
             Some(held),
             "a hold takes nothing of the time left"
         );
+    });
+}
+
+#[test]
+fn a_text_is_planned_as_manual_data_input_moves_it_with_subprograms_and_nothing_moves() {
+    on_machine("", |rig| async move {
+        write(&rig, 1001, SUBPROGRAM).await;
+        let text = |text: &str| ManualText {
+            text: text.to_owned(),
+        };
+        let port = rig.plc.port();
+        let way = text("G91 G01 X10 F600\nM98 P1001");
+        let planned = port.ask(typed::ManualRehearsal(1, way.clone())).await.unwrap();
+        assert_eq!(
+            (planned.outcome, planned.text.as_str()),
+            (RehearsalOutcome::Completed, "")
+        );
+        // 10 mm, then 5 mm and a quarter of a circle of 4 mm
+        let x = &planned.axes["X"];
+        assert_eq!((x.lowest, x.highest), (0.0, 19.0));
+        let vertices = read(&port.ask(typed::ManualPath(1, way)).await.unwrap().bytes);
+        let last = vertices.last().unwrap().0;
+        assert!(
+            off(last, [19.0, 4.0, 0.0], [19.0, 4.0, 0.0]) <= 0.01 + ROUNDING_MM,
+            "{last:?}"
+        );
+        let beyond = port
+            .ask(typed::ManualRehearsal(1, text("G91 G01 X5000 F600")))
+            .await
+            .unwrap();
+        assert_eq!(beyond.outcome, RehearsalOutcome::Alarm);
+        assert!(!beyond.text.is_empty());
+        let refused = port.ask(typed::ManualRehearsal(1, text("G01 X1 X2"))).await;
+        assert_eq!(refused.unwrap_err().code, RefusalCode::ProgramHasErrors);
+        assert_eq!(rig.cs.position().await.unwrap().machine["X"], 0.0);
+        let state = rig.cs.state().await.unwrap();
+        assert_eq!((state.execution, state.run_kind), (Execution::Ready, None));
+    });
+}
+
+#[test]
+fn a_text_is_checked_as_a_program_and_not_stored() {
+    on_machine("", |rig| async move {
+        let check = |number: u16, dialect: Option<&str>, text: &str| {
+            typed::CheckText(number, dialect.map(str::to_owned), text.to_owned())
+        };
+        let port = rig.plc.port();
+        let found = port.ask(check(77, None, "G01 X1 X2 F500\nM30\n")).await.unwrap();
+        let places: Vec<_> = found
+            .diagnostics
+            .iter()
+            .map(|found| (found.line, found.column))
+            .collect();
+        assert_eq!(places, [(1, 8)]);
+        let clean = port.ask(check(77, Some("nj"), "G90\nM30\n")).await.unwrap();
+        assert_eq!(clean.diagnostics, []);
+        let refused = port.ask(check(77, Some("none"), "M30\n")).await;
+        assert_eq!(refused.unwrap_err().code, RefusalCode::Invalid);
+        let programs = port.ask(typed::Programs).await.unwrap();
+        assert!(programs.iter().all(|program| program.number != 77));
     });
 }

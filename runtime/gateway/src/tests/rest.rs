@@ -243,6 +243,7 @@ async fn commands_and_lists_are_answered() {
                 signature: None,
                 dialect: "nj".into(),
                 o_number: None,
+                folder: String::new(),
             }]),
             Request::Handlers => Answer::Handlers([].into()),
             Request::AlarmHistory => Answer::Alarms(vec![AlarmRecord::default()]),

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile};
-use tandem_model::settings::{CoordinateSystemSettings, SimulatedSkip};
+use tandem_model::settings::{CoordinateSystemSettings, SimulatedRound, SimulatedSkip};
 use tandem_model::{AXES_MAX, Axis, AxisSet};
 use tandem_servo::{Control, Event};
 
@@ -274,4 +274,57 @@ fn a_skip_input_set_from_outside_captures_where_the_motor_is_and_keeps_its_value
         events.extend(rig.cycle());
     }
     assert_eq!(capture(&events), ([10.0, 0.0, -20.0], AxisSet::EMPTY));
+}
+
+/// Where a probe ends that goes from 0 to here, and which axes were captured.
+fn touched(round: SimulatedRound, to: [f64; 3]) -> ([f64; 3], AxisSet) {
+    let mut settings = with_inputs(&[]);
+    settings.motion.simulated_round = Some(round);
+    let mut rig = Rig::new(&settings);
+    rig.push(skip(1, &[0.0; 3], &to));
+    let mut events = rig.cycle();
+    while !events.iter().any(is_finished(1)) {
+        events.extend(rig.cycle());
+    }
+    capture(&events)
+}
+
+#[test]
+fn a_simulated_bore_is_touched_on_its_circle_from_within_below_its_upper_edge() {
+    // centre (2, 1), radius 5: at Y 0 the wall is at X 2 +- sqrt(24), at X 0 at Y 1 +- sqrt(21)
+    let round = SimulatedRound {
+        centre: [2.0, 1.0],
+        radius: 5.0,
+        is_bore: true,
+        below: 0.5,
+    };
+    let half = 24.0_f64.sqrt();
+    for (to, x) in [(20.0, 2.0 + half), (-20.0, 2.0 - half)] {
+        let (at, axes) = touched(round, [to, 0.0, 0.0]);
+        close(at[0], x);
+        assert_eq!(axes, set(&[X]));
+    }
+    let across = 21.0_f64.sqrt();
+    close(touched(round, [0.0, -20.0, 0.0]).0[1], 1.0 - across);
+    let above = SimulatedRound { below: 0.0, ..round };
+    assert_eq!(
+        touched(above, [20.0, 0.0, 0.0]),
+        ([20.0, 0.0, 0.0], AxisSet::EMPTY)
+    );
+}
+
+#[test]
+fn a_simulated_boss_is_touched_on_its_circle_from_outside() {
+    let round = SimulatedRound {
+        centre: [20.0, 3.0],
+        radius: 5.0,
+        is_bore: false,
+        below: 0.5,
+    };
+    close(touched(round, [40.0, 0.0, 0.0]).0[0], 16.0);
+    let beside = SimulatedRound {
+        centre: [20.0, 6.0],
+        ..round
+    };
+    assert_eq!(touched(beside, [40.0, 0.0, 0.0]).1, AxisSet::EMPTY);
 }

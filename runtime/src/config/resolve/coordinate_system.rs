@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use tandem_interp::codes::work_offset::NAMES;
 use tandem_model::settings::{
-    CoordinateSystemSettings, MCodeSet, MotionOptions, MotorKind, MotorSettings, NcOptions, SimulatedSkip,
-    WorkOffsets,
+    CoordinateSystemSettings, MCodeSet, MotionOptions, MotorKind, MotorSettings, NcOptions, SimulatedRound,
+    SimulatedSkip, WorkOffsets,
 };
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 
@@ -21,7 +21,7 @@ impl CoordinateSystemConfig {
         &self,
         motors: &BTreeMap<u16, MotorSettings>,
         servo_period_us: u64,
-        skips: &BTreeMap<u16, SimulatedSkip>,
+        (skips, rounds): (&BTreeMap<u16, SimulatedSkip>, &BTreeMap<u8, SimulatedRound>),
         m_codes: MCodeSet,
         checked: &mut Checked<'_, '_>,
     ) -> CoordinateSystemSettings {
@@ -80,6 +80,7 @@ impl CoordinateSystemConfig {
                 overcut: self.overcut,
                 short_block: self.short_block,
                 simulated_skip,
+                simulated_round: rounds.get(&self.number).copied(),
             },
         }
     }

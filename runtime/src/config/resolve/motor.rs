@@ -1,11 +1,11 @@
-//! `[[motor]]` and `[[simulated_skip]]`.
+//! `[[motor]]`, `[[simulated_skip]]` and `[[simulated_round]]`.
 
 use std::collections::BTreeMap;
 
-use tandem_model::settings::{MotorKind, MotorSettings, SimulatedSkip};
+use tandem_model::settings::{MotorKind, MotorSettings, SimulatedRound, SimulatedSkip};
 
 use super::super::text::Problems;
-use super::super::{Config, MotorConfig, POSITION_MAX};
+use super::super::{Config, MotorConfig, POSITION_MAX, RoundKind};
 
 impl Config {
     /// The motors by number.
@@ -58,6 +58,43 @@ impl Config {
             }
         }
         skips
+    }
+
+    /// What a simulated probe touches, by coordinate system.
+    pub(super) fn simulated_rounds(&self, problems: &mut Problems<'_>) -> BTreeMap<u8, SimulatedRound> {
+        let mut rounds = BTreeMap::new();
+        for (index, config) in self.simulated_round.iter().enumerate() {
+            let number = config.coordinate_system;
+            let name = format!("[[simulated_round]] coordinate_system = {number}: ");
+            let mut checked = problems.of(format!("simulated_round.{index}"), name);
+            checked.check_ranges(config, &["coordinate_system"]);
+            let mut systems = self.coordinate_system.iter();
+            let has_plane =
+                |axes: &BTreeMap<String, u16>| ["X", "Y"].iter().all(|axis| axes.contains_key(*axis));
+            if !systems.any(|system| system.number == number && has_plane(&system.axes)) {
+                let text = format!("there is no [[coordinate_system]] {number} with X and Y");
+                checked.problem("coordinate_system", text);
+            }
+            let is_bore = config.kind == RoundKind::Bore;
+            if is_bore && config.ball >= config.diameter {
+                let text = format!(
+                    "ball = {}: write less than the diameter of the bore, {}",
+                    config.ball, config.diameter
+                );
+                checked.problem("ball", text);
+            }
+            let ball = if is_bore { -config.ball } else { config.ball };
+            let round = SimulatedRound {
+                centre: [config.x, config.y],
+                radius: f64::midpoint(config.diameter, ball),
+                is_bore,
+                below: config.below.unwrap_or(f64::INFINITY),
+            };
+            if rounds.insert(number, round).is_some() {
+                checked.problem("coordinate_system", "the coordinate system stands twice");
+            }
+        }
+        rounds
     }
 }
 

@@ -1,0 +1,106 @@
+//! Rows about what programs and texts are and would do, without anything moving.
+
+#![allow(
+    clippy::result_large_err,
+    reason = "a request that is of another row is given back as it came"
+)]
+
+use super::answer::{AnswerForm, json_of};
+use super::payloads::{check_text, read_path};
+use super::right::Right::{Administrate, Read};
+use super::route::{Content, Headers, Query, Route};
+use super::row::{RequestParts, Row};
+use super::row_macros::{carried, written};
+use crate::types::planned::{ManualText, PathQuery, Rehearsal};
+use crate::types::program::{ProgramCheck, ProgramFolder};
+use crate::types::request::Request;
+
+/// The planned path of a program of the store.
+pub(super) const PATH: Row = Row {
+        routes: &[Route::get(
+            "/programs/{number}/path",
+            "The path of a program as it would run now, as far as it is planned: bytes, which the book describes.",
+        )
+        .answered(200, Content::Bytes)
+        .query(Query::Path)
+        .headers(Headers::Cached)
+        .refusals(&[400, 422])],
+        is_large: true,
+        answer: |_| AnswerForm::Path,
+        ..Row::new(Read, |incoming| Ok(Request::PlannedPath(incoming.number("number")?, read_path(&incoming)?)),
+            written!(Request::PlannedPath(number, query) => {
+                    let PathQuery { cs, tolerance, from, count } = query;
+                    let parts = RequestParts::default().with("number", number).query("from", from);
+                    parts.queried("cs", cs).queried("tolerance", tolerance).queried("count", count)
+                }),
+        )
+    };
+
+/// The rehearsal of a program of the store.
+pub(super) const REHEARSAL: Row = Row {
+        routes: &[Route::get(
+            "/programs/{number}/rehearsal",
+            "What a run of a program does, as it would run now, as far as it is planned; of the run under way, the time left.",
+        )
+        .gives::<Rehearsal>()
+        .query(Query::RunBy)
+        .refusals(&[400, 422])],
+        answer: json_of::<Rehearsal>,
+        ..Row::new(Read, |incoming| Ok(Request::Rehearsal(incoming.number("number")?, incoming.query.cs)),
+            written!(Request::Rehearsal(number, cs) => RequestParts::default().with("number", number).queried("cs", cs)),
+        )
+    };
+
+/// Findings in a text that is not stored.
+pub(super) const CHECK_TEXT: Row = Row {
+    routes: &[Route::new(
+        "POST",
+        "/programs/{number}/check_text",
+        "Checks a text as if it were this program; nothing is stored.",
+    )
+    .takes(Content::Text)
+    .gives::<ProgramCheck>()
+    .query(Query::Dialect)],
+    is_large: true,
+    answer: json_of::<ProgramCheck>,
+    ..Row::new(
+        Read,
+        check_text,
+        written!(Request::CheckText(number, dialect, text) => {
+            RequestParts::default().with("number", number).text(text).queried("dialect", dialect)
+        }),
+    )
+};
+
+/// Where a program lies among others.
+pub(super) const FOLDER: Row = Row {
+    routes: &[Route::put::<ProgramFolder>(
+        "/programs/{number}/folder",
+        "Puts a program into a folder, by which lists are grouped; its text, its number and its hash stay.",
+    )],
+    ..carried!(Administrate, PutInFolder(number: number, folder: json))
+};
+
+/// The path of manual data input.
+pub(super) const MANUAL_PATH: Row = Row {
+    routes: &[Route::post::<ManualText>(
+        "/cs/{cs}/mdi/path",
+        "The path of a text as manual data input would move now: bytes, which the book describes; nothing moves.",
+    )
+    .answered(200, Content::Bytes)
+    .refusals(&[422])],
+    answer: |_| AnswerForm::Path,
+    ..carried!(Read, ManualPath(cs: number, text: json))
+};
+
+/// The rehearsal of manual data input.
+pub(super) const MANUAL_REHEARSAL: Row = Row {
+    routes: &[Route::post::<ManualText>(
+        "/cs/{cs}/mdi/rehearsal",
+        "What a text would do as manual data input, as far as it is planned; nothing moves.",
+    )
+    .gives::<Rehearsal>()
+    .refusals(&[422])],
+    answer: json_of::<Rehearsal>,
+    ..carried!(Read, ManualRehearsal(cs: number, text: json))
+};

@@ -1,0 +1,53 @@
+// Findings while somebody types: the runtime checks the text when the keys have rested, one check after the other.
+
+/** How long the keys rest before a text is checked, ms. */
+const REST_MS = 400;
+/** So many times as long as the last check took, where that is longer: a long text is checked more rarely. */
+const REST_FACTOR = 2;
+
+/** @typedef {import("../types.d.ts").ProgramDiagnostic} ProgramDiagnostic */
+
+export class Checks {
+  #timer = 0;
+  #tookMs = 0;
+  /** Grows with each change: what was found in another text does not count. */
+  #turn = 0;
+  #isAsked = false;
+  #check;
+  #found;
+
+  /** @param {() => Promise<ProgramDiagnostic[] | null>} check null: nothing is known @param {(found: ProgramDiagnostic[]) => void} found */
+  constructor(check, found) {
+    this.#check = check;
+    this.#found = found;
+  }
+
+  /** The text has changed. */
+  changed() {
+    this.#turn += 1;
+    this.#wait();
+  }
+
+  /** What was found before counts no longer, and nothing is looked for. */
+  stop() {
+    this.#turn += 1;
+    clearTimeout(this.#timer);
+  }
+
+  #wait() {
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => void this.#look(), Math.max(REST_MS, REST_FACTOR * this.#tookMs));
+  }
+
+  async #look() {
+    if (this.#isAsked) return this.#wait();
+    const turn = this.#turn;
+    const began = performance.now();
+    this.#isAsked = true;
+    const found = await this.#check().finally(() => {
+      this.#isAsked = false;
+      this.#tookMs = performance.now() - began;
+    });
+    if (found && turn === this.#turn) this.#found(found);
+  }
+}

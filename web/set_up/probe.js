@@ -1,0 +1,335 @@
+// Touches with a probe: edges, corners, bores, bosses, the top of a part, tool lengths. Each is a cycle that is looked at before it runs.
+
+import { button, fill, h, setAttr, setText } from "../dom.js";
+import { position, readNumber } from "../format.js";
+import { icon } from "../icons.js";
+import { sentences, t } from "../language.js";
+import { lengthScale, unitOf } from "../units.js";
+import { disableFor, whyNot, whyNotNow } from "../why_not.js";
+import { AXES, cycleOf, foundBy } from "./cycles.js";
+import { Planned } from "./planned.js";
+import { runCycle } from "./touching.js";
+import { Undo } from "./values.js";
+
+/** @typedef {import("./cycles.js").Kind} Kind */
+/** @typedef {import("./cycles.js").Letter} Letter */
+/** @typedef {"distance" | "feed" | "ball" | "clearance" | "size" | "depth" | "tip" | "setter"} Value */
+
+const KEY = "tandem-probe";
+const OFFSETS = ["G54", "G55", "G56", "G57", "G58", "G59"];
+
+/** What each cycle asks for. @type {Record<Kind, Value[]>} */
+const VALUES = {
+  edge: ["distance", "ball", "feed"],
+  corner: ["distance", "clearance", "ball", "feed"],
+  bore: ["distance", "ball", "feed"],
+  boss: ["size", "clearance", "depth", "distance", "ball", "feed"],
+  surface: ["distance", "tip", "feed"],
+  length: ["distance", "setter", "feed"],
+};
+/** Their names, and what they do. @type {Record<Kind, [string, string]>} */
+const TEXTS = {
+  edge: [t("probe.edge"), t("probe.edge_about")],
+  corner: [t("probe.corner"), t("probe.corner_about")],
+  bore: [t("probe.bore"), t("probe.bore_about")],
+  boss: [t("probe.boss"), t("probe.boss_about")],
+  surface: [t("probe.surface"), t("probe.surface_about")],
+  length: [t("probe.length"), t("probe.length_about")],
+};
+/** Names of values, with their units. @type {Record<Value, (unit: string) => string>} */
+const LABELS = {
+  distance: (unit) => t("probe.value_distance", { unit }),
+  feed: (unit) => t("probe.value_feed", { unit: `${unit}/min` }),
+  ball: (unit) => t("probe.value_ball", { unit }),
+  clearance: (unit) => t("probe.value_clearance", { unit }),
+  size: (unit) => t("probe.value_size", { unit }),
+  depth: (unit) => t("probe.value_depth", { unit }),
+  tip: (unit) => t("probe.value_tip", { unit }),
+  setter: (unit) => t("probe.value_setter", { unit }),
+};
+const KINDS = /** @type {Kind[]} */ (Object.keys(VALUES));
+/** What must be more than 0. */
+const POSITIVE = new Set(["distance", "feed", "size", "depth"]);
+/** Those that may be on either side of 0. */
+const SIGNED = new Set(["setter"]);
+const VALUE_MAX = 100_000;
+
+/** Values at first, mm and mm/min. @type {Record<Value, number>} */
+const FIRST = { distance: 20, feed: 500, ball: 4, clearance: 5, size: 30, depth: 5, tip: 0, setter: 0 };
+
+/** Directions in which the part lies. @type {Partial<Record<Kind, [string, Letter, 1 | -1, 1 | -1][]>>} */
+const DIRECTIONS = {
+  edge: [["X+", "X", 1, 1], ["X\u2212", "X", -1, 1], ["Y+", "Y", 1, 1], ["Y\u2212", "Y", 1, -1]],
+  corner: [["X+ Y+", "X", 1, 1], ["X\u2212 Y+", "X", -1, 1], ["X\u2212 Y\u2212", "X", -1, -1], ["X+ Y\u2212", "X", 1, -1]],
+};
+
+/** @type {import("./values.js").Section} */
+export const probe = { title: t("probe.probe"), create: (app) => new Probe(app) };
+
+class Probe {
+  /** @type {Kind} */
+  #kind = "edge";
+  #direction = 0;
+  #offset = "G54";
+  #values = stored();
+  #shown = "";
+  /** Why the last cycle found nothing, and what it found. */
+  #trouble = "";
+  /** @type {import("./cycles.js").Found | null} */
+  #found = null;
+  #runs = false;
+  #planned;
+  #undo;
+  #kinds = KINDS.map((kind) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(kind) }, TEXTS[kind][0]));
+  #about = h("p", { class: "muted note" });
+  #directions = h("div", { class: "choice", role: "radiogroup", "aria-label": t("probe.where_the_part_lies") });
+  #fields = h("div", { class: "probe-fields" });
+  #look = button({ onclick: () => void this.#preview() }, icon("search"), t("probe.preview"));
+  #run = button({ class: "button primary", onclick: () => void this.#touch() }, icon("play"), t("probe.run"));
+  #here = button({ onclick: () => this.#touchesNow() }, t("probe.touches_now"));
+  #text = h("pre", { class: "probe-text", tabindex: 0, "aria-label": t("probe.text_of_the_cycle") });
+  #said = h("p", { class: "probe-said", role: "status" });
+  #result = h("div", { class: "probe-result" });
+  element;
+
+  /** @param {import("../main.js").App} app */
+  constructor(app) {
+    this.app = app;
+    this.#planned = new Planned(app);
+    this.#undo = new Undo(app, () => {});
+    this.element = h(
+      "div",
+      { class: "probe" },
+      h("div", { class: "choice", role: "radiogroup", "aria-label": t("probe.cycle") }, ...this.#kinds),
+      this.#about,
+      this.#directions,
+      this.#fields,
+      h("div", { class: "row wrap" }, this.#look, this.#run, this.#here),
+      this.#said,
+      this.#result,
+      this.#text,
+      h("div", { class: "row end" }, this.#undo.element),
+    );
+  }
+
+  read() {
+    this.#shown = "";
+  }
+
+  render() {
+    const { model } = this.app;
+    const system = model.current;
+    if (!system) return;
+    const scale = lengthScale(unitOf(system));
+    const known = KINDS.filter((kind) => AXES[kind].every((axis) => axis in system.info.axes));
+    const key = JSON.stringify([model.selected, this.#kind, this.#direction, scale.unit, known]);
+    if (key !== this.#shown) {
+      this.#shown = key;
+      this.#build(scale);
+    }
+    for (const [i, pick] of this.#kinds.entries()) {
+      const kind = KINDS[i] ?? "edge";
+      setAttr(pick, "aria-checked", String(kind === this.#kind));
+      disableFor(pick, known.includes(kind) ? null : t("probe.needs_axes", { axes: AXES[kind].join(" ") }));
+    }
+    const why = this.#whyNot();
+    const plan = this.#planned;
+    plan.render(this.#keyOf());
+    disableFor(this.#look, why ?? (plan.isAsked ? t("path.planning") : null), t("probe.preview_about"));
+    disableFor(this.#run, why ?? whyNot(model, "mdi") ?? plan.whyNot(), t("probe.run_about"));
+    setAttr(this.#here, "hidden", this.#kind !== "length");
+    disableFor(this.#here, this.#runs ? t("probe.runs") : whyNotNow(model), t("probe.touches_now_about"));
+    const text = plan.cycle?.text ?? "";
+    setText(this.#text, text);
+    setAttr(this.#text, "hidden", text === "");
+    setText(this.#said, this.#runs ? t("probe.runs") : sentences(this.#trouble, plan.says()));
+    setAttr(this.#said, "data-tone", this.#trouble || plan.trouble ? "alarm" : null);
+    this.#undo.render();
+    for (const one of this.#result.querySelectorAll("button")) disableFor(one, whyNotNow(model));
+  }
+
+  /** @param {Kind} kind */
+  #choose(kind) {
+    this.#kind = kind;
+    this.#direction = 0;
+    this.#trouble = "";
+    this.#found = null;
+    this.#shown = "";
+    this.app.invalidate();
+  }
+
+  /** @param {ReturnType<typeof lengthScale>} scale */
+  #build(scale) {
+    setText(this.#about, sentences(TEXTS[this.#kind][1], t("probe.speed_of_touches")));
+    const directions = DIRECTIONS[this.#kind] ?? [];
+    const pick = (/** @type {number} */ i) => button({ class: "button pick", role: "radio", "aria-checked": String(i === this.#direction), onclick: () => {
+      this.#direction = i;
+      this.app.invalidate();
+    } }, directions[i]?.[0] ?? "");
+    fill(this.#directions, ...directions.map((_, i) => pick(i)));
+    setAttr(this.#directions, "hidden", directions.length === 0);
+    fill(this.#fields, ...VALUES[this.#kind].map((name) => this.#field(name, scale)));
+    this.#tell();
+  }
+
+  /** @param {Value} name @param {ReturnType<typeof lengthScale>} scale */
+  #field(name, { unit, size, decimals }) {
+    const label = LABELS[name](unit);
+    const input = h("input", { type: "text", inputmode: "decimal", class: "input value", autocomplete: "off", value: position(this.#values[name], { size, decimals }) });
+    input.addEventListener("input", () => {
+      const value = readNumber(input.value) * size;
+      const isRight = Math.abs(value) <= VALUE_MAX && (SIGNED.has(name) || value >= 0) && (!POSITIVE.has(name) || value > 0);
+      setAttr(input, "aria-invalid", !isRight);
+      this.#values[name] = isRight ? value : Number.NaN;
+      if (isRight) keep(this.#values);
+      this.app.invalidate();
+    });
+    return h("label", {}, h("span", { class: "label" }, label), input);
+  }
+
+  /** @returns {import("./cycles.js").Asked} */
+  #asked() {
+    const [, axis = "Z", x = 1, y = 1] = DIRECTIONS[this.#kind]?.[this.#direction] ?? [];
+    const { setter, tip, ...values } = this.#values;
+    return { ...values, tip: this.#kind === "length" ? setter : tip, axis, x, y };
+  }
+
+  /** What a preview is of: it counts as long as none of this changes. */
+  #keyOf() {
+    const { model } = this.app;
+    return JSON.stringify([model.bootId, model.selected, this.#kind, this.#asked(), model.current?.position?.machine]);
+  }
+
+  /** Why there is nothing to look at. */
+  #whyNot() {
+    const { model } = this.app;
+    if (this.#runs) return t("probe.runs");
+    if (model.current?.info.dialect !== "nj") return t("probe.no_g31", { dialect: model.current?.info.dialect });
+    if (VALUES[this.#kind].some((name) => Number.isNaN(this.#values[name]))) return t("probe.write_all_values");
+    const state = model.current?.state?.execution ?? "";
+    return whyNotNow(model) ?? (["ACTIVE", "WAIT"].includes(state) ? t("offsets.a_run_is_on_zero") : null);
+  }
+
+  async #preview() {
+    const { current } = this.app.model;
+    if (!current?.position) return;
+    const { machine } = current.position;
+    const { axes } = current.info;
+    const motors = Object.values(axes).sort((a, b) => a - b);
+    const of = (/** @type {Letter} */ axis) => motors.indexOf(axes[axis] ?? -1);
+    const start = { X: machine.X ?? 0, Y: machine.Y ?? 0, Z: machine.Z ?? 0 };
+    this.#forget();
+    await this.#planned.plan(this.#keyOf(), cycleOf(this.#kind, start, this.#asked(), { X: of("X"), Y: of("Y"), Z: of("Z") }));
+  }
+
+  async #touch() {
+    const { cycle } = this.#planned;
+    if (!cycle) return;
+    const [kind, asked] = [this.#kind, this.#asked()];
+    this.#forget();
+    this.#runs = true;
+    this.app.invalidate();
+    const isDone = await this.app.attempt(async () => {
+      try {
+        this.#found = foundBy(kind, asked, cycle.touches, await runCycle(this.app, cycle));
+      } catch (error) {
+        this.#trouble = error instanceof Error ? sentences(error.message, t("probe.nothing_was_written")) : "";
+        throw error;
+      }
+    }).finally(() => {
+      this.#runs = false;
+    });
+    if (isDone) this.#planned.forget();
+    this.#tell();
+    this.app.invalidate();
+  }
+
+  /** By hand: the tool touches the setter where it stands. */
+  #touchesNow() {
+    const z = this.app.model.current?.position?.machine.Z ?? Number.NaN;
+    this.#forget();
+    this.#found = foundBy("length", this.#asked(), [], [z]);
+    this.#tell();
+    this.app.invalidate();
+  }
+
+  #forget() {
+    this.#trouble = "";
+    this.#found = null;
+    this.#tell();
+  }
+
+  /** Shows what was found, and what to do with it. */
+  #tell() {
+    const found = this.#found;
+    const scale = lengthScale(unitOf(this.app.model.current));
+    const said = (/** @type {string} */ name, /** @type {number} */ value) => h("div", {}, h("dt", {}, name), h("dd", {}, `${position(value, scale)} ${scale.unit}`));
+    if (!found) return fill(this.#result);
+    const values = Object.entries(found.zero).map(([axis, value]) => said(t("probe.machine_position", { axis }), value));
+    if (found.diameter !== undefined) values.push(said(t("probe.diameter"), found.diameter));
+    if (found.length !== undefined) values.push(said(t("probe.length_of_tool"), found.length));
+    fill(this.#result, h("dl", { class: "probe-found" }, ...values), found.length === undefined ? this.#zeroForm(found.zero) : this.#toolForm(found.length));
+  }
+
+  /** @param {import("./cycles.js").Found["zero"]} zero */
+  #zeroForm(zero) {
+    const axes = Object.keys(zero);
+    const names = h("select", { class: "input", "aria-label": t("offsets.work_offset") }, ...OFFSETS.map((name) => h("option", { value: name, selected: name === this.#offset }, name)));
+    names.addEventListener("change", () => {
+      this.#offset = names.value;
+    });
+    const set = button({ class: "button primary", onclick: () => void this.#setZero(zero) }, t("probe.set_zero", { axes: axes.join(" ") }));
+    return h("div", { class: "row end" }, names, set);
+  }
+
+  /** @param {import("./cycles.js").Found["zero"]} zero */
+  async #setZero(zero) {
+    const { api, model } = this.app;
+    const [cs, name] = [model.selected, this.#offset];
+    const axes = Object.keys(zero);
+    await this.app.attempt(async () => {
+      const now = (await api.workOffsets(cs))[name] ?? {};
+      const before = Object.fromEntries(axes.map((axis) => [axis, now[axis] ?? 0]));
+      const set = (/** @type {Record<string, number>} */ to) => () => api.setWorkOffsets(cs, { [name]: to });
+      await this.#undo.do(t("probe.zero_was_set", { offset: name, axes: axes.join(" ") }), set(/** @type {Record<string, number>} */ (zero)), set(before));
+    });
+  }
+
+  /** @param {number} length */
+  #toolForm(length) {
+    const number = h("input", { type: "number", class: "input editor-number", min: 1, max: 65535, step: 1, value: this.app.model.current?.modal?.tool || "", "aria-label": t("probe.tool_number") });
+    const write = button({ class: "button primary", onclick: () => void this.#writeLength(number.valueAsNumber, length) }, t("probe.write_length"));
+    return h("div", { class: "row end" }, h("span", { class: "label" }, "T"), number, write);
+  }
+
+  /** @param {number} id @param {number} length */
+  async #writeLength(id, length) {
+    const { api, toast } = this.app;
+    if (!(id >= 1)) return toast(t("tools.write_the_number_of_the"), "error");
+    await this.app.attempt(async () => {
+      const known = (await api.tools()).find((tool) => tool.id === id);
+      const back = known ? { tools: [known] } : { remove: [id] };
+      const change = { tools: [{ radius: 0, ...known, id, length }] };
+      await this.#undo.do(known ? t("tools.t_was_changed", { id }) : t("tools.t_was_added", { id }), () => api.changeTools(change), () => api.changeTools(back));
+    });
+  }
+}
+
+/** What this browser has kept. @returns {Record<Value, number>} */
+function stored() {
+  try {
+    const kept = JSON.parse(localStorage.getItem(KEY) ?? "{}");
+    return /** @type {Record<Value, number>} */ (Object.fromEntries(Object.entries(FIRST).map(([name, value]) => [name, Number.isFinite(kept[name]) ? kept[name] : value])));
+  } catch {
+    return { ...FIRST };
+  }
+}
+
+/** @param {Record<Value, number>} values */
+function keep(values) {
+  try {
+    localStorage.setItem(KEY, JSON.stringify(values));
+  } catch {
+    // without storage they last until the page is closed
+  }
+}
