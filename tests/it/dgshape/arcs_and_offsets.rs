@@ -39,7 +39,7 @@ fn dgshape_g04_rests() {
         ["dwell 10", "dwell 10", "dwell 10"]
     );
     assert_eq!(findings("G04X1.0P1000"), ["E0113"]);
-    assert_eq!(findings("G04F1.0").len(), 0, "F is the feedrate here");
+    assert_eq!(findings("G04P1000F1.0").len(), 0, "F is the feedrate here");
 }
 
 #[test]

@@ -54,5 +54,5 @@ fn dgshape_2_4_s_is_a_speed_or_the_number_of_one() {
     }
     assert_eq!(speed("S20000", "max_spindle_speed = 9000.0"), 9000.0);
     assert_eq!(findings("S20000M03"), NONE, "the fastest speed is used");
-    assert_eq!(findings("S-1"), ["E0109"]);
+    assert_eq!(findings("S-1"), NONE, "the slowest speed is used");
 }
