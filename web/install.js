@@ -1,13 +1,21 @@
 // The page as an app of its own, where the browser allows it: over TLS or on the loopback.
 
+import { language } from "./language.js";
 import { writeTexts } from "./offline.js";
 
 /** Where the service worker finds what it shows: as in sw.js. */
 const OFFLINE = "offline-2";
 const PAGE = "/offline.html";
 
+/** The browser reads name and shortcuts of the app in the language of this screen, when it is installed. */
+function nameApp() {
+  const manifest = document.querySelector('link[rel="manifest"]');
+  if (manifest && language !== "en") manifest.setAttribute("href", `manifest.${language}.webmanifest`);
+}
+
 /** Registers the service worker, which shows a page of its own while the machine does not answer, and serves nothing else. */
 export function startWorker() {
+  nameApp();
   if (!isSecureContext) return;
   void navigator.serviceWorker?.register("/sw.js").then(keepOfflinePage).catch(() => {});
 }

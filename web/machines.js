@@ -1,9 +1,12 @@
-// Several machines on one page: a tile for each address. This page only reads; what is commanded is commanded on the machine's own screen.
+// Several machines on one page: a tile for each. This page only reads; what is commanded is commanded on the machine's own screen.
+// Its machines are this one, those whose addresses its configuration names or somebody has typed in, and those that are heard
+// at the broker which this one shares with them.
 
 import { button, fill, h, setAttr, setText } from "./dom.js";
 import { language, t } from "./language.js";
 import { addressOf, keepOthers, MACHINES_MAX, others } from "./machines/addresses.js";
 import { tile } from "./machines/tile.js";
+import { ToldMachines } from "./machines/told_machines.js";
 import { Watched } from "./machines/watched.js";
 import { startTheme } from "./theme.js";
 import { startTouch } from "./touch.js";
@@ -16,8 +19,10 @@ const typed = h("input", { type: "text", class: "input grow", inputmode: "url", 
 const problem = h("p", { role: "alert", class: "machine-trouble", hidden: true });
 const form = h("form", { class: "machine-add" }, typed, button({ type: "submit" }, t("machines.add")), problem);
 
-/** @type {ReturnType<typeof tile>[]} */
+/** Machines by their addresses: this one first. @type {(ReturnType<typeof tile> & {machine: Watched, isTyped: boolean})[]} */
 let tiles = [];
+/** Machines at the broker, by name. @type {Map<string, ReturnType<typeof tile>>} */
+let toldTiles = new Map();
 let framePending = false;
 
 function invalidate() {
@@ -25,16 +30,47 @@ function invalidate() {
   framePending = true;
   requestAnimationFrame(() => {
     framePending = false;
+    showTold();
     for (const one of tiles) one.render();
+    for (const one of toldTiles.values()) one.render();
+    showOnce();
   });
 }
 
-/** @param {string} address @param {boolean} stays */
-function show(address, stays) {
-  const one = tile(new Watched(address, invalidate), stays ? null : () => remove(address));
+/** @param {string} address @param {boolean} isTyped */
+function show(address, isTyped) {
+  const machine = new Watched(address, invalidate);
+  const one = { ...tile(machine, isTyped ? () => remove(address) : null), machine, isTyped };
   tiles.push(one);
   list.append(one.element);
   invalidate();
+  return machine;
+}
+
+/** Tiles of the machines that this one tells of, and of the addresses of its configuration. */
+function showTold() {
+  for (const address of told.addresses) if (!isHere(address) && tiles.length < MACHINES_MAX) show(address, false);
+  if ([...toldTiles.keys()].join() === [...told.machines.keys()].join()) return;
+  for (const { element } of toldTiles.values()) element.remove();
+  toldTiles = new Map([...told.machines].map(([name, machine]) => [name, toldTiles.get(name) ?? tile(machine, null)]));
+  list.append(...[...toldTiles.values()].map(({ element }) => element));
+}
+
+/** A machine that is known by its address and at the broker has one tile: that by its address while it can be read there. */
+function showOnce() {
+  const read = new Set(tiles.filter(({ machine }) => machine.link === "online").flatMap(({ machine }) => [machine.address, machine.name]));
+  const heard = new Set();
+  for (const [name, { element, machine }] of toldTiles) {
+    const isRead = read.has(name) || read.has(machine.address);
+    setAttr(element, "hidden", isRead);
+    if (!isRead && machine.address) heard.add(machine.address);
+  }
+  for (const { element, machine } of tiles) setAttr(element, "hidden", heard.has(machine.address));
+}
+
+/** @param {string} address */
+function isHere(address) {
+  return tiles.some(({ machine }) => machine.address === address);
 }
 
 /** @param {string} address */
@@ -48,13 +84,13 @@ function remove(address) {
 }
 
 function keep() {
-  keepOthers(tiles.map(({ machine }) => machine.address).filter((address) => address !== location.origin));
+  keepOthers(tiles.filter(({ isTyped }) => isTyped).map(({ machine }) => machine.address));
 }
 
 /** Why an address cannot be added; null: it can. @param {string | null} address */
 function whyNot(address) {
   if (address === null) return t("machines.not_an_address");
-  if (tiles.some(({ machine }) => machine.address === address)) return t("machines.is_here", { address });
+  if (isHere(address)) return t("machines.is_here", { address });
   return tiles.length >= MACHINES_MAX ? t("machines.most", { count: MACHINES_MAX }) : null;
 }
 
@@ -65,7 +101,7 @@ form.addEventListener("submit", (event) => {
   setText(problem, why ?? "");
   setAttr(problem, "hidden", why === null);
   if (why !== null || address === null) return;
-  show(address, false);
+  show(address, true);
   keep();
   typed.value = "";
 });
@@ -76,6 +112,7 @@ document.body.className = "machines";
 fill(document.body, h("main", {}, h("h1", {}, t("machines.machines")), list, form, h("p", { class: "muted" }, t("machines.about", { origin: location.origin }))));
 startTheme(invalidate);
 startTouch();
-show(location.origin, true);
-for (const address of others()) if (address !== location.origin) show(address, false);
+const here = show(location.origin, false);
+const told = new ToldMachines(() => here.knows(), invalidate);
+for (const address of others()) if (!isHere(address)) show(address, true);
 setInterval(invalidate, TICK_MS);

@@ -1,6 +1,5 @@
 // What is known of the machine: the last message of each topic, and the recent path.
 
-import { Recorder } from "./history/recorder.js";
 import { Trail } from "./trail.js";
 
 /** Topics of the machine as a whole. */
@@ -21,6 +20,7 @@ const CS_TOPICS = /** @type {const} */ ({
   "override/state": "overrides",
   "lease/state": "lease",
   run: "runState",
+  time_left: "timeLeft",
 });
 
 /**
@@ -34,6 +34,7 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").PendingMessage | null} pending
  * @property {import("./types.d.ts").OptionalSkipMessage | null} optionalSkip
  * @property {import("./types.d.ts").RunStateMessage | null} runState
+ * @property {{left_s: number | null, progress: number | null} | null} timeLeft
  * @property {import("./types.d.ts").SwitchMessage | null} optionalStop
  * @property {import("./types.d.ts").SwitchMessage | null} singleBlock
  * @property {import("./types.d.ts").LockMessage | null} interlock
@@ -71,8 +72,6 @@ export class Model {
   programs = null;
   /** @type {import("./types.d.ts").CurrentUser | null} who is logged in */
   user = null;
-  /** Positions of the last minutes, for curves. */
-  recorder = new Recorder();
   /** View mode: this screen only looks. */
   viewing = false;
   /** The panel at the right. */
@@ -132,7 +131,6 @@ export class Model {
       this.alarms = [];
       this.io.clear();
       this.programs = null;
-      this.recorder.forget();
       this.#clockAheadMs = Number.POSITIVE_INFINITY;
       for (const system of this.systems.values()) this.systems.set(system.info.number, empty(system.info));
     }
@@ -167,7 +165,6 @@ export class Model {
     if (!system || !field) return;
     /** @type {any} */ (system)[field] = message;
     if (field === "state") system.trail.run(message.run_id);
-    if (field === "position") this.recorder.add(system.info.number, message);
     if (field === "position") system.trail.add(message.machine, system.modal?.g["01"] === "G00");
   }
 }

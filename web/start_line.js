@@ -13,6 +13,15 @@ import { disableFor, whyNot } from "./why_not.js";
 /** Orders of the axes, and their names. */
 const APPROACHES = { plane_first: t("start_line.in_the_plane_first_then"), infeed_first: t("start_line.the_infeed_axis_first"), direct: t("start_line.all_axes_at_once") };
 
+/**
+ * The block in which the last run of the loaded program was cut short; null: it was completed, or there was none.
+ * @param {import("./model.js").CoordinateSystem | null} system @returns {{program: number, line: number} | null}
+ */
+export function cutShortAt(system) {
+  const run = system?.runState?.run;
+  return run?.program === system?.state?.program ? (run?.end?.place ?? null) : null;
+}
+
 /** The order chosen last. @type {keyof typeof APPROACHES} */
 let approach = "plane_first";
 
@@ -34,6 +43,12 @@ export function openLineStart(app, { line, program }) {
   const which = h("label", { class: "choice", hidden: true }, t("start_line.which_time_the_program_comes"), occurrence);
   const order = h("select", { class: "input", "aria-label": t("start_line.order_of_the_axes") }, ...Object.entries(APPROACHES).map(([value, name]) => h("option", { value, selected: value === approach }, name)));
   const start = button({ class: "button start", disabled: true, onclick: () => dialog.close("start") }, t("start_line.title", { line }));
+  const cut = cutShortAt(model.current);
+  const isThere = cut?.line === line && cut.program === program;
+  const there = cut && !isThere && button({ onclick: () => {
+    dialog.close("");
+    openLineStart(app, cut);
+  } }, t("start_line.where_cut_short", { line: cut.line }));
   const leave = button({ autofocus: true, onclick: () => dialog.close("") }, t("lease.leave_it"));
 
   let asked = 0;
@@ -64,7 +79,7 @@ export function openLineStart(app, { line, program }) {
     void ask();
   });
 
-    const children = [found, h("div", { class: "row" }, which, h("label", { class: "choice" }, t("start_line.the_axes_go_there"), order)), h("div", { class: "row end" }, leave, start)];
+  const children = [isThere ? h("p", { class: "muted" }, t("start_line.is_cut_short")) : null, found, h("div", { class: "row" }, which, h("label", { class: "choice" }, t("start_line.the_axes_go_there"), order)), h("div", { class: "row end wrap" }, there, leave, start)];
   const dialog = openDialog("line-start", program === main ? t("start_line.title", { line }) : t("start_line.title_of", { line, program: programName(program) }), children, (answer) => {
     if (answer === "start") void app.attempt(() => app.api.command(cs, "start", from, seen));
   });

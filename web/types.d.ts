@@ -77,6 +77,11 @@ export interface CoordinateSystemInfo {
   axes: Record<string, number>; dialect: string; number: number; spindle: number | null; units: string;
 }
 
+/** A coordinate system of another machine. */
+export interface CoordinateSystemSeen {
+  left_s: number | null; number: number; progress: number | null; state: State | null; waiting_on: PendingOutput | null;
+}
+
 /** All coordinate systems with their states. */
 export interface CoordinateSystems {
   coordinate_systems: ({ axes: Record<string, number>; dialect: string; number: number; spindle: number | null; state: StateMessage | null; units: string })[];
@@ -250,6 +255,18 @@ export interface MCodeInfo {
   timeout_ms: number | null; timing: Timing; wait_state: string | null;
 }
 
+/** Whether a machine is there. */
+export type MachineLink = "online" | "silent" | "offline";
+
+/** A machine as its messages tell. */
+export interface MachineSeen {
+  alarm_count: number; alarms: AlarmRecord[]; coordinate_systems: CoordinateSystemSeen[]; link: MachineLink;
+  machine: string; url: string | null;
+}
+
+/** Machines beside this one. */
+export interface Machines { addresses: string[]; broker: SharedBroker; machines: MachineSeen[]; }
+
 /** Payload of `modal`. */
 export interface Modal {
   f: number; g: Record<string, string>; s: number; ta: number; td: number; tool: number | null; ts_ms: number;
@@ -325,7 +342,7 @@ export interface PositionMessage {
 /** Payload of `presence`. */
 export interface PresenceMessage {
   boot_id: BootId; broker?: BrokerInUse; expires_ms?: number; online: boolean; rev?: number; started_at: Timestamp;
-  ts: string; v: 1; version: string;
+  ts: string; url?: string; v: 1; version: string;
 }
 
 /** A refusal as HTTP says it. */
@@ -427,7 +444,7 @@ export interface Run {
 export interface RunAlarm { line: number | null; number: number; text: string; }
 
 /** How a run has ended. */
-export interface RunEnded { at: Timestamp; how: RunEndedHow; text: string; }
+export interface RunEnded { at: Timestamp; how: RunEndedHow; place: PlannedPlace | null; text: string; }
 
 /** How a run has ended. */
 export type RunEndedHow = "completed" | "stopped" | "aborted" | "reset" | "alarm" | "lease_lost" | "replaced" | "refused" | "restarted";
@@ -453,6 +470,9 @@ export interface ServedMCode {
   params?: { A?: ParamDeclaration; B?: ParamDeclaration; C?: ParamDeclaration; D?: ParamDeclaration; E?: ParamDeclaration; F?: ParamDeclaration; G?: ParamDeclaration; H?: ParamDeclaration };
 }
 
+/** The broker at which other machines are heard. */
+export type SharedBroker = "none" | "connecting" | "connected";
+
 /** What is known of the signature of a program. */
 export type SignatureState = "valid" | "missing" | "wrong";
 
@@ -466,6 +486,14 @@ export interface SpindleMessage {
 }
 
 /** Payload of `state`. */
+export interface State {
+  alarm_count: number; dry_run: boolean; execution: Execution; hash: string | null; last_command_id: string | null;
+  o_number: number | null; optional_skip: number[]; optional_stop: boolean; program: number | null;
+  reason: Reason | null; run_id: string | null; run_kind: RunKind | null; single_block: boolean;
+  transition: Transition | null; wait_state: string | null; waiting_on: WaitingOn | null;
+}
+
+/** Payload of `state`. */
 export interface StateMessage {
   alarm_count: number; boot_id: BootId; dry_run: boolean; execution: Execution; hash: string | null;
   last_command_id: string | null; o_number: number | null; optional_skip: number[]; optional_stop: boolean;
@@ -476,6 +504,11 @@ export interface StateMessage {
 
 /** Payload of an input with one value. */
 export interface SwitchMessage { boot_id: BootId; rev?: number; ts: string; v: 1; value: boolean; }
+
+/** Payload of `cs/{n}/time_left`: of the program that runs, as far as it is planned. */
+export interface TimeLeftMessage {
+  boot_id: BootId; left_s: number | null; progress: number | null; rev?: number; ts: string; v: 1;
+}
 
 /** A time as RFC 3339 in UTC, such as `2026-01-31T12:00:00.250000Z`. */
 export type Timestamp = string;
@@ -491,6 +524,17 @@ export interface ToolMessage { boot_id: BootId; id: number; rev?: number; ts: st
 
 /** The tool table, ascending by number: of `GET /tools`. */
 export interface ToolTable { tools: ToolData[]; }
+
+/** Samples of the last minute, in the order of time: of `GET /cs/{n}/trace`. */
+export interface Trace {
+  axes: Record<string, TraceAxis>; cs: number; feedrate: number[]; first: number; interval_s: number; next: number;
+  now: Timestamp; now_s: number; spindle_rpm: number[]; time_s: number[];
+}
+
+/** What one axis did: a value for each sample, mm or degrees. */
+export interface TraceAxis {
+  acceleration: number[]; following_error: number[]; position: number[]; velocity: number[];
+}
 
 /** On the way to another state. */
 export type Transition = "STARTING" | "HOLDING" | "STOPPING" | "RESUMING" | "RESETTING";
@@ -553,6 +597,7 @@ export type MessageOf<Topic extends string> =
   Topic extends `cs/${number}/override/state` ? OverridesMessage :
   Topic extends `cs/${number}/lease/state` ? LeaseStateMessage :
   Topic extends `cs/${number}/run` ? RunStateMessage :
+  Topic extends `cs/${number}/time_left` ? TimeLeftMessage :
   Topic extends `cs/${number}/m_code/${number}/output` ? OutputNoticeMessage :
   Topic extends `cs/${number}/m_code/${number}/result` ? HandshakeResultMessage :
   Topic extends `cs/${number}/m_code/${number}/cancel` ? CancelMessage :

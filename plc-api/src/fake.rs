@@ -435,6 +435,7 @@ impl FakePort {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             broker: None,
             expires_ms: None,
+            url: None,
         };
         let systems = inner.systems.keys().map(|&number| CoordinateSystemInfo {
             number,

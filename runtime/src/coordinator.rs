@@ -11,6 +11,8 @@ use plc_api::server::ServedPort;
 use plc_api::types::handler::REFRESHES;
 use plc_api::types::machine::{ActiveAlarms, Presence};
 use plc_api::types::message::Payload;
+use plc_api::types::planned::PlannedPlace;
+use plc_api::types::run::{Run, TimeLeft};
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
@@ -296,7 +298,14 @@ impl Opened {
         let mut shared = Shared::new(machine, boot_id, clock, store, journal, tables);
         shared.health = self.health;
         let kept_runs = std::mem::take(&mut restored.runs);
-        shared.runs.lock().restore(kept_runs, shared.clock.wall());
+        let place_of = |run: &Run| {
+            let last = &restored.last_runs.get(&run.cs)?.run;
+            let line = Some(last.line).filter(|line| *line > 0 && last.run_id == run.id)?;
+            let program = last.running?;
+            Some(PlannedPlace { program, line })
+        };
+        let now = shared.clock.wall();
+        shared.runs.lock().restore(kept_runs, place_of, now);
         let shared = Arc::new(shared);
         let mut parts = Parts::new(&shared, first_state, &restored, self.hardware);
         findings.report(&shared);
@@ -313,6 +322,7 @@ impl Opened {
         let mut previews = Previews::on_demand(&shared, views);
         if !shared.clock.is_simulated() {
             previews.start_thread();
+            parts.tasks.spawn(previews.tell_time_left());
         }
         let runtime = Runtime {
             port: Arc::new(RuntimePort {
@@ -365,6 +375,8 @@ impl Parts {
         for mailbox in &mailboxes {
             let run = shared.runs.lock().state(mailbox.number);
             shared.publish(Topic::cs(mailbox.number, CsTopic::Run), Payload::Run(run));
+            let time_left = Payload::TimeLeft(TimeLeft::default());
+            shared.publish(Topic::cs(mailbox.number, CsTopic::TimeLeft), time_left);
         }
         shared.publish_birth();
         shared.publish_io();
@@ -385,6 +397,7 @@ fn presence(shared: &Shared, online: bool) -> Presence {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         broker: None,
         expires_ms: online.then_some(shared.machine.presence_expires_ms),
+        url: shared.machine.public_url.clone(),
     }
 }
 

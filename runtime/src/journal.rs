@@ -373,6 +373,12 @@ pub enum RunEnd {
         /// The state's reason.
         #[serde(deserialize_with = "Option::deserialize")]
         reason: Option<Reason>,
+        /// Program whose motion ran; none where nothing had run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        program: Option<u16>,
+        /// Its line.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        line: Option<u32>,
     },
     /// At its end.
     Completed {

@@ -32,6 +32,7 @@ use plc_api::types::request::{
 use plc_api::types::run::{RUN_WAIT_MAX_S, RUNS_KEPT, Run};
 use plc_api::types::state::{Execution, Spindle, State};
 use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::trace::{Trace, TraceQuery};
 use plc_api::types::upload::{ProgramCondition, ProgramUpload};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::alarm::{MESSAGES_NOT_KEPT, REQUEST_REFUSED};
@@ -322,6 +323,7 @@ impl RuntimePort {
             MachineRequest::Runs(query) => Ok(Answer::Runs(self.shared.runs.lock().runs(query))),
             MachineRequest::Explain(what) => self.explain(what),
             MachineRequest::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
+            MachineRequest::Trace(cs, query) => self.trace(cs, &query),
             MachineRequest::LineState(cs, from) => {
                 self.mailbox(cs)?;
                 let search = self.previews.line_state(cs, from);
@@ -365,6 +367,21 @@ impl RuntimePort {
                 () = self.shared.clock.sleep(Duration::from_secs_f64(until_s - now_s)) => {}
             }
         }
+    }
+
+    fn trace(&self, cs: CoordinateSystemNumber, query: &TraceQuery) -> Result<Answer, Refusal> {
+        let trace = self.mailbox(cs)?.view.trace(query).map_err(|letter| {
+            let text = format!(
+                "axes={:.16}: coordinate system {cs} has no axis {letter}",
+                query.axes
+            );
+            Refusal::new(RefusalCode::Invalid, text)
+        })?;
+        Ok(Answer::Trace(Trace {
+            cs,
+            now: self.shared.timestamp(),
+            ..trace
+        }))
     }
 
     fn explain(&self, what: String) -> Result<Answer, Refusal> {

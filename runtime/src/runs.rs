@@ -5,6 +5,7 @@ use std::time::SystemTime;
 
 use plc_api::handshake::Now;
 use plc_api::types::output::Timing;
+use plc_api::types::planned::PlannedPlace;
 use plc_api::types::run::{
     Production, RUNS_AT_ONCE_MAX, RUNS_KEPT, Run, RunAlarm, RunEnded, RunEndedHow, RunQuery, RunState,
     RunWait, Runs,
@@ -57,8 +58,13 @@ struct OpenRun {
 }
 
 impl RunBook {
-    /// Goes on with what was kept. A run that had not ended was ended by the end of the runtime.
-    pub fn restore(&mut self, kept: KeptRuns, time: SystemTime) {
+    /// Goes on with what was kept. A run that had not ended was ended by the end of the runtime, in the block of `place_of` it.
+    pub fn restore(
+        &mut self,
+        kept: KeptRuns,
+        place_of: impl Fn(&Run) -> Option<PlannedPlace>,
+        time: SystemTime,
+    ) {
         let mut ended = kept.ended;
         ended.sort_by_key(|ended| ended.n);
         self.ended.extend(ended);
@@ -70,7 +76,8 @@ impl RunBook {
         for run in kept.open {
             let is_known = self.ended.iter().rev().any(|ended| ended.run.id == run.id);
             if !is_known {
-                self.close(run, RunEndedHow::Restarted, String::new(), time);
+                let end = ended_now(RunEndedHow::Restarted, String::new(), place_of(&run), time);
+                self.close(run, end);
             }
         }
     }
@@ -118,7 +125,7 @@ impl RunBook {
                 true
             }
             Event::PartsEnded { how, text } => {
-                self.end(cs, *how, text.clone(), now);
+                self.end(cs, ended_now(*how, text.clone(), None, now.time));
                 true
             }
             Event::End(end) => {
@@ -176,7 +183,7 @@ impl RunBook {
             return;
         };
         open.end_part(now.monotonic_s);
-        let how = match end {
+        let (how, place) = match end {
             RunEnd::Completed { .. } => {
                 let took_s = now.monotonic_s - open.part_began_s;
                 open.run.parts_done += 1;
@@ -189,34 +196,39 @@ impl RunBook {
                 if !is_last {
                     return;
                 }
-                RunEndedHow::Completed
+                (RunEndedHow::Completed, None)
             }
-            RunEnd::CutShort { reason, .. } => match reason {
-                Some(Reason::Stop) => RunEndedHow::Stopped,
-                Some(Reason::Aborted) => RunEndedHow::Aborted,
-                Some(Reason::Alarm) => RunEndedHow::Alarm,
-                _ => RunEndedHow::Reset,
-            },
+            RunEnd::CutShort {
+                reason,
+                program,
+                line,
+                ..
+            } => {
+                let how = match reason {
+                    Some(Reason::Stop) => RunEndedHow::Stopped,
+                    Some(Reason::Aborted) => RunEndedHow::Aborted,
+                    Some(Reason::Alarm) => RunEndedHow::Alarm,
+                    _ => RunEndedHow::Reset,
+                };
+                let place = program.zip(line);
+                (how, place.map(|(program, line)| PlannedPlace { program, line }))
+            }
         };
-        self.end(cs, how, String::new(), now);
+        self.end(cs, ended_now(how, String::new(), place, now.time));
     }
 
-    fn end(&mut self, cs: CoordinateSystemNumber, how: RunEndedHow, text: String, now: Now) {
+    fn end(&mut self, cs: CoordinateSystemNumber, end: RunEnded) {
         if let Some(open) = self.open.remove(&cs) {
-            self.close(open.run, how, text, now.time);
+            self.close(open.run, end);
         }
     }
 
-    fn close(&mut self, mut run: Run, how: RunEndedHow, text: String, time: SystemTime) {
-        if how != RunEndedHow::Completed {
+    fn close(&mut self, mut run: Run, end: RunEnded) {
+        if end.how != RunEndedHow::Completed {
             self.produced(run.cs, run.program).cut_short += 1;
         }
         run.waits_for = None;
-        run.end = Some(RunEnded {
-            at: Timestamp::from_system_time(time),
-            how,
-            text,
-        });
+        run.end = Some(end);
         let n = self.ended.back().map_or(0, |last| last.n) + 1;
         self.ended.push_back(EndedRun { n, run });
         if self.ended.len() > RUNS_KEPT {
@@ -287,6 +299,15 @@ impl RunBook {
     /// Counters of all programs.
     pub fn production(&self) -> Vec<Production> {
         self.production.values().cloned().collect()
+    }
+}
+
+fn ended_now(how: RunEndedHow, text: String, place: Option<PlannedPlace>, time: SystemTime) -> RunEnded {
+    RunEnded {
+        at: Timestamp::from_system_time(time),
+        how,
+        text,
+        place,
     }
 }
 

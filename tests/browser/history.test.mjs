@@ -1,11 +1,13 @@
 // What was: the timeline of runs from the journal, by rule and on the real runtime; the journal with filters; past alarms.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { describe, losses, timelineOf } from "../../web/history/timeline.js";
 import { rounded } from "../../web/format.js";
-import { Recorder, SAMPLES_MAX, valuesOf } from "../../web/history/recorder.js";
+import { csvOf as runsCsv } from "../../web/history/runs_view.js";
+import { csvOf, drawn, SAMPLES_MAX, Trace } from "../../web/history/trace.js";
 import { launch, openPage } from "./browser.mjs";
 import { takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
@@ -61,17 +63,43 @@ test("numbers in texts have three decimals at most", () => {
   assert.equal(rounded("Axis X would go to 960.000000 (machine), beyond 500.12; 7 of 8"), "Axis X would go to 960.000 (machine), beyond 500.12; 7 of 8");
 });
 
-const sample = (s, X, error = 0) => ({ ts: new Date(BEGIN + s * 1000).toISOString(), feedrate: 60, spindle_rpm: 0, work: { X }, following_error: { X: error } });
+/** An answer of the machine: X at these places, sampled every 10 ms; the last one is 5 ms old. */
+const answer = (first, xs, more = {}) => ({
+  cs: 1, interval_s: 0.01, first, next: first + xs.length, now: new Date(BEGIN + (first + xs.length) * 10).toISOString(), now_s: (first + xs.length - 0.5) / 100,
+  time_s: xs.map((_, i) => (first + i) / 100 - 0.01), feedrate: xs.map(() => 60), spindle_rpm: xs.map(() => 0),
+  axes: { X: { position: xs, velocity: xs.map(() => 2), acceleration: xs.map(() => 5), following_error: xs.map(() => 0.25) } }, ...more,
+});
 
-test("curves: velocity is the way over the time, per minute, and none over a gap; what comes twice or late is left out; the oldest goes first", () => {
-  const recorder = new Recorder();
-  for (const [s, X] of [[0, 0], [0.1, 1], [0.1, 5], [0.05, 9], [0.2, 1], [5, 90], [5.1, 89.5]]) recorder.add(1, sample(s, X));
-  assert.deepEqual(valuesOf(recorder.of(1), "position", "X"), [0, 1, 1, 90, 89.5]);
-  assert.deepEqual(valuesOf(recorder.of(1), "velocity", "X"), [Number.NaN, 600, 0, Number.NaN, -300]);
-  for (let i = 0; i < 2 * SAMPLES_MAX; i += 1) recorder.add(1, sample(10 + i / 10, i));
-  const kept = recorder.of(1);
-  assert.ok(kept.length >= SAMPLES_MAX && kept.length <= 1.1 * SAMPLES_MAX, `${kept.length} samples`);
-  assert.equal(kept.at(-1).position.X, 2 * SAMPLES_MAX - 1);
+test("curves: what is new joins what is known, velocity is per minute, the oldest goes first, and a machine that begins anew too", () => {
+  const trace = new Trace();
+  trace.show(1);
+  assert.ok(trace.take(answer(0, [0, 1, 2])));
+  assert.ok(trace.take(answer(3, [3])));
+  assert.deepEqual(trace.of("position", "X"), [0, 1, 2, 3]);
+  assert.deepEqual(trace.of("velocity", "X"), [120, 120, 120, 120]);
+  assert.deepEqual(trace.of("error", "X"), [0.25, 0.25, 0.25, 0.25]);
+  assert.equal(trace.next, 4);
+  assert.equal(Math.round(trace.times[3] - trace.times[0]), 30);
+  assert.equal(Math.round(trace.times[3]), BEGIN + 25, "the time of day of a sample is now less its age");
+  const many = Array.from({ length: 2 * SAMPLES_MAX }, (_, i) => i);
+  assert.ok(trace.take(answer(4, many)));
+  assert.ok(trace.times.length >= SAMPLES_MAX && trace.times.length <= 1.1 * SAMPLES_MAX);
+  assert.equal(trace.of("position", "X").at(-1), 2 * SAMPLES_MAX - 1);
+  assert.equal(trace.take(answer(0, [7])), false);
+  assert.deepEqual([trace.next, trace.times], [0, []]);
+});
+
+test("curves as a file: a column for each, a point as the decimal sign; drawn, no peak is lost", () => {
+  assert.equal(csvOf([1000, 1010], [{ name: "X_error", values: [0.5, Number.NaN] }, { name: "Y_error", values: [1, 2.25] }]), "time_s,X_error,Y_error\n0,0.5,1\n0.01,,2.25\n");
+  const values = Array.from({ length: 6000 }, (_, i) => (i === 1234 ? 9 : i === 4321 ? -9 : 0));
+  const places = drawn(values.map((_, i) => i / 10), values);
+  assert.ok(places.length < 2500 && places.includes(1234) && places.includes(4321), `${places.length} places`);
+  assert.deepEqual(drawn([0, 10, 20], [1, 2, 3]), [0, 1, 2], "few are drawn as they are");
+});
+
+test("runs as a file: what holds a comma is in quotes", () => {
+  const run = { id: "a-1-1", cs: 1, program: 7, parts: 2, parts_done: 1, began: "2026-01-01T00:00:00Z", took_s: 4.5, last_part_s: null, waits: [{ m: 100, count: 1, total_s: 2, longest_s: 2 }], alarms: [], end: { at: "2026-01-01T00:00:05Z", how: "refused", text: 'locked, says "door"', place: { program: 7, line: 12 } } };
+  assert.equal(runsCsv([run]).split("\n")[1], '2026-01-01T00:00:00Z,2026-01-01T00:00:05Z,1,7,refused,"locked, says ""door""",2,1,4.5,,7,12,M100 2,,a-1-1');
 });
 
 let runtime;
@@ -161,17 +189,65 @@ test("an alarm of the past is told with its help and how long it lasted", async 
   await history().locator(".remedy").first().waitFor();
 });
 
-test("curves follow a motion: an axis that is moved has another range than one that is not", async () => {
+test("curves show a motion from before the page was opened, with its speed and its acceleration, and give it as a file", async () => {
   await post("/cs/1/reset?wait=1");
+  await post("/cs/1/mdi?wait=1", { text: "G91 G01 X20 F6000\nX-20" });
+  await page.reload();
+  await page.getByText("Connected", { exact: true }).waitFor();
+  await page.getByRole("button", { name: "History" }).click();
+  await part("Curves");
+  const most = async (axis) => Number(await history().getByRole("row", { name: new RegExp(`^${axis} `) }).locator("td").nth(2).textContent());
+  const columns = async (curve) => {
+    await history().getByLabel("Curve of").selectOption(curve);
+    await until(() => most("X"), (value) => value > 0, `the most of the ${curve} of X`);
+    const [file] = await Promise.all([page.waitForEvent("download"), history().getByRole("button", { name: "Save as CSV" }).click()]);
+    assert.equal(file.suggestedFilename(), `${curve}.csv`);
+    const [head, ...lines] = (await readFile(await file.path(), "utf8")).trim().split("\n");
+    assert.equal(head, `time_s,X_${curve},Y_${curve},Z_${curve}`);
+    return lines.map((line) => line.split(",").map(Number));
+  };
+  const speeds = await columns("velocity");
+  for (const wanted of [6000, -6000]) assert.ok(speeds.filter(([, x]) => Math.abs(x - wanted) < 0.01).length >= 5, `X moves at F ${wanted}`);
+  const steps = speeds.slice(1).map(([time], i) => time - speeds[i][0]);
+  assert.ok(steps.every((step) => Math.abs(step - 0.01) < 1e-6), "a sample every 10 ms");
+  const accelerations = await columns("acceleration");
+  assert.ok(accelerations.every(([, x]) => Math.abs(x) < 5001), "the limit of the motor bounds it");
+});
+
+test("curves follow a motion: an axis that is moved has another range than one that is not", async () => {
   await page.getByRole("button", { name: "History" }).click();
   await part("Curves");
   await history().getByLabel("Curve of").selectOption("position");
+  await history().getByLabel("Over the last").selectOption("10000");
   await post("/cs/1/mdi?wait=1", { text: "G91 G01 X20 F1000\nX-20" });
   const range = async (axis) => Number(await history().getByRole("row", { name: new RegExp(`^${axis} `) }).locator("td").last().textContent());
   await until(() => range("X"), (moved) => moved > 15 && moved <= 20, "the range of X");
-  assert.equal(await range("Y"), 0);
+  await until(() => range("Y"), 0, "the range of Y");
   await history().getByRole("button", { name: "X", exact: true }).click();
   await history().getByRole("row", { name: /^X / }).waitFor({ state: "detached" });
+});
+
+test("all runs are listed: when, which program, how it ended and where; they are filtered, and saved", async () => {
+  await post("/cs/1/reset?wait=1");
+  await post("/cs/1/load?wait=1", { program: 2 });
+  await post("/cs/1/start");
+  await until(async () => (await (await fetch(`${runtime.url}/api/v1/cs/1/program`)).json()).line, 3, "the long way");
+  await post("/cs/1/stop?wait=1");
+  await page.getByRole("button", { name: "History" }).click();
+  await part("Runs");
+  const rows = history().locator("tbody tr");
+  await rows.first().getByText("stopped").waitFor();
+  await rows.first().getByText("O0002 line 3").waitFor();
+  assert.ok(await rows.count() >= 2, "the bracket of before, too");
+  await history().getByLabel("Program", { exact: true }).fill("2");
+  await until(() => rows.count(), 1, "runs of program 2");
+  await history().getByLabel("Ended").selectOption("completed");
+  await history().getByText("No run is like that.").waitFor();
+  await history().getByLabel("Ended").selectOption("stopped");
+  const [file] = await Promise.all([page.waitForEvent("download"), history().getByRole("button", { name: "Save as CSV" }).click()]);
+  const [, line] = (await readFile(await file.path(), "utf8")).split("\n");
+  assert.match(line, /,1,2,stopped,,1,0,[\d.]+,,2,3,/);
+  await post("/cs/1/reset?wait=1");
 });
 
 test("pictures of curves", async () => {
@@ -198,6 +274,7 @@ test("pictures of the history", async () => {
   };
   const said = await takePictures(browser, runtime.url, {
     timeline: part("timeline", ".span-waiting"),
+    runs: part("runs", "tbody tr"),
     journal: part("journal", "tbody tr"),
     "past-alarms": part("past alarms", ".alarm"),
   });

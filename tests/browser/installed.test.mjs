@@ -3,6 +3,9 @@
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
+import de from "../../web/language/de.js";
+import en from "../../web/language/en.js";
+import ja from "../../web/language/ja.js";
 import { launch, openPage } from "./browser.mjs";
 import { Runtime } from "./runtime.mjs";
 import { now, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
@@ -73,6 +76,25 @@ test("the manifest is served as one, and names an icon that is there", async () 
   for (const { src } of icons) assert.equal((await fetch(`${runtime.url}${src}`)).status, 200);
   assert.equal(await page.locator('link[rel="manifest"]').getAttribute("href"), "manifest.webmanifest");
   assert.deepEqual(errors, []);
+});
+
+test("each language has a manifest of its own, whose words are those of its table", async () => {
+  const manifests = [];
+  for (const [language, table] of Object.entries({ en, de, ja })) {
+    const answer = await fetch(`${runtime.url}/manifest.${language === "en" ? "" : `${language}.`}webmanifest`);
+    const manifest = await answer.json();
+    assert.deepEqual([manifest.lang, manifest.id], [language, "/"], "one app in each language");
+    assert.deepEqual(manifest.shortcuts, [{ name: table["machines.machines"], url: "/machines" }]);
+    const { lang, description, shortcuts, ...same } = manifest;
+    manifests.push({ description, same });
+  }
+  assert.equal(new Set(manifests.map(({ description }) => description)).size, 3);
+  for (const { same } of manifests) assert.deepEqual(same, manifests[0].same, "the rest is the same");
+  await close();
+  ({ page, errors, close } = await openPage(browser, { locale: "de-DE" }));
+  await page.goto(runtime.url);
+  await page.getByText("Verbunden", { exact: true }).waitFor();
+  assert.equal(await page.locator('link[rel="manifest"]').getAttribute("href"), "manifest.de.webmanifest");
 });
 
 /** Waits until what the service worker shows is kept, and nothing else is. */

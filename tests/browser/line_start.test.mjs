@@ -6,7 +6,7 @@ import { after, afterEach, before, beforeEach, test } from "node:test";
 import { launch, openPage } from "./browser.mjs";
 import { takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
-import { Screen } from "./screen.mjs";
+import { Screen, until } from "./screen.mjs";
 
 /** M03 is restored, M60 is not; behind line 5 the axes stand at X30 Y10. */
 const PART = `G90 G54
@@ -90,6 +90,30 @@ test("a line of a loop asks which time the program comes there", async () => {
   await screen.sees("READY");
   // the browser tells of a refusal by itself
   errors.splice(0, errors.length, ...errors.filter((text) => !text.includes("status of 422")));
+});
+
+test("where the last run was cut short is offered by one button, beside another line that is chosen, too", async () => {
+  const post = (path, body = {}) => fetch(`${runtime.url}/api/v1/cs/1${path}`, { method: "POST", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+  await post("/load?wait=1", { program: 2 });
+  await screen.sees("READY");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await until(async () => (await (await fetch(`${runtime.url}/api/v1/cs/1/program`)).json()).line, 3, "the long way");
+  await post("/stop?wait=1");
+  await post("/reset?wait=1");
+  await screen.sees("READY");
+  await page.getByRole("button", { name: "Where the last run was cut short: line 3…" }).click();
+  await dialog().getByText("Here the last run was cut short.").waitFor();
+  await dialog().getByRole("button", { name: "Leave it" }).click();
+  await choose(4);
+  await dialog().getByRole("button", { name: "Where the last run was cut short: line 3" }).click();
+  const start = dialog().getByRole("button", { name: "Start at line 3" });
+  await start.waitFor();
+  await until(() => start.isEnabled(), true);
+  await start.click();
+  await screen.sees("ACTIVE");
+  await post("/stop?wait=1");
+  await post("/reset?wait=1");
 });
 
 test("pictures of a start from a line", async () => {

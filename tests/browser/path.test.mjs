@@ -3,8 +3,11 @@
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
+import { readPath } from "../../web/path/bytes.js";
+import { corners } from "../../web/path/extent.js";
 import { launch, openPage } from "./browser.mjs";
 import { picture, SCHEMES, SIZES } from "./pictures.mjs";
+import { plannedPath } from "./planned.mjs";
 import { Runtime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -28,6 +31,13 @@ G02 I10 J0
 G00 Z20
 M30
 `;
+
+test("a path is fitted by what it does at a feedrate: neither rapids nor a wait at the tool change count", () => {
+  const fitted = (vertices) => corners(readPath(new Uint8Array(plannedPath(1, 1, vertices)).buffer));
+  const rapid = true;
+  assert.deepEqual(fitted([[0, 0, 0, 1, 0], [500, 400, 300, 2, 1, rapid], [500, 400, 300, 3, 5], [10, 10, 5, 4, 6, rapid], [10, 10, -2, 5, 7], [60, 30, -2, 6, 8], [0, 0, 90, 7, 9, rapid]]), [[10, 10, -2], [60, 30, 5]]);
+  assert.deepEqual(fitted([[0, 0, 0, 1, 0], [500, 400, 300, 2, 1, rapid]]), [[0, 0, 0], [500, 400, 300]], "of rapids alone all of them count");
+});
 
 let browser;
 let runtime;

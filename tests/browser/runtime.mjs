@@ -110,7 +110,7 @@ listen = "127.0.0.1:${http}"
 }
 
 /** Below the ports that the system gives to clients, so that none of them has it before the runtime. */
-async function freePort() {
+export async function freePort() {
   const port = 10000 + Math.floor(Math.random() * 20000);
   const server = createServer();
   server.listen(port, "127.0.0.1");
@@ -152,6 +152,19 @@ export class Runtime {
     const file = join(this.folder, "tandem.toml");
     const text = await readFile(file, "utf8");
     await writeFile(file, table ? text.replace(`\n[${table}]\n`, (head) => `${head}${lines}\n`) : `${text}${lines}`);
+  }
+
+  /** The text of its configuration. */
+  configuration() {
+    return readFile(join(this.folder, "tandem.toml"), "utf8");
+  }
+
+  /** From the next start on a line of its configuration is another one. */
+  async change(line, other) {
+    const file = join(this.folder, "tandem.toml");
+    const text = await this.configuration();
+    if (!text.includes(line)) throw new Error(`the configuration has no ${line}`);
+    await writeFile(file, text.replace(line, other));
   }
 
   /** From the next start on this person may log in. */

@@ -163,15 +163,25 @@ export class ScriptedMachine {
     if (handshake) return { json: { seq: Number(handshake[1]), handler_id: body.handler_id ?? "hmi", status: "accepted" } };
     if (path.endsWith("/redeliver")) return { status: 204 };
     if (path === "/hmi") return { json: { buttons: [], cards: [] } };
+    if (path === "/machines") return { json: { addresses: [], broker: "none", machines: [] } };
     if (path === "/health") return { json: { status: "ok" } };
     if (path === "/machine") return { json: { v: 1, boot_id: this.bootId, ts: now(), ...BIRTH } };
     if (path === "/journal") return { json: { lines: [] } };
     if (path === "/tools") return { json: { tools: [] } };
     if (path.endsWith("/work_offsets") && method === "GET") return { json: { work_offsets: { G54: { X: 1, Y: 2, Z: 3 } } } };
     if (path === "/login") return { json: { user: null, role: "admin", is_login: false } };
+    if (path.endsWith("/trace")) return { json: rest(Number(path.split("/")[2])) };
     if (path.endsWith("/last_run")) return { json: { last_run: null } };
     return method === "GET" ? problem({ status: 404, body: { detail: `there is no ${path}` } }) : { status: 202, json: { command_id: "scripted" } };
   }
+}
+
+/** What axes at rest did lately: two samples. */
+function rest(cs) {
+  const zero = [0, 0];
+  const letters = Object.keys(BIRTH.coordinate_systems.find(({ number }) => number === cs).axes);
+  const still = { position: zero, velocity: zero, acceleration: zero, following_error: zero };
+  return { cs, interval_s: 0.01, first: 0, next: 2, now: now(), now_s: 1, time_s: [0.98, 0.99], feedrate: zero, spindle_rpm: zero, axes: Object.fromEntries(letters.map((letter) => [letter, still])) };
 }
 
 /** Problem details, as a machine refuses. */

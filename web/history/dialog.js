@@ -1,4 +1,4 @@
-// What was: the timeline of all coordinate systems, the journal, curves of the last minutes, the alarms of the past.
+// What was: the timeline of all coordinate systems, all runs, the journal, curves of the last minutes, the alarms of the past.
 
 import { openDialog } from "../dialog.js";
 import { button, fill, h, setAttr } from "../dom.js";
@@ -6,6 +6,7 @@ import { t } from "../language.js";
 import { alarmHistory } from "./alarms.js";
 import { journal } from "./journal.js";
 import { PlotsView } from "./plots.js";
+import { runsView } from "./runs_view.js";
 import { TimelineView } from "./timeline_view.js";
 
 /** @typedef {{element: HTMLElement, close?: () => void}} Part */
@@ -13,6 +14,7 @@ import { TimelineView } from "./timeline_view.js";
 /** @type {{title: string, create: (app: import("../main.js").App) => Part}[]} */
 const PARTS = [
   { title: t("history.timeline"), create: (app) => new TimelineView(app) },
+  { title: t("history.runs"), create: (app) => ({ element: runsView(app) }) },
   { title: t("history.journal"), create: (app) => ({ element: journal(app) }) },
   { title: t("history.curves"), create: (app) => new PlotsView(app) },
   { title: t("history.past_alarms"), create: (app) => ({ element: alarmHistory(app) }) },

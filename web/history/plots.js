@@ -1,13 +1,15 @@
-// Curves over time of what the axes do: following error, position, velocity, feedrate, spindle. A value 10 times a second, as far back as
-// this page has heard them.
+// Curves over time of what the axes do: following error, position, velocity, acceleration, feedrate, spindle. They are the servo's own
+// values, 100 a second, of the last minute that the machine has kept.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { fixed, plain, timeOfDay } from "../format.js";
 import { t } from "../language.js";
 import { axesOf } from "../model.js";
+import { machine } from "../machine.js";
 import { labelled, picker } from "./journal.js";
-import { GAP_MS, valuesOf } from "./recorder.js";
+import { saveCsv } from "./save.js";
 import { picture, shape, text } from "./svg.js";
+import { csvOf, drawn, GAP_MS, Trace } from "./trace.js";
 
 const AGAIN_MS = 500;
 const HEIGHT_PX = 260;
@@ -17,16 +19,17 @@ const TOP_PX = 10;
 /** Lines across, besides the lowest. */
 const RULES = 4;
 
-/** @type {{quantity: import("./recorder.js").Quantity, name: string, unit: string, isOfAxes: boolean}[]} */
+/** @type {{quantity: import("./trace.js").Quantity, name: string, unit: string, isOfAxes: boolean}[]} */
 const QUANTITIES = [
   { quantity: "error", name: t("plots.following_error"), unit: t("plots.lengths"), isOfAxes: true },
   { quantity: "position", name: t("plots.position"), unit: t("plots.lengths"), isOfAxes: true },
   { quantity: "velocity", name: t("plots.velocity"), unit: t("plots.velocities"), isOfAxes: true },
+  { quantity: "acceleration", name: t("plots.acceleration"), unit: t("plots.accelerations"), isOfAxes: true },
   { quantity: "feedrate", name: t("plots.feedrate"), unit: "mm/min", isOfAxes: false },
   { quantity: "spindle", name: t("plots.spindle"), unit: t("unit.rpm"), isOfAxes: false },
 ];
 /** Milliseconds, and in words. @type {[string, string][]} */
-const TIMES = [["30000", t("plots.30_seconds")], ["60000", t("plots.1_minute")], ["300000", t("plots.5_minutes")]];
+const TIMES = [["60000", t("plots.1_minute")], ["30000", t("plots.30_seconds")], ["10000", t("plots.10_seconds")]];
 
 export class PlotsView {
   #app;
@@ -39,8 +42,10 @@ export class PlotsView {
   #box = h("div", { class: "plot" });
   #rows = h("tbody", {});
   #note = h("p", { class: "muted", role: "status" });
+  #trace = new Trace();
   #shown = "";
-  #timer;
+  #timer = 0;
+  #isClosed = false;
   element;
 
   /** @param {import("../main.js").App} app */
@@ -48,33 +53,62 @@ export class PlotsView {
     this.#app = app;
     this.#box.append(this.#picture);
     for (const one of [this.#what, this.#time]) one.addEventListener("input", () => this.#draw());
+    const save = button({ onclick: () => this.#save() }, t("common.save_csv"));
     const head = h("tr", {}, ...[t("plots.curve"), t("plots.now"), t("plots.least"), t("plots.most"), t("plots.range")].map((name) => h("th", { scope: "col" }, name)));
     const table = h("table", { class: "history-table" }, h("thead", {}, head), this.#rows);
-    this.element = h("div", { class: "history-part" }, h("div", { class: "history-tools" }, labelled(this.#what), labelled(this.#time), this.#axes), this.#box, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("plots.the_curves_as_a_table") }, table), this.#note);
-    this.#timer = setInterval(() => this.#draw(), AGAIN_MS);
+    this.element = h("div", { class: "history-part" }, h("div", { class: "history-tools" }, labelled(this.#what), labelled(this.#time), this.#axes, save), this.#box, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("plots.the_curves_as_a_table") }, table), this.#note);
+    void this.#read();
     new ResizeObserver(() => this.#draw()).observe(this.#box);
   }
 
   close() {
-    clearInterval(this.#timer);
+    this.#isClosed = true;
+    clearTimeout(this.#timer);
+  }
+
+  /** Asks for what is new, again and again. */
+  async #read() {
+    const { selected } = this.#app.model;
+    this.#trace.show(selected);
+    /** @type {import("../types.d.ts").Trace | null} */
+    const answer = await machine.get(`/cs/${selected}/trace?from=${this.#trace.next}`).catch(() => null);
+    if (this.#isClosed) return;
+    const isWhole = !answer || this.#trace.take(answer);
+    this.#draw();
+    this.#timer = setTimeout(() => void this.#read(), isWhole ? AGAIN_MS : 0);
+  }
+
+  /** What is chosen, with its curves over the time that is chosen. */
+  #chosen() {
+    const system = this.#app.model.current;
+    const wanted = QUANTITIES.find(({ quantity }) => quantity === this.#what.value);
+    if (!system || !wanted) return null;
+    const letters = axesOf(system);
+    const { times: all } = this.#trace;
+    const to = all.at(-1) ?? 0;
+    const from = to - Number(this.#time.value);
+    const first = all.findIndex((time) => time >= from);
+    const names = wanted.isOfAxes ? letters.filter((letter) => !this.#hidden.has(letter)) : [wanted.name];
+    const curves = names.map((name) => ({ name, at: wanted.isOfAxes ? letters.indexOf(name) : 0, values: this.#trace.of(wanted.quantity, name).slice(first) }));
+    return { wanted, letters, times: all.slice(first), curves, from, to };
   }
 
   #draw() {
-    const { model } = this.#app;
-    const system = model.current;
-    const wanted = QUANTITIES.find(({ quantity }) => quantity === this.#what.value);
-    if (!system || !wanted) return;
-    const letters = axesOf(system);
+    const chosen = this.#chosen();
+    if (!chosen) return;
+    const { wanted, letters, times, curves, from, to } = chosen;
     this.#offer(letters, wanted.isOfAxes);
-    const all = model.recorder.of(model.selected);
-    const to = all.at(-1)?.at ?? 0;
-    const from = to - Number(this.#time.value);
-    const samples = all.filter(({ at }) => at >= from);
-    const names = wanted.isOfAxes ? letters.filter((letter) => !this.#hidden.has(letter)) : [wanted.name];
-    const curves = names.map((name) => ({ name, at: wanted.isOfAxes ? letters.indexOf(name) : 0, values: valuesOf(samples, wanted.quantity, name) }));
-    this.#paint(samples, curves, from, to);
+    this.#paint(times, curves, from, to);
     fill(this.#rows, ...curves.map(({ name, at, values }) => row(name, at, values, wanted.unit)));
-    setText(this.#note, samples.length < 2 ? t("plots.nothing_has_been_heard_yet") : t("plots.note", { unit: wanted.unit, cs: model.selected }));
+    setText(this.#note, times.length < 2 ? t("plots.nothing_has_been_heard_yet") : t("plots.note", { unit: wanted.unit, cs: this.#app.model.selected }));
+  }
+
+  /** What is drawn, as a file. */
+  #save() {
+    const chosen = this.#chosen();
+    if (!chosen) return;
+    const { wanted, times, curves } = chosen;
+    saveCsv(`${wanted.quantity}.csv`, csvOf(times, curves.map(({ name, values }) => ({ name: wanted.isOfAxes ? `${name}_${wanted.quantity}` : wanted.quantity, values }))));
   }
 
   /** @param {string[]} letters @param {boolean} isOfAxes */
@@ -93,8 +127,8 @@ export class PlotsView {
     }));
   }
 
-  /** @param {import("./recorder.js").Sample[]} samples @param {{name: string, at: number, values: number[]}[]} curves @param {number} from @param {number} to */
-  #paint(samples, curves, from, to) {
+  /** @param {number[]} times @param {{name: string, at: number, values: number[]}[]} curves @param {number} from @param {number} to */
+  #paint(times, curves, from, to) {
     const width = Math.max(200, this.#box.clientWidth);
     this.#picture.setAttribute("viewBox", `0 0 ${width} ${HEIGHT_PX}`);
     const [least, most] = bounds(curves.flatMap(({ values }) => values));
@@ -104,18 +138,17 @@ export class PlotsView {
       shape("line", { x1: LEFT_PX, x2: width - 12, y1: y(value), y2: y(value), class: "timeline-mark" }),
       text(LEFT_PX - 6, y(value) + 4, short(value, (most - least) / RULES), "plot-value"),
     ]);
-    const times = to === 0 ? [] : [from, (from + to) / 2, to].map((time, i) => text(x(time), HEIGHT_PX - 6, timeOfDay(new Date(time).toISOString()), `plot-time plot-time-${i}`));
+    const marks = to === 0 ? [] : [from, (from + to) / 2, to].map((time, i) => text(x(time), HEIGHT_PX - 6, timeOfDay(new Date(time).toISOString()), `plot-time plot-time-${i}`));
+    const xs = times.map(x);
     const lines = curves.map(({ at, values }) => {
-      const points = values.map((value, i) => {
-        const sample = samples[i];
-        if (!sample || !Number.isFinite(value)) return "";
-        const before = samples[i - 1];
-        const joins = before && Number.isFinite(values[i - 1]) && sample.at - before.at <= GAP_MS;
-        return `${joins ? "L" : "M"}${x(sample.at).toFixed(1)} ${y(value).toFixed(1)}`;
+      const points = drawn(xs, values).map((i) => {
+        const time = times[i] ?? Number.NaN;
+        const joins = i > 0 && time - (times[i - 1] ?? Number.NaN) <= GAP_MS;
+        return `${joins ? "L" : "M"}${(xs[i] ?? 0).toFixed(1)} ${y(values[i] ?? 0).toFixed(1)}`;
       });
       return shape("path", { d: points.join(""), class: `curve curve-${at % 8}` });
     });
-    this.#picture.replaceChildren(...rules, ...times, ...lines);
+    this.#picture.replaceChildren(...rules, ...marks, ...lines);
   }
 }
 

@@ -4,54 +4,72 @@ import { button, fill, h, setAttr, setText } from "../dom.js";
 import { duration, programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { t } from "../language.js";
-import { brief, look, sentence } from "../sentence.js";
+import { asked, brief, look, sentence } from "../sentence.js";
+import { Watched } from "./watched.js";
+
+/** @typedef {Watched | import("./told.js").Told} Machine */
 
 /** Tones of a machine of several coordinate systems, the first that one of them has: what asks for a person, then what runs. */
 const URGENCY = ["alarm", "attention", "wait", "active", "ended", "done", "ready"];
+/** Links of which what stands in the tile is old, and nobody can do anything about it here. */
+const AWAY = ["silent", "offline", "unheard"];
 /** Characters of the sentence. */
 const SENTENCE_CHARS = 110;
 
 /** Why nothing is heard of it, by its link. @type {Record<import("./watched.js").LinkState, import("../language.js").Key | null>} */
 const TROUBLES = {
   online: null, connecting: "machines.connecting", silent: "machines.silent", unreachable: "machines.unreachable", refused: "machines.refused", login: "machines.login", insecure: "machines.insecure",
+  offline: "machines.offline", unheard: "machines.unheard",
 };
 
-/** @param {import("./watched.js").Watched} machine @param {(() => void) | null} remove null: it stays */
+/** @param {Machine} machine @param {(() => void) | null} remove null: it stays */
 export function tile(machine, remove) {
-  const { address, model } = machine;
-  const name = h("a", { class: "machine-open", href: `${address}/` });
+  const isTold = !(machine instanceof Watched);
+  const name = h("a", { class: "machine-open" });
+  const place = h("span", { class: "muted machine-address" });
   const away = remove && button({ class: "icon-button", onclick: remove }, icon("trash"));
   const trouble = h("p", { class: "machine-trouble", role: "status" });
-  const logIn = logInForm(machine);
+  const alarms = h("p", { class: "machine-alarms" }, icon("alarm"));
+  const count = h("span", {});
+  alarms.append(count);
+  const logIn = isTold ? null : logInForm(machine);
   const list = h("ul", { class: "machine-systems" });
-  const element = h(
-    "section",
-    { class: "machine-tile", "data-address": address },
-    h("header", {}, h("h2", {}, name), h("span", { class: "muted machine-address" }, address.replace(/^\w+:\/\//, "")), away),
-    trouble,
-    logIn.element,
-    list,
-  );
+  const element = h("section", { class: "machine-tile" }, h("header", {}, h("h2", {}, name), place, away), trouble, logIn, alarms, list);
+  setAttr(element, "data-machine", isTold ? machine.name : null);
   /** @type {Map<number, ReturnType<typeof row>>} */
   let rows = new Map();
   const render = () => {
-    const called = model.birth?.machine ?? address.replace(/^\w+:\/\//, "");
+    const { address, link } = machine;
+    const host = address?.replace(/^\w+:\/\//, "") ?? "";
+    const called = machine.name ?? host;
     setText(name, called);
-    setAttr(name, "aria-label", t("machines.open", { machine: called }));
+    setAttr(name, "href", address && `${address}/`);
+    setAttr(name, "aria-label", address && t("machines.open", { machine: called }));
+    setText(place, isTold ? t("machines.by_broker") : host);
+    setAttr(element, "data-address", isTold ? null : address);
     if (away) setAttr(away, "aria-label", t("machines.remove", { machine: called }));
-    if ([...rows.keys()].join() !== [...model.systems.keys()].join()) {
-      rows = new Map([...model.systems.keys()].map((cs) => [cs, row(cs)]));
+    if ([...rows.keys()].join() !== [...machine.systems.keys()].join()) {
+      rows = new Map([...machine.systems.keys()].map((cs) => [cs, row(cs)]));
       fill(list, ...[...rows.values()].map((one) => one.element));
     }
     const tones = [...rows].map(([cs, one]) => one.render(machine, cs));
-    const why = TROUBLES[machine.link];
+    const why = TROUBLES[link];
     setText(trouble, why === null ? "" : t(why, why === "machines.refused" ? { origin: location.origin } : {}));
     setAttr(trouble, "hidden", why === null);
-    setAttr(element, "data-link", machine.link);
-    setAttr(element, "data-tone", machine.link === "online" ? (URGENCY.find((tone) => tones.includes(/** @type {any} */ (tone))) ?? "ready") : machine.link === "connecting" ? "ready" : "attention");
-    setAttr(logIn.element, "hidden", machine.link !== "login");
+    setText(count, t("machines.alarms", { count: machine.alarmCount }));
+    setAttr(alarms, "hidden", machine.alarmCount === 0);
+    setAttr(element, "data-link", link);
+    setAttr(element, "data-tone", frameTone(link, tones));
+    if (logIn) setAttr(logIn, "hidden", link !== "login");
   };
   return { element, render, machine };
+}
+
+/** @param {import("./watched.js").LinkState} link @param {string[]} tones */
+function frameTone(link, tones) {
+  if (link === "online") return URGENCY.find((tone) => tones.includes(tone)) ?? "ready";
+  if (AWAY.includes(link)) return "away";
+  return link === "connecting" ? "ready" : "attention";
 }
 
 /** A coordinate system. @param {number} cs */
@@ -61,29 +79,32 @@ function row(cs) {
   const left = h("span", { class: "machine-left" });
   const said = h("p", {});
   const program = h("p", { class: "muted" });
-  const element = h("li", { class: "machine-system" }, h("div", { class: "machine-state" }, sign, word, h("span", { class: "muted" }, t("common.cs", { cs })), left), said, program);
+  const done = h("progress", { max: 1, "aria-label": t("machines.done") });
+  const element = h("li", { class: "machine-system" }, h("div", { class: "machine-state" }, sign, word, h("span", { class: "muted" }, t("common.cs", { cs })), left), done, said, program);
   return {
     element,
-    /** @param {import("./watched.js").Watched} machine @param {number} number */
-    render({ model, left: times }, number) {
-      const system = model.systems.get(number);
+    /** @param {Machine} machine @param {number} number */
+    render(machine, number) {
+      const system = machine.systems.get(number);
       const state = system?.state;
       setAttr(element, "hidden", !state);
       if (!system || !state) return "ready";
       const { tone, icon: sort, word: text } = look(state, system.pending?.outputs);
       setAttr(element, "data-tone", tone);
       setIcon(sign, sort);
-      setText(word, text);
-      setText(said, brief(sentence(system, model.alarms, (ts) => model.ageMs(ts), model.birth), SENTENCE_CHARS));
+      setText(word, asked(state) ? t("machines.asks", { state: text }) : text);
+      setText(said, brief(sentence(system, machine.alarms, machine.ageMs, machine.birth), SENTENCE_CHARS));
       setText(program, state.program === null ? "" : system.place?.line ? t("common.program_line", { program: programName(state.program), line: system.place.line }) : programName(state.program));
-      const time = times.get(number);
-      setText(left, time === undefined ? "" : t("machines.left", { time: duration(time * 1000) }));
+      const { left_s: leftS = null, progress = null } = system.timeLeft ?? {};
+      setText(left, leftS === null ? "" : t("machines.left", { time: duration(leftS * 1000) }));
+      setAttr(done, "hidden", progress === null);
+      done.value = progress ?? 0;
       return tone;
     },
   };
 }
 
-/** @param {import("./watched.js").Watched} machine */
+/** @param {Watched} machine */
 function logInForm(machine) {
   const field = (/** @type {string} */ label, /** @type {string} */ type, /** @type {AutoFill} */ autocomplete) => h("input", { type, class: "input grow", autocomplete, "aria-label": label, placeholder: label });
   const [user, pin, token] = [field(t("token.user"), "text", "username"), field("PIN", "password", "current-password"), field(t("token.token"), "password", "off")];
@@ -99,5 +120,5 @@ function logInForm(machine) {
       setText(problem, error instanceof Error ? error.message : String(error));
     }
   });
-  return { element };
+  return element;
 }

@@ -7,28 +7,23 @@ import { keepToken, tokenOf } from "./addresses.js";
 /** How often it is looked why there is no connection, ms, and how long an answer may take. */
 const LOOK_MS = 3000;
 const ANSWER_MS = 4000;
-/** How often the time left is asked for, ms. */
-const LEFT_MS = 2000;
-/** States in which a program is under way. */
-const RUNS = new Set(["ACTIVE", "WAIT", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED"]);
-const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state"];
+const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state", "time_left"];
 
 /**
  * `silent`: its presence is too old; `unreachable`: nothing answers; `refused`: it answers, and this page is not allowed to read
- * it; `login`: it asks who this is; `insecure`: a page over TLS may not ask an address without.
- * @typedef {"connecting" | "online" | "silent" | "unreachable" | "refused" | "login" | "insecure"} LinkState
+ * it; `login`: it asks who this is; `insecure`: a page over TLS may not ask an address without; `offline`: it has gone;
+ * `unheard`: nothing is heard of the machines at the broker.
+ * @typedef {"connecting" | "online" | "silent" | "unreachable" | "refused" | "login" | "insecure" | "offline" | "unheard"} LinkState
  */
 
 export class Watched {
   /** @type {LinkState} */
   link = "connecting";
   model = new Model();
-  /** Time left of the run of each coordinate system, s. @type {Map<number, number>} */
-  left = new Map();
   address;
   #tandem;
   #changed;
-  #timers;
+  #timer;
   /** When its presence is too old unless it is said again, on the clock of `performance`. */
   #presentUntil = Number.POSITIVE_INFINITY;
   #isOpen = false;
@@ -53,13 +48,43 @@ export class Watched {
     };
     subscribe(MACHINE_TOPICS);
     this.#tandem.onLink(({ online }) => this.#onLink(online));
-    this.#timers = [setInterval(() => void this.look(), LOOK_MS), setInterval(() => void this.#readLeft(), LEFT_MS)];
+    this.#timer = setInterval(() => void this.look(), LOOK_MS);
     void this.look();
+  }
+
+  /** What it calls itself; null: it has not said so yet. */
+  get name() {
+    return this.model.birth?.machine ?? null;
+  }
+
+  get systems() {
+    return this.model.systems;
+  }
+
+  get alarms() {
+    return this.model.alarms;
+  }
+
+  get alarmCount() {
+    return this.model.alarms.length;
+  }
+
+  get birth() {
+    return this.model.birth;
+  }
+
+  get ageMs() {
+    return (/** @type {string} */ ts) => this.model.ageMs(ts);
+  }
+
+  /** What its runtime knows of other machines; null: it does not answer. @returns {Promise<import("../types.d.ts").Machines | null>} */
+  async knows() {
+    return this.link === "online" ? this.#tandem.get("/machines").catch(() => null) : null;
   }
 
   /** Takes it off the page. */
   close() {
-    this.#timers.forEach(clearInterval);
+    clearInterval(this.#timer);
     this.#tandem.close();
   }
 
@@ -104,7 +129,6 @@ export class Watched {
   #onLink(online) {
     if (online) return this.#be("online");
     this.model.disconnected();
-    this.left.clear();
     if (this.link === "online") this.#be(performance.now() > this.#presentUntil ? "silent" : "unreachable");
   }
 
@@ -112,19 +136,6 @@ export class Watched {
   #be(link) {
     this.link = link;
     this.model.online = link === "online";
-    this.#changed();
-  }
-
-  /** Asks how long the programs that run will take. */
-  async #readLeft() {
-    if (this.link !== "online") return;
-    for (const [cs, { state }] of this.model.systems) {
-      const runs = state && RUNS.has(state.execution) && state.run_kind === "program" && state.program !== null;
-      const rehearsal = runs ? await this.#tandem.get(`/programs/${state.program}/rehearsal?cs=${cs}`).catch(() => null) : null;
-      const left = rehearsal?.run?.left_s;
-      if (typeof left === "number") this.left.set(cs, left);
-      else this.left.delete(cs);
-    }
     this.#changed();
   }
 }

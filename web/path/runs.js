@@ -13,7 +13,7 @@ const RUNS_SHOWN = 10;
 /** @typedef {import("../types.d.ts").Run} Run */
 
 /** How a run ends, in words. @type {Record<import("../types.d.ts").RunEndedHow, import("../language.js").Key>} */
-const ENDS = {
+export const ENDS = {
   completed: "runs.end_completed", stopped: "runs.end_stopped", aborted: "runs.end_aborted", reset: "runs.end_reset", alarm: "runs.end_alarm",
   lease_lost: "runs.end_lease_lost", replaced: "runs.end_replaced", refused: "runs.end_refused", restarted: "runs.end_restarted",
 };

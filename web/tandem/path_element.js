@@ -4,6 +4,7 @@
 import { h, setAttr, setText } from "../dom.js";
 import { t } from "../language.js";
 import { VIEW_NAMES } from "../path/camera.js";
+import { corners } from "../path/extent.js";
 import { atTime } from "../path/find.js";
 import { Live } from "../path/live.js";
 import { PathLoader } from "../path/load.js";
@@ -111,8 +112,8 @@ export class TandemPath extends TandemElement {
     if (key === this.#fitted) return;
     if (!this.#fitted.startsWith(`${view},`)) camera.look(view);
     this.#fitted = key;
-    const corners = path?.chunks.length ? path.chunks.flatMap(({ low, high }) => [low, high]) : [tool];
-    const of = (/** @type {(...values: number[]) => number} */ most) => /** @type {Point} */ ([0, 1, 2].map((i) => corners.map((corner) => corner[i] ?? 0).reduce((best, value) => most(best, value))));
+    const fitted = path?.chunks.length ? corners(path) : [tool];
+    const of = (/** @type {(...values: number[]) => number} */ most) => /** @type {Point} */ ([0, 1, 2].map((i) => fitted.map((corner) => corner[i] ?? 0).reduce((best, value) => most(best, value))));
     camera.fit(of(Math.min), of(Math.max));
   }
 }

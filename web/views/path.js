@@ -8,6 +8,7 @@ import { sentences, t } from "../language.js";
 import { machine } from "../machine.js";
 import { placeOf } from "../path/bytes.js";
 import { VIEW_NAMES } from "../path/camera.js";
+import { corners } from "../path/extent.js";
 import { atTime } from "../path/find.js";
 import { Live } from "../path/live.js";
 import { PathLoader } from "../path/load.js";
@@ -213,9 +214,8 @@ class PathView {
 
   /** @param {import("../path/picture.js").Shown} shown */
   #fitTo({ path: plan, tool, trail }) {
-    const corners = [tool, ...(plan?.chunks.flatMap(({ low, high }) => [low, high]) ?? [])];
-    if (!plan?.chunks.length) corners.push(...(trail?.points.map(({ at }) => point(at)) ?? []));
-    const of = (/** @type {(...values: number[]) => number} */ most) => /** @type {Point} */ ([0, 1, 2].map((i) => corners.reduce((best, corner) => most(best, corner[i] ?? 0), corners[0]?.[i] ?? 0)));
+    const fitted = plan?.chunks.length ? corners(plan) : [tool, ...(trail?.points.map(({ at }) => point(at)) ?? [])];
+    const of = (/** @type {(...values: number[]) => number} */ most) => /** @type {Point} */ ([0, 1, 2].map((i) => fitted.reduce((best, corner) => most(best, corner[i] ?? 0), fitted[0]?.[i] ?? 0)));
     this.#picture.camera.fit(of(Math.min), of(Math.max));
   }
 

@@ -7,7 +7,7 @@ import { tipsOn } from "../explain_tip.js";
 import { programName, shortHash } from "../format.js";
 import { t } from "../language.js";
 import { NcText } from "../nc_text.js";
-import { openLineStart } from "../start_line.js";
+import { cutShortAt, openLineStart } from "../start_line.js";
 import { disableFor, whyNot } from "../why_not.js";
 
 /** Height of a line, as in cards.css. */
@@ -29,7 +29,7 @@ class ProgramView {
   #hash = h("span", { class: "hash" });
   #stack = h("span", { class: "muted stack" }, this.#calls, this.#place, this.#hash);
   #follow = button({ class: "button small", "aria-pressed": "true", onclick: () => this.#setFollowing(!this.#following) }, t("program.follow"));
-  #start = button({ class: "button small", hidden: true, onclick: () => this.#chosen && openLineStart(this.app, this.#chosen) });
+  #start = button({ class: "button small", hidden: true, onclick: () => this.#from && openLineStart(this.app, this.#from) });
   #spacer = h("div", { class: "spacer" });
   #rows = h("ol", { class: "rows" });
   #view = h("div", { class: "program-text", tabindex: 0, role: "region", "aria-label": t("editor.program_text") }, this.#spacer, this.#rows);
@@ -47,6 +47,8 @@ class ProgramView {
   #number = 0;
   /** The block chosen last, as it is shown. @type {import("../model.js").Model["chosen"]} */
   #chosen = null;
+  /** The block at which a start is offered. @type {{program: number, line: number} | null} */
+  #from = null;
   /** Height of the view when it was drawn, px. */
   #height = -1;
   /** Key of what the rows show. */
@@ -108,12 +110,17 @@ class ProgramView {
     if (text) this.#draw(text, place?.line ?? 0, place?.interpreted_line ?? 0);
   }
 
-  /** A start at the line that is chosen; nobody chooses one for that while something runs. @param {boolean} runs */
+  /**
+   * A start at the line that is chosen, else where the last run was cut short; nobody chooses one for that while something runs.
+   * @param {boolean} runs
+   */
   #offerStart(runs) {
-    const { chosen } = this.app.model;
-    const line = chosen?.program === this.#number ? chosen.line : 0;
+    const { chosen, current } = this.app.model;
+    const here = chosen?.program === this.#number ? chosen : null;
+    this.#from = here ?? cutShortAt(current);
+    const line = this.#from?.line ?? 0;
     setAttr(this.#start, "hidden", runs || line === 0);
-    setText(this.#start, `${t("start_line.title", { line })}…`);
+    setText(this.#start, `${here ? t("start_line.title", { line }) : t("start_line.where_cut_short", { line })}…`);
     disableFor(this.#start, whyNot(this.app.model, "start"), t("program.shows_what_is_in_force"));
   }
 

@@ -89,6 +89,7 @@ impl FakePort {
             | MachineRequest::LineState(..)
             | MachineRequest::ManualPath(..)
             | MachineRequest::ManualRehearsal(..)
+            | MachineRequest::Trace(..)
             | MachineRequest::Run { .. }
             | MachineRequest::Runs(_) => unsupported(),
         }

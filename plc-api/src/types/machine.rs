@@ -27,6 +27,9 @@ pub struct Presence {
     /// take the runtime for gone. Absent: it is not published again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_ms: Option<u64>,
+    /// Address of its HMI as others reach it, where the configuration says it (`[http] public_url`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub url: Option<String>,
 }
 
 /// An external MQTT broker to which the runtime is connected.

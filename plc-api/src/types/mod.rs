@@ -26,6 +26,7 @@ pub mod request;
 pub mod run;
 pub mod state;
 pub mod topic;
+pub mod trace;
 pub mod upload;
 pub mod verb;
 pub mod words;

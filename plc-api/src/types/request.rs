@@ -20,6 +20,7 @@ use super::program::{ProgramCheck, ProgramFolder, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
 use super::run;
 use super::state::{LockSet, SpindleDirection};
+use super::trace;
 use super::upload::{ProgramCondition, ProgramUpload};
 
 pub use super::refusal::{Refusal, RefusalCode};
@@ -126,7 +127,7 @@ macro_rules! requests {
                     Request::ReadVariables { area, .. } | Request::WriteVariables { area, .. } => {
                         area.coordinate_system()
                     }
-                    Request::WorkOffsets(cs) | Request::WriteWorkOffsets(cs, _) | Request::LastRun(cs) => Some(*cs),
+                    Request::WorkOffsets(cs) | Request::WriteWorkOffsets(cs, _) | Request::LastRun(cs) | Request::Trace(cs, _) => Some(*cs),
                     Request::RaiseAlarm(raise) => raise.cs,
                     _ => None,
                 }
@@ -343,6 +344,8 @@ requests! {
         ManualPath(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::PlannedPath;
         /// What a text would do as manual data input, as far as it is planned.
         ManualRehearsal(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::Rehearsal;
+        /// What the axes of a coordinate system did in the last minute.
+        Trace(cs: CoordinateSystemNumber, query: trace::TraceQuery) -> trace::Trace;
         /// A run, by its id; with a wait it is told when it has ended, or when the time is over.
         Run {
             /// Its id.
@@ -511,6 +514,8 @@ answers! {
     Rehearsed(planned::Rehearsal),
     /// What is in force at a line.
     LineState(line_start::LineState),
+    /// What the axes did lately.
+    Trace(trace::Trace),
     /// A run.
     Run(run::Run),
     /// Runs that have ended.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::explained::explained;
+use super::planned::PlannedPlace;
 use super::{CoordinateSystemNumber, Timestamp};
 
 /// Most parts of one run.
@@ -93,6 +94,17 @@ pub struct RunState {
     pub run: Option<Run>,
 }
 
+/// Payload of `cs/{n}/time_left`: of the program that runs, as far as it is planned.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct TimeLeft {
+    /// Time to the end with the overrides of now, s, without holds and other waits that are not known; null: no program runs,
+    /// or nobody knows.
+    pub left_s: Option<f64>,
+    /// Share of the planned time that is done, 0 to 1; null as before.
+    pub progress: Option<f64>,
+}
+
 /// How a run has ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -103,6 +115,9 @@ pub struct RunEnded {
     pub how: RunEndedHow,
     /// What there is to say of it, such as why the next part was refused; else empty.
     pub text: String,
+    /// The block whose motion ran when it was cut short; null where it was completed, or nothing had run.
+    #[serde(default)]
+    pub place: Option<PlannedPlace>,
 }
 
 explained! {

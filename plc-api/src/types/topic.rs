@@ -12,7 +12,7 @@ use super::lease::LeaseState;
 use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
 use super::output::{Cancel, HandshakeResult, OutputNotice, Pending};
 use super::question::Validate;
-use super::run::RunState;
+use super::run::{RunState, TimeLeft};
 use super::state::{
     Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
 };
@@ -77,6 +77,7 @@ pub enum Payload {
     Override(Overrides),
     Lease(LeaseState),
     Run(RunState),
+    TimeLeft(TimeLeft),
 }
 
 /// Topics of one coordinate system: each with its path, variant and type of its payload, and what it says. A state has a
@@ -95,7 +96,7 @@ macro_rules! cs_topics {
 
         impl CsTopic {
             /// Topics whose last value is kept and retained, with their paths.
-            pub const STATES: [(CsTopic, &'static str); 17] = [$((CsTopic::$state, $path),)*];
+            pub const STATES: [(CsTopic, &'static str); 18] = [$((CsTopic::$state, $path),)*];
 
             /// Path below the coordinate system's.
             fn path(self) -> String {
@@ -196,6 +197,8 @@ cs_topics! {
             "Who holds the control lease; all null while nobody does.";
         Run "run" "run" Run(RunState)
             "The run of the loaded program that goes on, or the last one that ended: parts, how it ended, waits and alarms.";
+        TimeLeft "time_left" "time_left" TimeLeft(TimeLeft)
+            "How long the program that runs takes to its end, and which share of it is done; once a second.";
     }
     events {
         Output "output" Output(OutputNotice)

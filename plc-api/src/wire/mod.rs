@@ -10,6 +10,7 @@ pub mod hmi;
 mod io;
 mod json;
 pub mod login;
+pub mod machines;
 pub mod mqtt;
 mod pattern;
 mod payloads;
@@ -23,6 +24,7 @@ pub mod row;
 mod row_macros;
 pub mod states;
 pub mod tag;
+mod trace;
 pub mod websocket;
 
 pub use json::json_object;

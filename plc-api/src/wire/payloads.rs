@@ -17,6 +17,7 @@ use crate::types::planned::{PATH_TOLERANCE_MM, PathQuery};
 use crate::types::request::{Input, Request};
 use crate::types::run::{RUN_WAIT_MAX_S, RUNS_AT_ONCE_MAX, RunQuery};
 use crate::types::state::{LockSet, Switch};
+use crate::types::trace::{TRACE_SAMPLES_MAX, TraceQuery};
 use crate::types::upload::ProgramUpload;
 
 /// Optional block skips: numbers from 1 to this.
@@ -332,6 +333,19 @@ fn at_least_one(name: &str, value: Option<u32>) -> Result<(), Fault> {
         Some(0) => Err(Fault::Invalid(format!("{name}=0: write 1 or more"))),
         _ => Ok(()),
     }
+}
+
+/// Which samples are asked for.
+pub(super) fn read_trace(incoming: &IncomingRequest<'_>) -> Result<TraceQuery, Fault> {
+    let QueryValues {
+        from, count, axes, ..
+    } = &incoming.query;
+    at_least_one("count", *count)?;
+    Ok(TraceQuery {
+        from: *from,
+        count: count.unwrap_or(TRACE_SAMPLES_MAX).min(TRACE_SAMPLES_MAX),
+        axes: axes.clone().unwrap_or_default(),
+    })
 }
 
 /// Which part of a planned path is asked for.

@@ -18,6 +18,7 @@ use super::route::{Content, Headers, Query, Route};
 use super::row::Fault;
 use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, ParsedRequest, QueryValues, RequestParts, Row, Topic};
 use super::row_macros::{about_an_output, carried, written};
+use super::trace;
 use crate::types::command::{Command, CommandReply};
 use crate::types::data::{Number, ToolChange, ToolTable, VariableValues, WorkOffsetTable};
 use crate::types::explained::Explanation;
@@ -70,7 +71,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 51] = [
+pub static ROWS: [Row; 52] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -118,6 +119,7 @@ pub static ROWS: [Row; 51] = [
     },
     io::WRITE,
     io::FORCE,
+    trace::TRACE,
     Row {
         routes: &[Route::put::<OverrideChange>(
             "/cs/{cs}/overrides",

@@ -35,6 +35,8 @@ pub enum Query {
     Runs,
     /// `dialect`: of the program that is stored.
     Dialect,
+    /// `from`, `count` and `axes`: which samples.
+    Trace,
     /// `cs`: the coordinate system that runs a program.
     RunBy,
     /// The same, `tolerance`, `from` and `count`: a part of a planned path.

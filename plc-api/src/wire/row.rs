@@ -238,6 +238,8 @@ pub struct QueryValues {
     pub cs: Option<CoordinateSystemNumber>,
     /// How exact a path is to be, mm.
     pub tolerance: Option<f64>,
+    /// Letters of axes.
+    pub axes: Option<String>,
 }
 
 /// How a request came in.

@@ -25,6 +25,7 @@ use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use crate::types::run::{PARTS_MAX, RunOrder, RunQuery};
 use crate::types::state::{LockSet, SpindleDirection};
+use crate::types::trace::TraceQuery;
 use crate::types::upload::{Hashes, ProgramCondition, ProgramUpload};
 use crate::types::{BootId, Timestamp};
 
@@ -85,6 +86,7 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::PlannedPath(..)
         | Request::Rehearsal(..)
         | Request::LineState(..)
+        | Request::Trace(..)
         | Request::Run { .. }
         | Request::Runs(_)
         | Request::Explain(_)
@@ -348,7 +350,7 @@ fn of_programs() -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(1..=255_u8), "[a-z0-9]{1,8}", any::<bool>(), 0..18);
+    let parts = (any::<u16>(), text(), proptest::option::of(1..=255_u8), "[a-z0-9]{1,8}", any::<bool>(), 0..19);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::CheckProgram(number),
@@ -366,6 +368,7 @@ fn of_machine() -> impl Strategy<Value = Request> {
         14 => Request::PutInFolder(number, ProgramFolder { folder: text }),
         15 => Request::ManualPath(cs.unwrap_or(1), ManualText { text }),
         16 => Request::ManualRehearsal(cs.unwrap_or(1), ManualText { text }),
+        17 => Request::Trace(cs.unwrap_or(1), TraceQuery { from: number.into(), count: u32::from(number % 6000) + 1, axes: if online { "XZ".into() } else { String::new() } }),
         12 => Request::Runs(RunQuery { cs, from: number.into(), count: u32::from(number % 1000) + 1 }),
         _ => Request::Handlers,
     })
@@ -478,6 +481,7 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
             dialect: value("dialect"),
             cs: value("cs").map(|cs| cs.parse().unwrap()),
             tolerance: value("tolerance").map(|tolerance| tolerance.parse().unwrap()),
+            axes: value("axes"),
         },
         source: Source::Http(&Head(exchange.headers)),
     };

@@ -16,6 +16,7 @@ mod metrics;
 mod mqtt;
 mod mqtt_socket;
 mod mtconnect;
+mod neighbours;
 mod opened;
 mod origin;
 mod places;
@@ -47,6 +48,7 @@ use access::{LiveTokens, Users};
 use broker::{Broker, BrokerAccess};
 use broker_address::BrokerAddress;
 use machine::Machine;
+use neighbours::{Listener, Neighbours};
 use server::LimitedListener;
 use settings::bind;
 use shared::{MqttServer, Shared};
@@ -120,6 +122,8 @@ impl Gateway {
             }
             None => (None, BrokerAddress::of_settings(&settings.mqtt)?),
         };
+        let addresses = settings.hmi.machines.clone();
+        let neighbours = Neighbours::new(&settings.machine, addresses, broker.is_none());
         let position_interval = settings.position_interval();
         let stop = CancellationToken::new();
         let mtconnect = mtconnect::start(&settings, port, &stop).await?;
@@ -133,7 +137,18 @@ impl Gateway {
             stop.clone(),
         )
         .with_hmi(settings.hmi)
+        .with_neighbours(Arc::clone(&neighbours))
         .with_entrance(broker.as_ref().and_then(|broker| broker.entrance(&settings.mqtt)));
+        if broker.is_none() {
+            let listener = Listener {
+                neighbours,
+                at: BrokerAddress::of_settings(&settings.mqtt)?,
+                client_id: format!("{}-machines", mqtt::client_id(&settings.mqtt, &settings.machine)),
+                base: settings.mqtt.base(),
+                stop: stop.clone(),
+            };
+            shared.tasks.spawn(listener.run());
+        }
         let mqtt = MqttEnd::start(mqtt::Parts {
             machine,
             // an external broker has users of its own

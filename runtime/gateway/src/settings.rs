@@ -36,6 +36,8 @@ pub struct GatewaySettings {
     /// `[http] allow_origins`: origins whose pages may use HTTP and WebSocket, besides its own; they need tokens. At most
     /// 16.
     pub allow_origins: Vec<String>,
+    /// `[http] public_url`: origin of the HMI as others reach it; `None`: not said.
+    pub public_url: Option<String>,
     /// `[hmi]`: what a machine builder has added to the HMI.
     pub hmi: HmiSettings,
     /// Shortest time between two positions of one coordinate system on MQTT and on a WebSocket, ms. 20 to 10 000.
@@ -58,6 +60,8 @@ pub struct MtconnectSettings {
 pub struct HmiSettings {
     /// `[hmi] dir`: folder that is served below `/hmi/`; `None`: none.
     pub dir: Option<PathBuf>,
+    /// `[hmi] machines`: origins of further machines on one page, at most 31.
+    pub machines: Vec<String>,
     /// Files and folders that must not lie in `dir`, nor around it.
     pub secrets: Vec<PathBuf>,
     /// `[[hmi.button]]` and `[[hmi.card]]`.
@@ -99,6 +103,7 @@ impl Default for GatewaySettings {
             tokens: None,
             mtconnect: None,
             allow_origins: Vec::new(),
+            public_url: None,
             hmi: HmiSettings::default(),
             position_interval_ms: 100,
         }
@@ -146,6 +151,9 @@ pub(crate) const SHDR_LISTEN: &str = "[mtconnect] shdr_listen";
 /// Origins of others that may be allowed. Reason: each request is compared with them.
 pub const ORIGINS_MAX: usize = 16;
 
+/// Addresses of further machines. Reason: the page connects to each, and with this one they are 32.
+pub const MACHINES_MAX: usize = 31;
+
 /// Why a setting is refused that opens the server to others.
 const NEEDS_USERS: &str =
     "this needs users; make tokens with tandem token and name their file in [http] token_file";
@@ -170,6 +178,7 @@ impl GatewaySettings {
         problems.extend(self.mqtt.transport().err());
         problems.extend(self.shdr_address().err());
         problems.extend(self.origin_problem());
+        problems.extend(self.machines_problem());
         problems.extend(self.websocket_problem());
         let wrong_dir = self.hmi.dir.as_ref().and_then(|dir| {
             let text = folder_problem(dir, &self.hmi.secrets)?;
@@ -226,6 +235,31 @@ impl GatewaySettings {
         wrong(other, text.to_owned())
     }
 
+    /// What is wrong with the addresses of this machine and of others.
+    fn machines_problem(&self) -> Option<GatewayError> {
+        let wrong = |setting, value: &str, text: String| {
+            Some(GatewayError::Setting {
+                setting,
+                value: value.to_owned(),
+                text,
+            })
+        };
+        let form = "write an address as browsers do, without a path, such as http://mill-2:8080";
+        let machines = &self.hmi.machines;
+        if let Some(own) = self.public_url.as_ref().filter(|url| !is_origin(url)) {
+            return wrong("[http] public_url", own, form.to_owned());
+        }
+        if let Some(other) = machines.iter().find(|url| !is_origin(url)) {
+            return wrong("[hmi] machines", other, form.to_owned());
+        }
+        let last = machines.get(MACHINES_MAX)?;
+        wrong(
+            "[hmi] machines",
+            last,
+            format!("at most {MACHINES_MAX} machines are shown beside this one"),
+        )
+    }
+
     /// Shortest time between two positions.
     pub(crate) fn position_interval(&self) -> Duration {
         Duration::from_millis(self.position_interval_ms)
@@ -270,7 +304,6 @@ impl GatewaySettings {
     }
 
     fn check_values(&self) -> Result<(), GatewayError> {
-        let machine_allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
         let wrong = |setting, value: &str, text: &str| {
             Err(GatewayError::Setting {
                 setting,
@@ -278,7 +311,7 @@ impl GatewaySettings {
                 text: text.to_owned(),
             })
         };
-        if !(1..=32).contains(&self.machine.len()) || !self.machine.chars().all(machine_allowed) {
+        if !is_machine_name(&self.machine) {
             return wrong(
                 "[machine] name",
                 &self.machine,
@@ -317,11 +350,22 @@ impl MqttSettings {
 
     /// Root of all topics of a machine, with its last slash.
     pub fn root(&self, machine: &str) -> String {
+        format!("{}{machine}/", self.base())
+    }
+
+    /// What is before the names of machines in topics.
+    pub(crate) fn base(&self) -> String {
         match self.prefix.as_str() {
-            "" => format!("tandem/v1/{machine}/"),
-            prefix => format!("{prefix}/tandem/v1/{machine}/"),
+            "" => "tandem/v1/".to_owned(),
+            prefix => format!("{prefix}/tandem/v1/"),
         }
     }
+}
+
+/// Whether a machine may have this name.
+pub(crate) fn is_machine_name(name: &str) -> bool {
+    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    (1..=32).contains(&name.len()) && name.chars().all(allowed)
 }
 
 /// Whether this is empty or made of topic levels that every broker accepts: topics that begin with `$` are reserved.

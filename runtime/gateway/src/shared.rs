@@ -18,6 +18,7 @@ use crate::access::http::Access;
 use crate::broker::Entrance;
 use crate::machine::{Authorized, Machine};
 use crate::metrics::Metrics;
+use crate::neighbours::Neighbours;
 use crate::problem::Problem;
 use crate::settings::{HmiSettings, MqttSettings};
 
@@ -82,6 +83,8 @@ pub(crate) struct Shared {
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
     pub(crate) hmi: HmiSettings,
+    /// Other machines.
+    pub(crate) neighbours: Arc<Neighbours>,
     /// The embedded broker, for clients over WebSocket.
     pub(crate) entrance: Option<Entrance>,
     commands: AtomicU64,
@@ -113,6 +116,7 @@ impl Shared {
             tasks: TaskTracker::new(),
             stop,
             hmi: HmiSettings::default(),
+            neighbours: Neighbours::new("", Vec::new(), false),
             entrance: None,
             commands: AtomicU64::new(1),
             connections: AtomicU64::new(1),
@@ -122,6 +126,11 @@ impl Shared {
     /// The same with what a machine builder has added to the HMI.
     pub(crate) fn with_hmi(self, hmi: HmiSettings) -> Self {
         Self { hmi, ..self }
+    }
+
+    /// The same with other machines.
+    pub(crate) fn with_neighbours(self, neighbours: Arc<Neighbours>) -> Self {
+        Self { neighbours, ..self }
     }
 
     /// The same, to be shared, with a broker that clients reach over WebSocket.

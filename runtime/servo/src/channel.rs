@@ -17,6 +17,7 @@ use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
 use crate::spindle::{Orientation, SpindleLink, SpindleState};
 use crate::splice::{SPLICES_MAX, Splice};
+use crate::trace::{Cycle, Trace, Tracer};
 
 /// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
 pub const CONTROLS_MAX: usize = 64;
@@ -35,6 +36,7 @@ pub struct Channel {
     pub(crate) splices: Consumer<Splice>,
     pub(crate) unread: Producer<Consumer<Profile>>,
     pub(crate) readings: Arc<Readings>,
+    pub(crate) tracer: Tracer,
     pub(crate) period_s: f64,
     /// Change of the time base per second towards the override.
     pub(crate) override_slope: f64,
@@ -116,6 +118,8 @@ pub struct ChannelHandle {
     pub events: Consumer<Event>,
     /// The last cycle's values.
     pub readings: Arc<Readings>,
+    /// The cycles of the last minute.
+    pub trace: Arc<Trace>,
 }
 
 /// Both ends of a coordinate system with these motors, at rest where they stand. At most `profiles_max` profiles wait
@@ -139,6 +143,8 @@ pub(crate) fn channel(
         homed: motors.homed(),
         ..Reading::default()
     });
+    let period_s = settings.servo_period_s;
+    let tracer = Tracer::new(settings.axes(), period_s);
     let handle = ChannelHandle {
         profiles: profiles_in,
         controls: controls_in,
@@ -146,8 +152,8 @@ pub(crate) fn channel(
         unread: unread_out,
         events: events_out,
         readings: readings.clone(),
+        trace: tracer.trace(),
     };
-    let period_s = settings.servo_period_s;
     let channel = Channel {
         profiles,
         controls,
@@ -155,6 +161,7 @@ pub(crate) fn channel(
         splices,
         unread,
         readings,
+        tracer,
         period_s,
         override_slope: slope(settings.override_slew_ms),
         hold_slope: slope(settings.hold_slew_ms),
@@ -269,6 +276,29 @@ impl Channel {
         }
     }
 
+    /// Commanded speed over X, Y, Z, mm/min; deg/min over the other axes when X, Y, Z rest.
+    fn feedrate_mm_min(&self) -> f64 {
+        let orthogonal = self.velocity.orthogonal_length();
+        let speed = if orthogonal > 0.0 {
+            orthogonal
+        } else {
+            self.velocity.rotary_length()
+        };
+        speed * 60.0
+    }
+
+    /// Keeps the cycle for those who look back.
+    pub(crate) fn keep_trace(&mut self, time_s: f64) {
+        self.tracer.see(&Cycle {
+            time_s,
+            feedrate_mm_min: self.feedrate_mm_min(),
+            spindle_rpm: self.spindle_state().rpm,
+            commanded: self.setpoint,
+            actual: self.motors.actual(),
+            velocity: self.velocity,
+        });
+    }
+
     pub(crate) fn publish(&self, time_s: f64) {
         let running = self.current.as_ref();
         let spindle = self.spindle_state();
@@ -277,19 +307,13 @@ impl Channel {
         } else {
             0.0
         };
-        let orthogonal = self.velocity.orthogonal_length();
-        let speed = if orthogonal > 0.0 {
-            orthogonal
-        } else {
-            self.velocity.rotary_length()
-        };
         self.readings.write(&Reading {
             time_s,
             commanded: MachinePosition(self.setpoint),
             actual: MachinePosition(self.motors.actual()),
             homed: self.motors.homed(),
             distance_to_go: running.map_or(AxisVector::ZERO, |profile| profile.target().minus(self.setpoint)),
-            feedrate_mm_min: speed * 60.0,
+            feedrate_mm_min: self.feedrate_mm_min(),
             rate: moving_rate,
             segment: self.last_segment,
             plan_s: self.place().plan_s,

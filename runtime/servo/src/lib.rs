@@ -32,6 +32,7 @@ mod splice;
 mod splicing;
 #[cfg(test)]
 mod testing;
+mod trace;
 
 pub use bus::{BusCounts, Command, CycleResult, DriveBus, Feedback};
 pub use channel::{CONTROLS_MAX, Channel, ChannelHandle, EVENTS_MAX};
@@ -43,3 +44,4 @@ pub use simulated_bus::SimulatedBus;
 pub use simulated_spindle::SimulatedSpindle;
 pub use spindle::{Orientation, Spindle, SpindleState, ThreadStep};
 pub use splice::Splice;
+pub use trace::{TRACE_SAMPLES, Trace, TraceMotion, TraceSample};

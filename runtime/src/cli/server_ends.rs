@@ -87,6 +87,7 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
             shdr_listen: mtconnect.shdr_listen.clone(),
         }),
         allow_origins: config.http.allow_origins.clone(),
+        public_url: config.http.public_url.clone(),
         hmi: hmi_settings(config),
         ..GatewaySettings::default()
     };
@@ -111,6 +112,7 @@ fn hmi_settings(config: &Config) -> HmiSettings {
     ];
     HmiSettings {
         dir: config.hmi.dir.as_ref().map(in_folder),
+        machines: config.hmi.machines.clone(),
         secrets: secrets.into_iter().flatten().map(in_folder).collect(),
         added: Hmi {
             buttons: config.hmi.button.clone(),

@@ -36,6 +36,8 @@ pub struct Machine {
     pub servo_late_ms: u64,
     /// How old a presence of the runtime may become, ms.
     pub presence_expires_ms: u64,
+    /// Address of its HMI as others reach it.
+    pub public_url: Option<String>,
     /// Folder of what is kept; `None`: nothing is kept.
     pub data_dir: Option<PathBuf>,
     /// Motors, ascending by number.

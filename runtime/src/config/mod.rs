@@ -390,7 +390,8 @@ pub struct MCodeConfig {
     pub redelivery: Option<plc_api::types::output::Redelivery>,
     /// What the state shows while the program waits for it.
     pub wait_state: Option<String>,
-    /// What the stock sequence program does.
+    /// What the stock sequence program does where no handler is registered. `select_tool` says of the M code that VA is the tool
+    /// that it brings into the spindle: the path and the times that are planned ahead count on it, whoever does the work.
     pub stock: Option<Stock>,
     /// Group of M codes of which a start from a line puts the newest out again that the program has before that line: M codes
     /// of a group end each other, such as those of the coolant. Default `spindle` for M03, M04, M05 and M19, `tool` where
@@ -516,6 +517,9 @@ pub struct HttpConfig {
     /// Origins of pages of others that may use REST and WebSocket with a token, such as `https://hmi.example.com`; needs
     /// `token_file`.
     pub allow_origins: Vec<String>,
+    /// Address of this HMI as others reach it, such as `http://mill-1:8080`: the machine tells it over MQTT, and pages that show
+    /// several machines lead there.
+    pub public_url: Option<String>,
 }
 
 impl Default for HttpConfig {
@@ -524,6 +528,7 @@ impl Default for HttpConfig {
             listen: "127.0.0.1:8080".into(),
             token_file: None,
             allow_origins: Vec::new(),
+            public_url: None,
         }
     }
 }

@@ -144,6 +144,7 @@ impl Config {
             servo_period_us: self.machine.servo_period_us,
             servo_late_ms: self.machine.servo_late_ms,
             presence_expires_ms: self.machine.presence_expires_ms,
+            public_url: self.http.public_url.clone(),
             data_dir: Some(self.base_dir.join(&self.machine.data_dir)),
             motors: motors.into_values().collect(),
             coordinate_systems,

@@ -138,7 +138,11 @@ impl CoordinateSystem {
             lease: ControlLease::new(number, shared.now()),
             context: Context {
                 number,
-                view: Arc::new(View::new(&configured.settings, Arc::clone(&handle.readings))),
+                view: Arc::new(View::new(
+                    &configured.settings,
+                    Arc::clone(&handle.readings),
+                    Arc::clone(&handle.trace),
+                )),
                 variables: shared.tables.variables(number),
                 configured,
                 shared,
@@ -321,7 +325,14 @@ impl CoordinateSystem {
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
         if let Some(run) = self.run.take() {
             let (outcome, reason) = why.at_rest();
-            let end = RunEnd::CutShort { outcome, reason };
+            let executing = self.context.view.executing();
+            let has_run = executing.line > 0 && executing.program != 0;
+            let end = RunEnd::CutShort {
+                outcome,
+                reason,
+                program: has_run.then_some(executing.program),
+                line: has_run.then_some(executing.line),
+            };
             self.context.record(Happened::End(end));
             self.past.jogs.remember(&run.kind);
             self.on_run_given_up(&run, why.at_rest());

@@ -7,11 +7,12 @@ use std::time::Duration;
 use parking_lot::Mutex;
 use plc_api::types::heartbeat::Heartbeat;
 use plc_api::types::state::{CallSite, Position, ProgramPlace};
+use plc_api::types::trace::{Trace, TraceAxis, TraceQuery};
 use tandem_model::flow::Transform;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{AxisSet, AxisVector, MachinePosition, Origin};
+use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
 use tandem_path::work_position;
-use tandem_servo::Readings;
+use tandem_servo::{Readings, Trace as ServoTrace, TraceMotion, TraceSample};
 
 use crate::program_store::{ProgramStore, StoredProgram};
 
@@ -21,6 +22,7 @@ pub(crate) struct View {
     axes: AxisSet,
     servo_period: Duration,
     readings: Arc<Readings>,
+    trace: Arc<ServoTrace>,
     place: Mutex<Place>,
 }
 
@@ -42,11 +44,12 @@ pub(super) struct Place {
 }
 
 impl View {
-    pub fn new(settings: &CoordinateSystemSettings, readings: Arc<Readings>) -> Self {
+    pub fn new(settings: &CoordinateSystemSettings, readings: Arc<Readings>, trace: Arc<ServoTrace>) -> Self {
         Self {
             axes: settings.axes(),
             servo_period: Duration::from_secs_f64(settings.servo_period_s),
             readings,
+            trace,
             place: Mutex::default(),
         }
     }
@@ -160,12 +163,61 @@ impl View {
         }
     }
 
+    /// What its axes did lately, without the time of day.
+    ///
+    /// # Errors
+    /// The letter of an axis that it has not.
+    pub fn trace(&self, query: &TraceQuery) -> Result<Trace, char> {
+        let axes = self.trace.axes();
+        let known = |letter: &char| axes.iter().any(|axis| axis.letter() == *letter);
+        if let Some(other) = query.axes.chars().find(|letter| !known(letter)) {
+            return Err(other);
+        }
+        let count = usize::try_from(query.count).unwrap_or(usize::MAX);
+        let (first, samples) = self.trace.read(u64::from(query.from), count);
+        let common =
+            |value: fn(&TraceSample) -> f64| samples.iter().map(|sample| rounded(value(sample))).collect();
+        let of_axis = |index: usize| {
+            let column = |value: fn(&TraceMotion) -> f64| {
+                let values = samples.iter().filter_map(|sample| sample.motions.get(index));
+                values.map(|motion| rounded(value(motion))).collect()
+            };
+            TraceAxis {
+                position: column(|motion| motion.position),
+                velocity: column(|motion| motion.velocity),
+                acceleration: column(|motion| motion.acceleration),
+                following_error: column(|motion| motion.following_error),
+            }
+        };
+        let wanted = |axis: &Axis| query.axes.is_empty() || query.axes.contains(axis.letter());
+        let wanted = axes.iter().enumerate().filter(|(_, axis)| wanted(axis));
+        let number = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
+        Ok(Trace {
+            interval_s: self.trace.interval_s(),
+            first: number(first),
+            next: number(first + samples.len() as u64),
+            now_s: rounded(self.readings.read().time_s),
+            time_s: common(|sample| sample.time_s),
+            feedrate: common(|sample| sample.feedrate_mm_min),
+            spindle_rpm: common(|sample| sample.spindle_rpm),
+            axes: wanted
+                .map(|(index, axis)| (axis.letter().to_string(), of_axis(index)))
+                .collect(),
+            ..Trace::default()
+        })
+    }
+
     fn by_letter(&self, values: AxisVector) -> BTreeMap<String, f64> {
         self.axes
             .iter()
             .map(|axis| (axis.letter().to_string(), finite(values[axis])))
             .collect()
     }
+}
+
+/// To a millionth: the rest is no use to anybody, and makes JSON long.
+fn rounded(value: f64) -> f64 {
+    finite((value * 1e6).round() / 1e6)
 }
 
 // JSON has no word for what is not a number; the stages never give one, and no reader shall fail if they did.

@@ -169,7 +169,14 @@ fn of_runs() -> Vec<(Event, &'static str)> {
         positions: vec![10.0, -7.25],
         captured: vec![false, true],
     };
-    let cut_short = |outcome, reason| Event::End(RunEnd::CutShort { outcome, reason });
+    let cut_short = |outcome, reason| {
+        Event::End(RunEnd::CutShort {
+            outcome,
+            reason,
+            program: None,
+            line: None,
+        })
+    };
     let completed = RunEnd::Completed {
         outcome: Execution::ProgramCompleted,
     };

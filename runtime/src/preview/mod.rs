@@ -22,8 +22,9 @@ use parking_lot::{Condvar, Mutex};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::line_start::{LineStart, LineState};
 use plc_api::types::message::Payload;
-use plc_api::types::planned::{PathQuery, PlannedPath, Rehearsal};
+use plc_api::types::planned::{PathQuery, PlannedPath, Rehearsal, RehearsedRun};
 use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::run::TimeLeft;
 use plc_api::types::state::{Execution, Overrides, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::Axis;
@@ -37,6 +38,9 @@ use plan::{Moment, Plan};
 
 /// How often the thread looks whether something has changed.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
+
+/// How often the time left is told.
+const TIME_LEFT_INTERVAL: Duration = Duration::from_secs(1);
 
 /// How long a request waits for a plan that is not complete: that of a short program is there then.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -153,26 +157,28 @@ impl Previews {
         let content = plan.content();
         let mut rehearsal = rehearsed::rehearsal(&plan, &content);
         let inner = &self.inner;
-        let state = state_of(&inner.shared, cs).unwrap_or_default();
-        let runs = is_running(&state) && state.program == Some(plan.conditions.main.number);
-        if runs
-            && content.is_complete()
-            && let Some((_, view)) = inner.system(cs)
-            && !view.began_at_line()
-        {
-            let (segment, executing, since_s) = view.segment();
-            let at = view.commanded().0;
-            let moment = Moment {
-                segment,
-                executing,
-                elapsed_s: inner.shared.clock.now_s() - since_s,
-                is_waiting: state.waiting_on.is_some(),
-                at: Axis::ORTHOGONAL.map(|axis| chunk::single(at[axis])),
-            };
-            let overrides = overrides_of(&inner.shared, cs);
-            rehearsal.run = Some(rehearsed::run(&content, &moment, &overrides));
-        }
+        rehearsal.run = inner.run_now(cs, &plan);
         Ok(rehearsal)
+    }
+
+    /// Says once a second how long the programs that run take to their ends.
+    pub fn tell_time_left(&self) -> impl Future<Output = ()> + use<> {
+        let inner = Arc::clone(&self.inner);
+        async move {
+            let mut interval = tokio::time::interval(TIME_LEFT_INTERVAL);
+            interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+            loop {
+                tokio::select! {
+                    () = inner.shared.closing.cancelled() => return,
+                    _ = interval.tick() => {}
+                }
+                for (configured, _) in &inner.systems {
+                    let cs = configured.settings.number;
+                    let time_left = Payload::TimeLeft(inner.time_left(cs));
+                    inner.shared.publish(Topic::cs(cs, CsTopic::TimeLeft), time_left);
+                }
+            }
+        }
     }
 
     /// What is in force at a line of the loaded program: a function, which takes its time, for a thread that may wait.
@@ -295,6 +301,41 @@ impl Inner {
             });
         }
         Ok(())
+    }
+
+    /// How far the run of a planned program is; `None`: it does not run, it has begun at a line, or its plan is not complete.
+    fn run_now(&self, cs: CoordinateSystemNumber, plan: &Plan) -> Option<RehearsedRun> {
+        let state = state_of(&self.shared, cs)?;
+        let runs = is_running(&state) && state.program == Some(plan.conditions.main.number);
+        let (_, view) = self.system(cs)?;
+        let content = plan.content();
+        if !runs || !content.is_complete() || view.began_at_line() {
+            return None;
+        }
+        let (segment, executing, since_s) = view.segment();
+        let at = view.commanded().0;
+        let moment = Moment {
+            segment,
+            executing,
+            elapsed_s: self.shared.clock.now_s() - since_s,
+            is_waiting: state.waiting_on.is_some(),
+            at: Axis::ORTHOGONAL.map(|axis| chunk::single(at[axis])),
+        };
+        let overrides = overrides_of(&self.shared, cs);
+        Some(rehearsed::run(&content, &moment, &overrides))
+    }
+
+    /// How long the program that runs takes to its end, to a tenth of a second, and which share of it is done, to a thousandth.
+    fn time_left(&self, cs: CoordinateSystemNumber) -> TimeLeft {
+        let state = state_of(&self.shared, cs).filter(is_running);
+        let program = state.and_then(|state| self.shared.store.get(state.program?));
+        // one that began at once after its load is planned while it runs
+        let plan = program.and_then(|program| self.look(cs, &program));
+        let run = plan.and_then(|plan| self.run_now(cs, &plan));
+        TimeLeft {
+            left_s: run.map(|run| (run.left_s * 10.0).round() / 10.0),
+            progress: run.map(|run| (run.progress * 1000.0).round() / 1000.0),
+        }
     }
 
     /// The plan of a program as it would run now; when there is none, it is wanted.

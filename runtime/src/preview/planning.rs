@@ -219,19 +219,20 @@ impl Planning<'_> {
         Ok(())
     }
 
-    /// The stock sequence program selects the tool that is known; what a handler does is not.
+    /// An M code that is configured to select a tool does so, whoever does its work. What else a handler does is not known.
     fn select_tool(&mut self, output: &Output, settings: Option<&MCodeSettings>) {
-        let is_stock = settings.is_some_and(|settings| settings.stock == Some(Stock::SelectTool));
-        if is_stock
-            && !self
-                .shared
-                .is_handled(self.plan.conditions.configured.settings.number, output.m)
-            && let Ok(id) = stock::selected_tool(output.m, output.params[0])
-        {
-            self.tool = Some(id);
-        } else {
-            self.has_put_out = true;
-        }
+        let cs = self.plan.conditions.configured.settings.number;
+        let selected = match settings {
+            Some(settings) if selects_tool(settings) => stock::selected_tool(output.m, output.params[0]).ok(),
+            _ => None,
+        };
+        self.tool = selected.or(self.tool);
+        self.has_put_out |= selected.is_none() || self.shared.is_handled(cs, output.m);
+    }
+
+    /// Without an M code that is configured to select tools, any handler may.
+    fn any_may_select(&self) -> bool {
+        !self.shared.machine.m_codes.values().any(selects_tool)
     }
 
     /// How long a program waits for an M code; `None`: nobody knows.
@@ -272,7 +273,7 @@ impl Planning<'_> {
                 began,
                 "it reads a variable that the handler of an M code before it may set",
             );
-        } else if takes_tool(text) {
+        } else if takes_tool(text) && self.any_may_select() {
             self.depend(
                 began,
                 "it takes the tool that the handler of an M code before it selects",
@@ -331,6 +332,10 @@ impl Planning<'_> {
         self.content.at = at.map(|Origin { program, line, .. }| PlannedPlace { program, line });
         self.publish();
     }
+}
+
+fn selects_tool(settings: &MCodeSettings) -> bool {
+    settings.stock == Some(Stock::SelectTool)
 }
 
 /// True for a block with a word that reads the tool in the spindle.

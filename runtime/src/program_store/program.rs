@@ -320,17 +320,32 @@ impl StoredProgram {
 
 /// True when a text may name P or Q variables, or values of the machine.
 pub(crate) fn mentions_variables(text: &str) -> bool {
-    let mut before = b' ';
-    let mut bytes = text.bytes().peekable();
-    while let Some(byte) = bytes.next() {
-        let next = bytes.peek().copied().unwrap_or(b' ');
+    let bytes = text.as_bytes();
+    // the character before, and the last one that is no space
+    let (mut before, mut last) = (b' ', b' ');
+    for (at, &byte) in bytes.iter().enumerate() {
+        let next = bytes.get(at + 1).copied().unwrap_or(b' ');
         let is_name = matches!(byte, b'P' | b'p' | b'Q' | b'q') && (next.is_ascii_digit() || next == b'[');
-        if byte == b'_' || is_name && !before.is_ascii_alphanumeric() {
+        let is_named = is_name && !before.is_ascii_alphanumeric();
+        if byte == b'_' || is_named && !is_word(last, &bytes[at + 1..]) {
             return true;
         }
         before = byte;
+        if !matches!(byte, b' ' | b'\t') {
+            last = byte;
+        }
     }
     false
+}
+
+/// Whether P or Q is an address, as in `M98 P1001`: it follows the value of another word, and nothing is assigned to it. What is
+/// in brackets behind it is looked at by itself.
+fn is_word(last: u8, rest: &[u8]) -> bool {
+    let follows_value = last.is_ascii_digit() || matches!(last, b'.' | b']');
+    let mut behind = rest
+        .iter()
+        .skip_while(|byte| byte.is_ascii_digit() || **byte == b' ');
+    follows_value && behind.next() != Some(&b'=')
 }
 
 /// Diagnostics with lines and columns instead of byte offsets.
@@ -420,10 +435,20 @@ mod tests {
             "(Q17)",
             "if (q3 > 1) {",
             "X_CNC_CapturedPosition[1]",
+            "N40 P1 = 3",
+            "G01 X P1",
+            "M98 P[Q1]",
         ] {
             assert!(mentions_variables(text), "{text}");
         }
-        for text in ["G01 X10 F100", "L1 = 3", "// POCKET", "STOP 1"] {
+        for text in [
+            "G01 X10 F100",
+            "L1 = 3",
+            "// POCKET",
+            "STOP 1",
+            "N40 M98 P1001",
+            "G84 X[L2] Z-8. R3 P100 Q2",
+        ] {
             assert!(!mentions_variables(text), "{text}");
         }
     }

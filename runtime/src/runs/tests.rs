@@ -57,6 +57,8 @@ fn cut_short(reason: Option<Reason>) -> Event {
     Event::End(RunEnd::CutShort {
         outcome: Execution::Stopped,
         reason,
+        program: Some(7),
+        line: Some(12),
     })
 }
 
@@ -117,7 +119,9 @@ fn a_run_that_is_cut_short_tells_by_what() {
         book.on(1, &Event::Alarm(RaisedAlarm::OfThis(Box::new(alarm))), at(1.0));
         book.on(1, &cut_short(reason), at(2.0));
         let run = book.run("b-1-1", 9.0).unwrap();
-        assert_eq!(run.end.unwrap().how, wanted);
+        let end = run.end.unwrap();
+        assert_eq!(end.how, wanted);
+        assert_eq!(end.place, Some(PlannedPlace { program: 7, line: 12 }));
         assert_eq!((run.alarms[0].number, run.alarms[0].line), (101, Some(3)));
         assert_eq!((run.parts_done, run.took_s), (0, 2.0));
         assert_eq!(book.production()[0].cut_short, 1);
@@ -190,7 +194,9 @@ fn what_is_kept_goes_on_and_a_run_that_was_open_was_ended_by_the_restart() {
         production: book.production(),
     };
     let mut later = RunBook::default();
-    later.restore(kept, UNIX_EPOCH + Duration::from_secs(100));
+    let place = PlannedPlace { program: 7, line: 3 };
+    let place_of = |run: &Run| (run.id == "a-1-4").then_some(place);
+    later.restore(kept, place_of, UNIX_EPOCH + Duration::from_secs(100));
     let query = RunQuery {
         cs: None,
         from: 1,
@@ -199,10 +205,9 @@ fn what_is_kept_goes_on_and_a_run_that_was_open_was_ended_by_the_restart() {
     let ids: Vec<_> = later.runs(query).runs.into_iter().map(|run| run.id).collect();
     assert_eq!(ids, ["a-1-3", "a-1-2"]);
     let cut = later.state(1).run.unwrap();
-    assert_eq!(
-        (cut.id.as_str(), cut.end.unwrap().how),
-        ("a-1-4", RunEndedHow::Restarted)
-    );
+    let end = cut.end.unwrap();
+    assert_eq!((cut.id.as_str(), end.how), ("a-1-4", RunEndedHow::Restarted));
+    assert_eq!(end.place, Some(place));
     let made = &later.production()[0];
     assert_eq!((made.parts, made.cut_short), (3, 1));
     assert!(later.open(1).is_none(), "nothing goes on by itself");

@@ -453,14 +453,14 @@ pub(super) struct Connector {
 impl Connect for Connector {
     type Wire = ModelWire;
 
-    fn open(&self, _: usize, client_id: &str, will: LastWill, _: Version) -> ModelWire {
-        let will = Message {
+    fn open(&self, _: usize, client_id: &str, will: Option<LastWill>, _: Version) -> ModelWire {
+        let will = will.map(|will| Message {
             topic: will.topic,
             payload: will.message.to_vec(),
             qos: 1,
             retain: will.retain,
-        };
-        let mut wire = self.broker.open(client_id, Some(will));
+        });
+        let mut wire = self.broker.open(client_id, will);
         wire.is_mortal = true;
         wire
     }

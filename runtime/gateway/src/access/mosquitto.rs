@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::{Role, Tokens};
 use crate::contract::topics::inbound_topics;
+use crate::neighbours;
 
 /// The text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, the only one that may
 /// publish states. `root` is the machine's topic root with its last slash.
@@ -17,6 +18,14 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
             text,
             "\n# the runtime itself ([mqtt] username)\nuser {user}\ntopic readwrite {root}#\n"
         );
+        let base = root
+            .trim_end_matches('/')
+            .rsplit_once('/')
+            .map_or("", |(base, _)| base);
+        let _ = writeln!(text, "# what it shows of other machines on the page of several");
+        for topic in neighbours::topics() {
+            let _ = writeln!(text, "topic read {base}/+/{topic}");
+        }
     }
     for (name, role) in tokens.users() {
         let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.word());

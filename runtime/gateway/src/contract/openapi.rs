@@ -229,13 +229,16 @@ fn parameters(route: &Route) -> Vec<Value> {
     if matches!(route.query, Query::Path | Query::RunBy) {
         parameters.push(json!({"name": "cs", "in": "query", "schema": {"type": "integer", "minimum": 1, "maximum": 255}, "description": "The coordinate system that runs it; without it the first one in which it is loaded, or the first one of all."}));
     }
+    if route.query == Query::Trace {
+        parameters.push(json!({"name": "axes", "in": "query", "schema": {"type": "string", "maxLength": 9}, "description": "Letters of the axes, such as XZ; without it all."}));
+    }
     if route.query == Query::Path {
         parameters.push(json!({"name": "tolerance", "in": "query", "schema": {"type": "number", "minimum": PATH_TOLERANCE_MM}, "description": "How far a point of the path may be from the lines, mm: levels of detail that are finer than needed are left out."}));
     }
     if route.method == "GET"
         && matches!(
             route.query,
-            Query::Range | Query::Journal | Query::Path | Query::Runs
+            Query::Range | Query::Journal | Query::Path | Query::Runs | Query::Trace
         )
     {
         for (name, minimum) in [("from", 0), ("count", 1)] {

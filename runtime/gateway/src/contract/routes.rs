@@ -8,6 +8,7 @@ use plc_api::types::form::Form;
 use plc_api::wire::ROWS;
 use plc_api::wire::hmi::Hmi;
 use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
+use plc_api::wire::machines::Machines;
 use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Row;
@@ -37,7 +38,7 @@ impl Serves {
 }
 
 /// What the server says itself, and the right that it needs.
-static OWN: [(Option<Right>, Route); 12] = [
+static OWN: [(Option<Right>, Route); 13] = [
     (
         Some(Right::Read),
         Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
@@ -57,6 +58,14 @@ static OWN: [(Option<Right>, Route); 12] = [
             "Buttons and cards that the machine builder has added to the HMI.",
         )
         .gives::<Hmi>(),
+    ),
+    (
+        Some(Right::Read),
+        Route::get(
+            "/machines",
+            "Other machines: those of the configuration, and what those at the shared MQTT broker do.",
+        )
+        .gives::<Machines>(),
     ),
     (
         None,

@@ -189,7 +189,7 @@ impl<C: Connect> Link<C> {
         let will = LastWill::new(topic, offline.to_json(), QoS::AtLeastOnce, true);
         let client_id = client_id(&self.parts.settings, &self.parts.machine_name);
         let mut session = Session {
-            wire: at.open(self.node, &client_id, will, version),
+            wire: at.open(self.node, &client_id, Some(will), version),
             version,
             packet_max: 0,
             warned_of_refusal: false,

@@ -43,8 +43,8 @@ pub trait Connect: Send + Sync + 'static {
     /// A connection.
     type Wire: Wire;
 
-    /// Starts connecting to a node of the broker, with a clean session.
-    fn open(&self, node: usize, client_id: &str, will: LastWill, version: Version) -> Self::Wire;
+    /// Starts connecting to a node of the broker, with a clean session; without a will where it says nothing.
+    fn open(&self, node: usize, client_id: &str, will: Option<LastWill>, version: Version) -> Self::Wire;
 
     /// How many nodes there are.
     fn nodes(&self) -> usize {
@@ -170,7 +170,7 @@ impl Connect for BrokerAddress {
         })
     }
 
-    fn open(&self, node: usize, client_id: &str, will: LastWill, version: Version) -> BrokerWire {
+    fn open(&self, node: usize, client_id: &str, will: Option<LastWill>, version: Version) -> BrokerWire {
         let (host, port) = self.nodes.get(node).cloned().unwrap_or_default();
         let (client, event_loop) = match version {
             Version::V5 => {
@@ -398,7 +398,7 @@ fn network() -> NetworkOptions {
     network
 }
 
-fn options_5(mut options: v5::MqttOptions, at: &BrokerAddress, will: LastWill) -> v5::MqttOptions {
+fn options_5(mut options: v5::MqttOptions, at: &BrokerAddress, will: Option<LastWill>) -> v5::MqttOptions {
     options
         .set_transport(at.transport.clone())
         .set_keep_alive(KEEP_ALIVE)
@@ -406,29 +406,37 @@ fn options_5(mut options: v5::MqttOptions, at: &BrokerAddress, will: LastWill) -
         .set_max_packet_size(Some(PACKET_IN_MAX))
         .set_outgoing_inflight_upper_limit(IN_FLIGHT_MAX)
         .set_connection_timeout(CONNECT_TIMEOUT_S)
-        .set_network_options(network())
-        .set_last_will(mqtt5::LastWill::new(
+        .set_network_options(network());
+    if let Some(will) = will {
+        options.set_last_will(mqtt5::LastWill::new(
             will.topic,
             will.message,
             QoS5::AtLeastOnce,
             will.retain,
             None,
         ));
+    }
     if let Some((user, password)) = &at.credentials {
         options.set_credentials(user, password);
     }
     options
 }
 
-fn options_3(mut options: rumqttc::MqttOptions, at: &BrokerAddress, will: LastWill) -> rumqttc::MqttOptions {
+fn options_3(
+    mut options: rumqttc::MqttOptions,
+    at: &BrokerAddress,
+    will: Option<LastWill>,
+) -> rumqttc::MqttOptions {
     let size = |bytes: u32| usize::try_from(bytes).unwrap_or(usize::MAX);
     options
         .set_transport(at.transport.clone())
         .set_keep_alive(KEEP_ALIVE)
         .set_clean_session(true)
         .set_max_packet_size(size(PACKET_IN_MAX), size(PACKET_OUT_MAX))
-        .set_inflight(IN_FLIGHT_MAX)
-        .set_last_will(will);
+        .set_inflight(IN_FLIGHT_MAX);
+    if let Some(will) = will {
+        options.set_last_will(will);
+    }
     if let Some((user, password)) = &at.credentials {
         options.set_credentials(user, password);
     }

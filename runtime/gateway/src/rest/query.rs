@@ -42,6 +42,8 @@ queries! {
     Runs { cs: Option<CoordinateSystemNumber>, from: u32, count: Option<u32> } =>
         QueryValues { cs, from, count, ..QueryValues::default() };
     #[serde(deny_unknown_fields)]
+    Samples { from: u32, count: Option<u32>, axes: Option<String> } => QueryValues { from, count, axes, ..QueryValues::default() };
+    #[serde(deny_unknown_fields)]
     Path { cs: Option<CoordinateSystemNumber>, tolerance: Option<f64>, from: u32, count: Option<u32> } =>
         QueryValues { cs, tolerance, from, count, ..QueryValues::default() };
     #[serde(deny_unknown_fields)]
@@ -66,6 +68,7 @@ pub(super) fn read(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
         route::Query::Dialect => read_as::<Upload>(uri),
         route::Query::Seconds => read_as::<Seconds>(uri),
         route::Query::Runs => read_as::<Runs>(uri),
+        route::Query::Trace => read_as::<Samples>(uri),
         route::Query::RunBy => read_as::<RunBy>(uri),
         route::Query::Path => read_as::<Path>(uri),
     }

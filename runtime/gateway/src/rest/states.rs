@@ -32,6 +32,7 @@ pub(super) fn own_routes() -> Router<Arc<Shared>> {
         .route("/cs/{cs}/inputs", get(inputs))
         .route("/io", get(all_io))
         .route("/hmi", get(hmi))
+        .route("/machines", get(machines))
         .route("/health", get(health))
         .route("/metrics", get(metrics))
         .route("/login", get(who).post(log_in).delete(log_out))
@@ -60,6 +61,10 @@ pub(super) async fn one(
 
 async fn hmi(State(shared): State<Arc<Shared>>) -> Response {
     json_response(StatusCode::OK, json!(shared.hmi.added).to_string())
+}
+
+async fn machines(State(shared): State<Arc<Shared>>) -> Response {
+    json_text(json!(shared.neighbours.machines()).to_string())
 }
 
 async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {

@@ -96,6 +96,7 @@ impl StubPort {
                 broker: None,
                 version: "0.1.0".into(),
                 expires_ms: None,
+                url: None,
             }),
         );
         stub.say(

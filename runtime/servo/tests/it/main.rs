@@ -20,3 +20,4 @@ mod skip;
 mod spindle;
 mod splice;
 mod tapping;
+mod trace;

@@ -1,0 +1,61 @@
+//! What the axes of a coordinate system did lately, as the servo kept it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::{CoordinateSystemNumber, Timestamp};
+
+/// Samples that are kept, and of one answer at the most.
+pub const TRACE_SAMPLES_MAX: u32 = 6000;
+
+/// Which samples are asked for: of `GET /cs/{n}/trace`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct TraceQuery {
+    /// Number of the first sample; one that is kept no more stands for the oldest.
+    pub from: u32,
+    /// How many, 1 to 6000.
+    pub count: u32,
+    /// Letters of the axes, such as `XZ`; empty: all.
+    pub axes: String,
+}
+
+/// Samples of the last minute, in the order of time: of `GET /cs/{n}/trace`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Trace {
+    /// The coordinate system.
+    pub cs: CoordinateSystemNumber,
+    /// Time between two samples, s: a whole number of servo periods.
+    pub interval_s: f64,
+    /// Number of the first sample here; they count from 0 at the start of the runtime.
+    pub first: u32,
+    /// Number of the sample after the last one here: the next `from`.
+    pub next: u32,
+    /// The time of day now.
+    pub now: Timestamp,
+    /// The same on the clock of the samples, s since the start of the runtime.
+    pub now_s: f64,
+    /// When each sample was taken, s since the start of the runtime.
+    pub time_s: Vec<f64>,
+    /// Commanded speed on the path of each sample, mm/min.
+    pub feedrate: Vec<f64>,
+    /// Actual spindle speed of each sample, r/min; negative counter-clockwise.
+    pub spindle_rpm: Vec<f64>,
+    /// What each axis did, by letter.
+    pub axes: BTreeMap<String, TraceAxis>,
+}
+
+/// What one axis did: a value for each sample, mm or degrees.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct TraceAxis {
+    /// Commanded machine position.
+    pub position: Vec<f64>,
+    /// Commanded velocity of that servo cycle, per second.
+    pub velocity: Vec<f64>,
+    /// Change of the commanded velocity in that servo cycle, per second squared.
+    pub acceleration: Vec<f64>,
+    /// Commanded minus actual position.
+    pub following_error: Vec<f64>,
+}

@@ -1,0 +1,34 @@
+//! The request for what the axes did lately.
+
+use super::answer::json_of;
+use super::payloads::read_trace;
+use super::right::Right::Read;
+use super::route::{Query, Route};
+use super::row::{RequestParts, Row};
+use super::row_macros::written;
+use crate::types::request::Request;
+use crate::types::trace::{Trace, TraceQuery};
+
+/// Samples of the last minute.
+#[allow(
+    clippy::result_large_err,
+    reason = "a request that is not of the row is given back as it is"
+)]
+pub(super) const TRACE: Row = Row {
+    routes: &[Route::get(
+        "/cs/{cs}/trace",
+        "Position, velocity, acceleration and following error of the axes in the last minute, 100 samples a second.",
+    )
+    .gives::<Trace>()
+    .query(Query::Trace)
+    .refusals(&[400])],
+    answer: json_of::<Trace>,
+    ..Row::new(
+        Read,
+        |incoming| Ok(Request::Trace(incoming.cs()?, read_trace(&incoming)?)),
+        written!(Request::Trace(cs, TraceQuery { from, count, axes }) => {
+            let parts = RequestParts::of(cs).query("from", from).query("count", count);
+            if axes.is_empty() { parts } else { parts.query("axes", axes) }
+        }),
+    )
+};

@@ -1,0 +1,65 @@
+//! Other machines at the broker that this one shares with them, for the page of several machines.
+//!
+//! They are listened to over a connection of its own, which only reads, and only while somebody asks: the connection of the
+//! machine itself carries nothing of it. [`registry`] keeps what is heard, [`listener`] hears it.
+
+mod listener;
+mod registry;
+
+use std::sync::Arc;
+
+use parking_lot::Mutex;
+use plc_api::wire::machines::{Machines, SharedBroker};
+use tokio::sync::Notify;
+use tokio::time::Instant;
+
+pub(crate) use listener::{Listener, topics};
+use registry::Registry;
+
+/// The other machines, and those of the configuration.
+#[derive(Debug)]
+pub(crate) struct Neighbours {
+    /// `[hmi] machines`.
+    addresses: Vec<String>,
+    heard: Mutex<Heard>,
+    asked: Notify,
+}
+
+#[derive(Debug)]
+struct Heard {
+    broker: SharedBroker,
+    registry: Registry,
+    asked_at: Instant,
+}
+
+impl Neighbours {
+    /// Of this machine, at an external broker or without one.
+    pub(crate) fn new(machine: &str, addresses: Vec<String>, has_shared_broker: bool) -> Arc<Self> {
+        Arc::new(Self {
+            addresses,
+            heard: Mutex::new(Heard {
+                broker: if has_shared_broker {
+                    SharedBroker::Connecting
+                } else {
+                    SharedBroker::None
+                },
+                registry: Registry::new(machine),
+                asked_at: Instant::now(),
+            }),
+            asked: Notify::new(),
+        })
+    }
+
+    /// What is known now. While it is asked again and again it is kept up to date.
+    pub(crate) fn machines(&self) -> Machines {
+        let now = Instant::now();
+        let mut heard = self.heard.lock();
+        heard.asked_at = now;
+        self.asked.notify_one();
+        Machines {
+            addresses: self.addresses.clone(),
+            broker: heard.broker,
+            machines: heard.registry.machines(now),
+        }
+    }
+}

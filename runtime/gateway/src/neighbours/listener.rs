@@ -1,0 +1,129 @@
+//! Hears the other machines.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use plc_api::wire::machines::SharedBroker;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tracing::{debug, info, warn};
+
+use super::Neighbours;
+use crate::mqtt::{Connect, Event, Lost, Version, Wire};
+
+/// How long it is listened after somebody has asked.
+const ASKED_FOR: Duration = Duration::from_mins(1);
+/// Messages after which other tasks have their turn.
+const TURN: u32 = 64;
+
+/// Topics of a machine that are read, below its root.
+pub(crate) fn topics() -> [&'static str; 5] {
+    [
+        "presence",
+        "alarm/active",
+        "cs/+/state",
+        "cs/+/m_code/pending",
+        "cs/+/time_left",
+    ]
+}
+
+/// The task that listens.
+pub(crate) struct Listener<C> {
+    pub(crate) neighbours: Arc<Neighbours>,
+    pub(crate) at: C,
+    pub(crate) client_id: String,
+    /// What is before the names of machines in topics, such as `tandem/v1/`.
+    pub(crate) base: String,
+    pub(crate) stop: CancellationToken,
+}
+
+impl<C: Connect> Listener<C> {
+    /// Listens while somebody asks, until it is stopped.
+    pub(crate) async fn run(self) {
+        loop {
+            tokio::select! {
+                () = self.stop.cancelled() => return,
+                () = self.neighbours.asked.notified() => {}
+            }
+            self.listen().await;
+            let mut heard = self.neighbours.heard.lock();
+            heard.broker = SharedBroker::Connecting;
+            heard.registry.clear();
+        }
+    }
+
+    /// Connects again and again while somebody asks.
+    async fn listen(&self) {
+        let (mut backoff, mut node, mut version) = (self.at.backoff(), 0, Version::V5);
+        while !self.stop.is_cancelled() && Instant::now() < self.ends() {
+            let Err(lost) = self.connection(node, version).await else {
+                return;
+            };
+            self.neighbours.heard.lock().broker = SharedBroker::Connecting;
+            debug!("the other machines are not heard: {}", lost.why);
+            if lost.version_unknown && version == Version::V5 {
+                version = Version::V3_1_1;
+                continue;
+            }
+            (node, version) = ((node + 1) % self.at.nodes(), Version::V5);
+            tokio::select! {
+                () = self.stop.cancelled() => return,
+                () = tokio::time::sleep(backoff.next_wait()) => {}
+            }
+        }
+    }
+
+    /// When it is listened no more.
+    fn ends(&self) -> Instant {
+        self.neighbours.heard.lock().asked_at + ASKED_FOR
+    }
+
+    /// One connection; `Ok` when nobody asks any more.
+    async fn connection(&self, node: usize, version: Version) -> Result<(), Lost> {
+        let mut wire = self.at.open(node, &self.client_id, None, version);
+        let mut until_turn = TURN;
+        loop {
+            let event = tokio::select! {
+                () = self.stop.cancelled() => return Ok(()),
+                () = tokio::time::sleep_until(self.ends()) => {
+                    if Instant::now() >= self.ends() {
+                        wire.disconnect();
+                        return Ok(());
+                    }
+                    continue;
+                }
+                event = wire.next() => event?,
+            };
+            match event {
+                Event::Connected { .. } => {
+                    info!("the other machines at the broker are read");
+                    let base = &self.base;
+                    wire.subscribe(topics().iter().map(|topic| format!("{base}+/{topic}")));
+                    let mut heard = self.neighbours.heard.lock();
+                    heard.registry.clear();
+                    heard.broker = SharedBroker::Connected;
+                }
+                Event::Published { publish, .. } => {
+                    if let Some(of_machine) = publish.topic.strip_prefix(&self.base)
+                        && let Some((machine, path)) = of_machine.split_once('/')
+                    {
+                        let mut heard = self.neighbours.heard.lock();
+                        (heard.registry).take(machine, path, &publish.payload, Instant::now());
+                    }
+                }
+                Event::SubscriptionRefused => {
+                    warn!(
+                        "the MQTT broker does not let this machine read others below {}",
+                        self.base
+                    );
+                }
+                Event::Acknowledged { .. } | Event::Disconnected => {}
+            }
+            until_turn -= 1;
+            if until_turn == 0 {
+                until_turn = TURN;
+                tokio::task::yield_now().await;
+            }
+        }
+    }
+}

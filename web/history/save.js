@@ -1,0 +1,13 @@
+// Gives the person a file.
+
+import { h } from "../dom.js";
+
+/** How long the browser may take to begin with it, ms. */
+const TAKEN_MS = 10_000;
+
+/** @param {string} name @param {string} text CSV */
+export function saveCsv(name, text) {
+  const link = h("a", { href: URL.createObjectURL(new Blob([text], { type: "text/csv" })), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), TAKEN_MS);
+}

@@ -1,0 +1,42 @@
+// What this machine's runtime knows of others: addresses of its configuration, and machines at the shared broker.
+
+import { Told } from "./told.js";
+
+/** How often it is asked, ms. */
+const ASK_MS = 1000;
+
+export class ToldMachines {
+  /** Addresses of the configuration. @type {string[]} */
+  addresses = [];
+  /** By name, ascending. @type {Map<string, Told>} */
+  machines = new Map();
+  #ask;
+  #changed;
+
+  /** @param {() => Promise<import("../types.d.ts").Machines | null>} ask null: this machine does not answer @param {() => void} changed */
+  constructor(ask, changed) {
+    this.#ask = ask;
+    this.#changed = changed;
+    void this.#askAgain();
+  }
+
+  async #askAgain() {
+    const said = await this.#ask();
+    if (said) this.#take(said);
+    else for (const told of this.machines.values()) told.lose();
+    this.#changed();
+    setTimeout(() => void this.#askAgain(), ASK_MS);
+  }
+
+  /** @param {import("../types.d.ts").Machines} said */
+  #take({ addresses, broker, machines }) {
+    this.addresses = addresses;
+    const known = this.machines;
+    if (broker !== "connected") {
+      for (const told of known.values()) told.lose();
+      return;
+    }
+    this.machines = new Map(machines.map((seen) => [seen.machine, known.get(seen.machine) ?? new Told(seen.machine)]));
+    for (const seen of machines) this.machines.get(seen.machine)?.take(seen);
+  }
+}
