@@ -1,5 +1,6 @@
 // The state in the operator's words: one sentence that says what the machine waits for, or what to do next.
 
+import { alarmWords } from "./alarm_words.js";
 import { declared, inWords } from "./declared.js";
 import { duration, programName, rounded } from "./format.js";
 import { listed, sentences, t } from "./language.js";
@@ -205,7 +206,7 @@ function stopped({ state, info, lastRun }, alarms) {
   switch (state?.reason) {
     case "ALARM": {
       const alarm = alarms.findLast((a) => a.severity === "alarm" && (a.cs === null || a.cs === info.number));
-      const what = alarm ? t("sentence.alarm", { number: alarm.number, text: brief(rounded(alarm.text)).replace(/(?<!…)[.\s]*$/, ".") }) : t("sentence.stopped_by_alarm");
+      const what = alarm ? t("sentence.alarm", { number: alarm.number, text: brief(rounded(alarmWords(alarm).text)).replace(/(?<!…)[.\s]*$/, ".") }) : t("sentence.stopped_by_alarm");
       return sentences(what, t("sentence.remove_cause"));
     }
     case "NO_PROGRAM":

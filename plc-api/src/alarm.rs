@@ -1,5 +1,6 @@
 //! Alarms of handlers.
 
+use crate::types::alarm_text::{AlarmText, AlarmWords, LANGUAGES_MAX};
 use crate::types::machine::AlarmRaise;
 use crate::types::refusal::{Refusal, RefusalCode};
 
@@ -46,6 +47,102 @@ impl Alarm {
     /// The code of a handler's alarm; `None` for one of the runtime.
     pub fn user_code(&self) -> Option<u16> {
         self.number.checked_sub(USER_ALARM_BASE)
+    }
+}
+
+/// An alarm of a sequence program with all that is said of it, for a constant: text, remedy, up to 8 other languages.
+///
+/// ```
+/// use plc_api::{Alarm, AuxOutput, SequenceProgram, UserAlarm};
+///
+/// const NO_AIR: UserAlarm = UserAlarm::new(12, "the air pressure is low")
+///     .remedy("Open the main valve, and look at the pressure gauge.")
+///     .in_language("de", "der Luftdruck ist zu niedrig", "Hauptventil öffnen, Druckanzeige prüfen.");
+///
+/// async fn clamp(_output: AuxOutput) -> Result<(), Alarm> {
+///     # fn pressure_bar() -> f64 { 2.1 }
+///     let bar = pressure_bar();
+///     if bar < 4.0 {
+///         return Err(NO_AIR.with(format!("{bar} bar"))); // or NO_AIR.into()
+///     }
+///     Ok(())
+/// }
+///
+/// let program = SequenceProgram::new().on(10, clamp).alarms([NO_AIR]);
+/// assert_eq!(program.check(), Ok(()));
+/// assert_eq!(NO_AIR.with("2.1 bar"), Alarm::user(12, "the air pressure is low: 2.1 bar"));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UserAlarm {
+    code: u16,
+    text: &'static str,
+    remedy: Option<&'static str>,
+    languages: [Option<(&'static str, &'static str, &'static str)>; LANGUAGES_MAX],
+}
+
+impl UserAlarm {
+    /// An alarm by its code, 0 to 9999, and what happened.
+    pub const fn new(code: u16, text: &'static str) -> Self {
+        Self {
+            code,
+            text,
+            remedy: None,
+            languages: [None; LANGUAGES_MAX],
+        }
+    }
+
+    /// What to do.
+    #[must_use]
+    pub const fn remedy(mut self, remedy: &'static str) -> Self {
+        self.remedy = Some(remedy);
+        self
+    }
+
+    /// Text and remedy in another language, by its tag, such as `de`; an empty remedy is none.
+    ///
+    /// # Panics
+    /// At the ninth language; for a constant it is an error of the compiler.
+    #[must_use]
+    pub const fn in_language(
+        mut self,
+        language: &'static str,
+        text: &'static str,
+        remedy: &'static str,
+    ) -> Self {
+        let mut free = 0;
+        while free < LANGUAGES_MAX && self.languages[free].is_some() {
+            free += 1;
+        }
+        assert!(free < LANGUAGES_MAX, "an alarm has up to 8 other languages");
+        self.languages[free] = Some((language, text, remedy));
+        self
+    }
+
+    /// The alarm, with more of what happened behind its text.
+    pub fn with(self, detail: impl std::fmt::Display) -> Alarm {
+        Alarm::user(self.code, format!("{}: {detail}", self.text))
+    }
+}
+
+impl From<UserAlarm> for Alarm {
+    fn from(alarm: UserAlarm) -> Self {
+        Alarm::user(alarm.code, alarm.text)
+    }
+}
+
+impl From<UserAlarm> for AlarmText {
+    fn from(alarm: UserAlarm) -> Self {
+        let words = |(language, text, remedy): (&str, &str, &str)| {
+            let remedy = Some(remedy.to_owned()).filter(|remedy| !remedy.is_empty());
+            let text = text.to_owned();
+            (language.to_owned(), AlarmWords { text, remedy })
+        };
+        Self {
+            code: alarm.code,
+            text: alarm.text.to_owned(),
+            remedy: alarm.remedy.map(str::to_owned),
+            languages: alarm.languages.into_iter().flatten().map(words).collect(),
+        }
     }
 }
 

@@ -2,13 +2,15 @@
 //!
 //! One instance of a `handler_id` is there at a time. Another is refused, unless it is to take over, or the one that is there
 //! does not confirm within [`CONFIRM_MAX_S`] that it still is: its last will may never arrive. An instance that has gone takes
-//! nothing away from one that came after it: its last will may arrive late.
+//! nothing away from one that came after it: its last will may arrive late. One that leaves and says when it is back serves its
+//! M codes until then.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
 use crate::handshake::taken_text;
 use crate::types::CoordinateSystemNumber;
+use crate::types::alarm_text::AlarmText;
 use crate::types::handler::is_own_instance;
 use crate::types::ids::check_client_id;
 use crate::types::output::{HandledCode, HandlerPresence};
@@ -53,6 +55,16 @@ struct Entry {
     since: SystemTime,
     /// When it was asked whether it still is, and has not confirmed it, seconds since the start.
     asked_s: Option<f64>,
+    /// It has left, and said that it comes back.
+    away: Option<Away>,
+}
+
+/// What a handler that has left serves when it is back.
+#[derive(Debug, Clone)]
+struct Away {
+    handles: Vec<HandledCode>,
+    /// When it is back at the latest, seconds since the start.
+    until_s: f64,
 }
 
 impl HandlerRegistry {
@@ -78,6 +90,7 @@ impl HandlerRegistry {
             take_over: false,
             ..presence.clone()
         };
+        let away = self.away_after(id, presence, now_s);
         let there = self.0.get_mut(id).filter(|there| there.presence.online);
         let (mut since, mut took_over) = (now, None);
         match there {
@@ -107,6 +120,7 @@ impl HandlerRegistry {
             presence: kept,
             since,
             asked_s: None,
+            away,
         };
         self.0.insert(id.to_owned(), entry);
         Ok(if presence.online {
@@ -129,9 +143,37 @@ impl HandlerRegistry {
             .collect()
     }
 
+    /// What a handler that is there says of an alarm.
+    pub fn alarm_text(&self, code: u16) -> Option<AlarmText> {
+        let there = self.0.values().map(|entry| &entry.presence);
+        let mut said = there
+            .filter(|handler| handler.online)
+            .flat_map(|handler| &handler.alarms);
+        said.find(|said| said.code == code).cloned()
+    }
+
     /// True while a handler is there.
     pub fn is_online(&self, id: &str) -> bool {
         self.0.get(id).is_some_and(|entry| entry.presence.online)
+    }
+
+    /// What a handler serves that leaves and comes back; its last will, which may follow, takes nothing of it away.
+    fn away_after(&self, id: &str, presence: &HandlerPresence, now_s: f64) -> Option<Away> {
+        let entry = self.0.get(id).filter(|_| !presence.online)?;
+        match presence.returns_within_ms {
+            Some(ms) if entry.presence.online => Some(Away {
+                handles: entry.presence.handles.clone(),
+                until_s: now_s + ms as f64 / 1000.0,
+            }),
+            _ => entry.away.clone(),
+        }
+    }
+
+    /// When the last handler comes back that serves this M code and has left, seconds since the start.
+    pub fn back_s(&self, cs: CoordinateSystemNumber, m: u16, now_s: f64) -> Option<f64> {
+        let away = self.0.values().filter_map(|entry| entry.away.as_ref());
+        let serve = away.filter(|away| away.handles.contains(&HandledCode { cs, m }) && away.until_s > now_s);
+        serve.map(|away| away.until_s).reduce(f64::max)
     }
 
     /// True when a handler that is there serves this M code.
@@ -202,6 +244,43 @@ mod tests {
         assert_eq!(gone, Ok(Registered::Offline));
         assert!(!handlers.serve(1, 100) && !handlers.is_online("gripper") && !handlers.is_online("x"));
         assert_eq!(handlers.all().len(), 1);
+    }
+
+    #[test]
+    fn the_codes_of_one_that_comes_back_are_awaited_until_it_is_there_or_its_time_is_over() {
+        let mut handlers = HandlerRegistry::default();
+        let mut at = |now_s, said: HandlerPresence| handlers.set("cell", &said, UNIX_EPOCH, now_s);
+        let leaves = |ms| HandlerPresence {
+            returns_within_ms: Some(ms),
+            ..HandlerPresence::gone(Some("a".to_owned()))
+        };
+        for wrong in [
+            leaves(0),
+            leaves(3_600_001),
+            HandlerPresence {
+                online: true,
+                ..leaves(9)
+            },
+        ] {
+            let refusal = at(0.0, wrong).unwrap_err();
+            assert!(refusal.text.contains("1 to 3600000"), "{refusal}");
+        }
+        at(0.0, presence(true, Some("a"))).unwrap();
+        assert_eq!(at(1.0, leaves(5000)), Ok(Registered::Offline));
+        at(2.0, HandlerPresence::gone(Some("a".to_owned()))).unwrap();
+        assert!(!handlers.serve(1, 100));
+        assert_eq!(
+            handlers.back_s(1, 100, 2.0),
+            Some(6.0),
+            "its last will takes nothing away"
+        );
+        assert_eq!(handlers.back_s(1, 101, 2.0), None);
+        assert_eq!(handlers.back_s(1, 100, 6.0), None, "its time is over");
+        handlers
+            .set("cell", &presence(true, Some("b")), UNIX_EPOCH, 3.0)
+            .unwrap();
+        assert_eq!(handlers.back_s(1, 100, 3.0), None, "it is back");
+        assert!(handlers.serve(1, 100));
     }
 
     #[test]

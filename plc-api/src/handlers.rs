@@ -22,22 +22,25 @@ pub use crate::m_codes::{ByName, ByNumber, M_CODE_MAX, MCodes, RUNTIME_M_CODES};
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
+use std::time::Duration;
 
 use futures_util::FutureExt;
 use futures_util::stream::{FuturesUnordered, StreamExt};
 use tokio::sync::watch;
 
-use crate::alarm::Alarm;
+use crate::alarm::{Alarm, UserAlarm};
 use crate::error::{Error, Result};
 use crate::levels::LockKind;
 use crate::names::mistake_in_id;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::types::CoordinateSystemNumber;
+use crate::types::alarm_text::AlarmText;
 use crate::types::machine::{Served, ServedMCode};
 use crate::types::output::{Params, Redelivery};
 
 use followed::Followed;
+use run::How;
 use table::{Check, Table};
 
 /// Scope of handlers for every coordinate system.
@@ -83,8 +86,7 @@ type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync
 pub struct SequenceProgram<Scope = Everywhere> {
     table: Table,
     companions: Vec<Companion>,
-    on_redelivery: Option<Redelivery>,
-    takes_over: bool,
+    how: How,
     handler_id: Option<String>,
     // the coordinate system of the handlers added next; none means all
     cs: Option<CoordinateSystemNumber>,
@@ -95,7 +97,7 @@ impl<Scope> std::fmt::Debug for SequenceProgram<Scope> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SequenceProgram")
             .field("handler_id", &self.handler_id)
-            .field("on_redelivery", &self.on_redelivery)
+            .field("on_redelivery", &self.how.on_redelivery)
             .field("coordinate_system", &self.cs)
             .finish_non_exhaustive()
     }
@@ -224,8 +226,7 @@ impl<Scope> SequenceProgram<Scope> {
         SequenceProgram {
             table: self.table,
             companions: self.companions,
-            on_redelivery: self.on_redelivery,
-            takes_over: self.takes_over,
+            how: self.how,
             handler_id: self.handler_id,
             cs,
             scope: PhantomData,
@@ -239,8 +240,7 @@ impl SequenceProgram {
         Self {
             table: Table::default(),
             companions: Vec::new(),
-            on_redelivery: None,
-            takes_over: false,
+            how: How::new(),
             handler_id: None,
             cs: None,
             scope: PhantomData,
@@ -324,7 +324,7 @@ impl SequenceProgram {
     /// [`Redelivery::Redo`]); where neither says anything, nothing happens until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
-        self.on_redelivery = Some(on_redelivery);
+        self.how.on_redelivery = Some(on_redelivery);
         self
     }
 
@@ -349,7 +349,24 @@ impl SequenceProgram {
     /// ```
     #[must_use]
     pub fn take_over(mut self) -> Self {
-        self.takes_over = true;
+        self.how.takes_over = true;
+        self
+    }
+
+    /// Says what to do about alarms, and what they are in other languages; the machine shows it where one of them is raised. Its
+    /// configuration may say the same in `[alarm.N]`, which counts first. For an example see [`UserAlarm`].
+    #[must_use]
+    pub fn alarms(mut self, alarms: impl IntoIterator<Item = UserAlarm>) -> Self {
+        self.table.add_alarms(alarms.into_iter().map(AlarmText::from));
+        self
+    }
+
+    /// How long the machine waits for it to be back after [`run_until`](SequenceProgram::run_until) has stopped it, such as for an
+    /// update: 1 ms to 1 h, one minute where this is not called. Until then its M codes count as served, and NC programs wait at
+    /// them. Zero: it does not come back.
+    #[must_use]
+    pub fn returns_within(mut self, time: Duration) -> Self {
+        self.how.returns_within = time;
         self
     }
 
@@ -416,7 +433,8 @@ impl SequenceProgram {
     }
 
     /// Serves the machine as [`SequenceProgram::run`] until `stop` is there, such as Ctrl-C: then it takes no further output, ends when
-    /// the handlers that are at work have ended, and so loses no work. What runs beside the handlers goes on until then. To
+    /// the handlers that are at work have ended, and so loses no work. The machine is told that it is back within
+    /// [`returns_within`](SequenceProgram::returns_within). What runs beside the handlers goes on until then. To
     /// wait no longer than some time, drop the future: its handlers are then dropped where they wait.
     ///
     /// ```no_run
@@ -433,8 +451,7 @@ impl SequenceProgram {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());
         let plc = &plc.of_handler(&handler_id);
-        let how = (self.on_redelivery, self.takes_over);
-        let serving = run::run(self.table, how, plc, handler_id.into(), stop);
+        let serving = run::run(self.table, self.how, plc, handler_id.into(), stop);
         let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {
             // the handler first: what its companions set is its own

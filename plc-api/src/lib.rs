@@ -239,7 +239,7 @@ pub mod units;
 mod variables;
 pub mod wire;
 
-pub use alarm::Alarm;
+pub use alarm::{Alarm, UserAlarm};
 pub use ask::OpenQuestion;
 pub use coordinate_system::CoordinateSystem;
 pub use error::{Error, Result};

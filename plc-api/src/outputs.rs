@@ -153,11 +153,10 @@ impl Outputs {
         let codes = self.codes.iter().flatten().map(|&m| (None, m)).collect();
         let said = Announced {
             codes,
-            m_codes: Vec::new(),
             validates: false,
             takes_over: self.takes_over,
             redelivery: self.on_redelivery,
-            is_exclusive: false,
+            ..Announced::default()
         };
         let presence = Presence::new(&self.plc, id.into(), said);
         let owner = Arc::new(Owner::start(presence));

@@ -7,6 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;
 use std::sync::Arc;
+use std::time::Duration;
 
 use futures_util::StreamExt;
 use futures_util::stream::FuturesUnordered;
@@ -16,7 +17,8 @@ use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
-use crate::types::handler::{HandlerResult, HandlerStatus};
+use crate::types::alarm_text::AlarmText;
+use crate::types::handler::{HandlerResult, HandlerStatus, RETURNS_WITHIN_MS};
 use crate::types::m_code::MCodeDeclaration;
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
@@ -38,6 +40,8 @@ pub(crate) struct Announced {
     pub(crate) codes: BTreeSet<ServedCode>,
     /// What it says of them.
     pub(crate) m_codes: Vec<MCodeDeclaration>,
+    /// What it says of its alarms.
+    pub(crate) alarms: Vec<AlarmText>,
     /// It checks parameters at program load.
     pub(crate) validates: bool,
     /// It takes the place of another instance.
@@ -52,11 +56,21 @@ pub(crate) struct Announced {
 pub(crate) struct Offline {
     pub(crate) plc: Plc,
     pub(crate) by: Identity,
+    /// It comes back within this time.
+    pub(crate) returns_within: Option<Duration>,
 }
 
 impl Drop for Offline {
     fn drop(&mut self) {
-        let request = Request::Handler(self.by.id(), HandlerPresence::gone(Some(self.by.instance())));
+        let returns_within_ms = self.returns_within.map(|time| {
+            let ms = u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
+            ms.clamp(*RETURNS_WITHIN_MS.start(), *RETURNS_WITHIN_MS.end())
+        });
+        let gone = HandlerPresence {
+            returns_within_ms,
+            ..HandlerPresence::gone(Some(self.by.instance()))
+        };
+        let request = Request::Handler(self.by.id(), gone);
         self.plc.levels().end();
         let what_if_not = "the machine was not told that the handlers have gone";
         self.plc.send_without_waiting(request, what_if_not);
@@ -177,6 +191,7 @@ impl Presence {
         Offline {
             plc: self.plc.clone(),
             by: self.by.clone(),
+            returns_within: None,
         }
     }
 
@@ -282,7 +297,9 @@ impl Presence {
             exclusive: self.said.is_exclusive,
             redelivery: self.said.redelivery,
             m_codes: self.said.m_codes.clone(),
+            alarms: self.said.alarms.clone(),
             expires_ms: None,
+            returns_within_ms: None,
             connection: None,
         }
     }

@@ -42,7 +42,7 @@ impl Alarms {
         self.last_id += 1;
         let entry = ALARMS.iter().find(|entry| entry.number == record.number);
         let record = AlarmRecord {
-            remedy: entry.map(|entry| entry.remedy.to_owned()),
+            remedy: entry.map(|entry| entry.remedy.to_owned()).or(record.remedy),
             id: self.last_id,
             raised_at: at,
             ..record

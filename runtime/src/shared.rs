@@ -6,11 +6,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
+use plc_api::alarm::USER_ALARM_BASE;
 use plc_api::execution::word;
 use plc_api::handler_registry::{HandlerRegistry, Registered};
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::io_points::IoPoints;
+use plc_api::types::alarm_text::AlarmText;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::handler::HandlerResult;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
@@ -241,8 +243,18 @@ impl Shared {
         }
     }
 
+    /// What the configuration, else a handler that is there, says of an alarm of sequence programs.
+    fn alarm_text(&self, number: u16) -> Option<AlarmText> {
+        let code = number.checked_sub(USER_ALARM_BASE)?;
+        let of_config = self.machine.alarms.get(&code).cloned();
+        of_config.or_else(|| self.handlers.lock().alarm_text(code))
+    }
+
     /// One that is active already is not raised again: its record is given back.
-    fn raise_for(&self, record: AlarmRecord, is_active: bool) -> AlarmRecord {
+    fn raise_for(&self, mut record: AlarmRecord, is_active: bool) -> AlarmRecord {
+        if let Some(said) = self.alarm_text(record.number) {
+            (record.remedy, record.languages) = (said.remedy, said.languages);
+        }
         let mut alarms = self.alarms.lock();
         match alarms.raise(record, is_active, self.timestamp()) {
             Raised::Active(record) => record,
@@ -368,6 +380,11 @@ impl Shared {
     /// True when a handler that is there serves this M code.
     pub fn is_handled(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         self.handlers.lock().serve(cs, m)
+    }
+
+    /// When the handler comes back that serves this M code and has left, seconds since the start.
+    pub fn handler_back_s(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
+        self.handlers.lock().back_s(cs, m, self.clock.now_s())
     }
 
     /// Notes how long an M code took to be reset, s. What it took lately counts for a quarter.

@@ -3,6 +3,8 @@
 //! All tasks run on one thread, so a run repeats byte for byte. Most events of a cycle concern one coordinate system
 //! only, such as the start of the next block: that coordinate system works here, and no task is woken.
 
+mod tokio_clock;
+
 use std::future::Future;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -18,6 +20,7 @@ use crate::clock::Clock;
 use crate::config::Machine;
 use crate::coordinate_system::Mailbox;
 use crate::servo_thread::cycle_after;
+use tokio_clock::TokioClock;
 
 /// Real time without progress of simulated time, after which that is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
@@ -86,7 +89,20 @@ struct SimulatedServo {
     cycles: u64,
     /// Cycles to be left out before the next one.
     missed: u64,
+    /// Turns taken by coordinate systems alone since tasks had one.
+    turns: usize,
     on_cycle: Option<OnCycle>,
+}
+
+/// What comes next in simulated time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Next {
+    /// Tasks are ready to run.
+    Tasks,
+    /// This cycle, before which nothing happens.
+    Cycle(u64),
+    /// Nothing moves and nobody sleeps, or the time limit is reached.
+    Nothing,
 }
 
 impl std::fmt::Debug for Simulation {
@@ -109,6 +125,7 @@ impl Simulation {
             servo,
             cycles: 0,
             missed: 0,
+            turns: 0,
             on_cycle: options.on_cycle,
         });
         Self {
@@ -148,39 +165,67 @@ impl Simulation {
     /// Counts cycles until one gives a task something to do.
     fn step(&self) {
         let mut servo = self.servo.lock();
-        let mut turns = 0;
         loop {
-            if self.clock.wake_due() {
-                return;
-            }
-            let moving = servo.servo.channels().iter().any(|channel| !channel.is_idle());
-            let now_ns = servo.cycles * self.period_ns;
-            if (!moving && self.clock.next_due_ns().is_none()) || now_ns >= self.limit_ns {
-                self.stalled.notify_one();
-                return;
-            }
-            let missed = std::mem::take(&mut servo.missed);
-            if missed == 0 {
-                servo.cycles += self.pass(&mut servo, now_ns);
-            }
-            servo.cycles += missed + 1;
-            let events = cycle_after(&mut servo.servo, missed, self.missed_cycles_max);
-            self.clock.set_ns(servo.cycles * self.period_ns);
-            let SimulatedServo { servo, on_cycle, .. } = &mut *servo;
-            if let Some(on_cycle) = on_cycle {
-                on_cycle(servo);
-            }
-            if events {
-                turns += 1;
-                if missed > 0 || !self.turn_alone(servo) || turns == TURNS_MAX {
-                    // so that this is called again, also when nobody listened
-                    for mailbox in &self.mailboxes {
-                        mailbox.wake_task();
-                    }
+            match self.next(&mut servo) {
+                Next::Tasks => return,
+                Next::Nothing => {
+                    self.stalled.notify_one();
                     return;
+                }
+                Next::Cycle(cycle) => {
+                    if self.advance(&mut servo, cycle) {
+                        return;
+                    }
                 }
             }
         }
+    }
+
+    /// What comes next. Whoever is due is woken.
+    fn next(&self, servo: &mut SimulatedServo) -> Next {
+        if self.clock.wake_due() {
+            servo.turns = 0;
+            return Next::Tasks;
+        }
+        let moving = servo.servo.channels().iter().any(|channel| !channel.is_idle());
+        let now_ns = servo.cycles * self.period_ns;
+        if (!moving && self.clock.next_due_ns().is_none()) || now_ns >= self.limit_ns {
+            return Next::Nothing;
+        }
+        let before = if servo.missed == 0 {
+            self.cycles_to_pass(servo, now_ns)
+        } else {
+            servo.missed
+        };
+        Next::Cycle(servo.cycles + before + 1)
+    }
+
+    /// Counts cycles up to this one, at most up to the one that comes [next](Simulation::next). True when tasks must run before time
+    /// advances.
+    fn advance(&self, servo: &mut SimulatedServo, cycle: u64) -> bool {
+        let missed = std::mem::take(&mut servo.missed);
+        if missed == 0 {
+            servo.servo.pass(cycle - servo.cycles - 1);
+        }
+        servo.cycles = cycle;
+        let events = cycle_after(&mut servo.servo, missed, self.missed_cycles_max);
+        self.clock.set_ns(cycle * self.period_ns);
+        if let Some(on_cycle) = &mut servo.on_cycle {
+            on_cycle(&servo.servo);
+        }
+        if !events {
+            return false;
+        }
+        servo.turns += 1;
+        if missed == 0 && self.turn_alone(&servo.servo) && servo.turns < TURNS_MAX {
+            return false;
+        }
+        servo.turns = 0;
+        // so that this is called again, also when nobody listened
+        for mailbox in &self.mailboxes {
+            mailbox.wake_task();
+        }
+        true
     }
 
     /// Each coordinate system with servo events handles them. False when tasks must run before time advances.
@@ -193,7 +238,7 @@ impl Simulation {
 
     /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them, and what
     /// measures wants those in which a speed changes.
-    fn pass(&self, servo: &mut SimulatedServo, now_ns: u64) -> u64 {
+    fn cycles_to_pass(&self, servo: &mut SimulatedServo, now_ns: u64) -> u64 {
         let is_watched = servo.on_cycle.is_some();
         if is_watched && !self.passes_even_motion {
             return 0;
@@ -202,9 +247,9 @@ impl Simulation {
         let left_ns = due_ns.saturating_sub(now_ns);
         let cycles_max = left_ns.div_ceil(self.period_ns).saturating_sub(1);
         if is_watched {
-            servo.servo.pass_evenly(cycles_max)
+            servo.servo.even_cycles_to_pass(cycles_max)
         } else {
-            servo.servo.pass(cycles_max)
+            servo.servo.cycles_to_pass(cycles_max)
         }
     }
 }
@@ -265,7 +310,7 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
     Ok(executor.enable_all().build()?.block_on(SLOT.scope(slot, watched)))
 }
 
-/// The same without a clock other than the simulation's, and without sockets: whoever takes them panics. `on_thread` is called when
+/// The same where tokio's clock is the simulation's too, and without sockets: whoever takes one panics. `on_thread` is called when
 /// something is given to another thread. The simulation of the runtime is found in the slot.
 ///
 /// # Errors
@@ -280,8 +325,18 @@ pub(crate) fn run_in<T>(
         on_thread();
         "other-thread".to_owned()
     };
-    let executor = executor(&slot).thread_name_fn(name).build()?;
-    Ok(executor.block_on(SLOT.scope(slot, main)))
+    let clock = TokioClock::of(&slot);
+    let (before, after) = (Arc::clone(&clock), Arc::clone(&clock));
+    let executor = tokio::runtime::Builder::new_current_thread()
+        .enable_time()
+        .start_paused(true)
+        .on_thread_park(move || before.before_park())
+        .on_thread_unpark(move || after.after_park())
+        .thread_name_fn(name)
+        .build()?;
+    let done = executor.block_on(SLOT.scope(slot, main));
+    clock.release();
+    Ok(done)
 }
 
 /// Counts servo cycles when no task is ready to run.

@@ -78,10 +78,11 @@
 //! # One clock
 //! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep), [`Plc::timeout`](plc_api::Plc::timeout) and
 //! [`Plc::interval`](plc_api::Plc::interval): ten minutes of them take milliseconds, and so do ten minutes of long lines and dwells,
-//! where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. The clock of tokio (`tokio::time`),
-//! sockets, and other threads (`spawn_blocking`, `tokio::fs`) know nothing of simulated time: a run in which something uses them ends
-//! with an error that says so, and what to use. One that waits for anything else, which does not come, ends the run, too, and
-//! [`Run::completed`] says what the program waited for.
+//! where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. The clock of tokio
+//! (`tokio::time`, so that of libraries too) is the same clock, in milliseconds: a `tokio::time::timeout` comes at its simulated time,
+//! and `tokio::time::Instant` tells it. Nobody waits for sockets and other threads (`spawn_blocking`, `tokio::fs`): a run in which
+//! something uses them ends with an error that says so. `std::thread::sleep` and `std::time` stay outside of simulated time. What
+//! waits for anything else, which does not come, ends the run, too, and [`Run::completed`] says what the program waited for.
 
 mod beside;
 mod perform;
@@ -268,7 +269,7 @@ impl Bench {
 
     /// A model of the plant, such as of cylinders with their switches: an async closure that runs beside the handlers from before
     /// they begin. Nobody waits for its end, and it ends with the test; when it ends with an error, so does the test. It sleeps
-    /// by [`Plc::sleep`](plc_api::Plc::sleep) or [`Plc::interval`](plc_api::Plc::interval).
+    /// in [simulated time](self#one-clock).
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, SequenceProgram, handlers::with};

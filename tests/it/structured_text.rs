@@ -168,10 +168,16 @@ fn an_open_door_of_the_example_holds_the_motion() {
 }
 
 #[tokio::test]
-async fn a_program_runs_on_a_machine_until_ctrl_c() {
+async fn a_program_runs_on_a_machine_until_ctrl_c_over_mqtt_and_rest() {
     let machine = Machine::new(FREE_PORTS);
     let served = Served::start(&machine);
-    let url = served.mqtt_url();
+    for url in [served.mqtt_url(), served.http_url()] {
+        run_door(&machine, &served, &url).await;
+        served.command(1, "reset").await;
+    }
+}
+
+async fn run_door(machine: &Machine, served: &Served, url: &str) {
     let path = root().join("examples/structured-text/door.st");
     let path = path.to_string_lossy();
     let arguments = [
@@ -179,7 +185,7 @@ async fn a_program_runs_on_a_machine_until_ctrl_c() {
         &*path,
         "--run",
         "--connect",
-        &*url,
+        url,
         "--handler-id",
         "door",
         "--period-ms",

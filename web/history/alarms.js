@@ -1,5 +1,6 @@
 // Alarms of the past: what they were, what helps, and how long they lasted.
 
+import { alarmWords } from "../alarm_words.js";
 import { fill, h, setText } from "../dom.js";
 import { explained } from "../explain.js";
 import { dayAndTime, duration, programName, rounded, seconds } from "../format.js";
@@ -36,13 +37,17 @@ export function alarmHistory(app) {
 }
 
 /** @param {AlarmRecord} alarm @param {string} kind @param {string} wanted */
-function isFound({ severity, cleared_at, number, text }, kind, wanted) {
+function isFound(alarm, kind, wanted) {
+  const { severity, cleared_at, number } = alarm;
+  const { text, detail } = alarmWords(alarm);
   const isKind = kind === "all" || kind === severity || (kind === "active" && cleared_at === null);
-  return isKind && `${number} ${text}`.toLowerCase().includes(wanted);
+  return isKind && `${number} ${text} ${detail ?? ""}`.toLowerCase().includes(wanted);
 }
 
 /** @param {import("../main.js").App} app @param {AlarmRecord} alarm */
-function entry(app, { severity, number, text, remedy, cs, program, line, raised_at, cleared_at, acknowledged_by }) {
+function entry(app, alarm) {
+  const { severity, number, cs, program, line, raised_at, cleared_at, acknowledged_by } = alarm;
+  const { text, remedy, detail } = alarmWords(alarm);
   const place = line ? t("common.program_line", { program: programName(program), line }) : programName(program);
   const where = listed([cs === null ? t("alarm_history.machine") : t("common.coordinate_system", { cs }), program ? place : ""]);
   const lasted = cleared_at === null ? t("alarm_history.active_for", { time: duration(app.model.ageMs(raised_at)) }) : t("alarm_history.lasted", { time: lasting(Date.parse(cleared_at) - Date.parse(raised_at)) });
@@ -51,7 +56,7 @@ function entry(app, { severity, number, text, remedy, cs, program, line, raised_
     "li",
     { class: "alarm", "data-severity": severity, "data-past": String(cleared_at !== null) },
     icon(severity === "alarm" ? "alarm" : "info"),
-    h("div", { class: "grow" }, h("div", { class: "row" }, explained(`alarm ${number}`), h("strong", {}, rounded(text))), remedy ? h("p", { class: "remedy" }, remedy) : null, h("p", { class: "muted" }, facts)),
+    h("div", { class: "grow" }, h("div", { class: "row" }, explained(`alarm ${number}`), h("strong", {}, rounded(text))), detail && h("p", { class: "muted" }, rounded(detail)), remedy && h("p", { class: "remedy" }, remedy), h("p", { class: "muted" }, facts)),
   );
 }
 

@@ -1,5 +1,6 @@
 // Active alarms, newest first, with their remedies.
 
+import { alarmWords } from "../alarm_words.js";
 import { button, card, fill, h, setText } from "../dom.js";
 import { explained } from "../explain.js";
 import { programName, rounded, timeOfDay } from "../format.js";
@@ -32,7 +33,8 @@ function entry(app, alarm) {
   const program = programName(alarm.program);
   const place = alarm.program === null ? "" : alarm.line === null ? program : t("common.program_line", { program, line: alarm.line });
   const facts = [alarm.cs === null ? t("alarms.all") : t("common.cs", { cs: alarm.cs }), place, timeOfDay(alarm.raised_at)].filter((text) => text !== "");
-  const remedy = alarm.remedy ?? (alarm.severity === "alarm" ? t("sentence.remove_cause") : "");
+  const words = alarmWords(alarm);
+  const remedy = words.remedy ?? (alarm.severity === "alarm" ? t("sentence.remove_cause") : "");
   const onclick = () => void app.attempt(() => app.api.acknowledge(alarm.id));
   const acknowledge = button({ class: "button small", "aria-label": t("alarms.acknowledge_number", { number: alarm.number }), onclick }, t("alarms.acknowledge_this"));
   return h(
@@ -43,7 +45,8 @@ function entry(app, alarm) {
       "div",
       { class: "grow" },
       h("div", { class: "row" }, h("strong", {}, alarm.severity === "alarm" ? t("alarms.alarm") : t("alarms.warning")), explained(`alarm ${alarm.number}`), h("span", { class: "spring" }), h("span", { class: "muted" }, facts.join(" · "))),
-      h("p", {}, rounded(alarm.text)),
+      h("p", {}, rounded(words.text)),
+      words.detail && h("p", { class: "muted" }, rounded(words.detail)),
       remedy && h("p", { class: "remedy" }, remedy),
       alarm.acknowledged_by ? h("p", { class: "muted" }, t("alarms.acknowledged_by", { user: alarm.acknowledged_by })) : alarm.severity === "warning" && h("div", { class: "row end" }, acknowledge),
     ),

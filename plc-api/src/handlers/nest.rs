@@ -27,12 +27,12 @@ impl SequenceProgram {
     /// ```
     #[must_use]
     pub fn merge(mut self, other: Self) -> Self {
-        self.on_redelivery = match (self.on_redelivery, other.on_redelivery) {
+        self.how.on_redelivery = match (self.how.on_redelivery, other.how.on_redelivery) {
             (None, None) => None,
             (one, other) => one.unwrap_or_default().max(other.unwrap_or_default()).into(),
         };
         self.table.merge(other.table);
-        self.adopt(other.companions, other.takes_over, other.handler_id);
+        self.adopt(other.companions, other.how.takes_over, other.handler_id);
         self
     }
 
@@ -59,8 +59,8 @@ impl SequenceProgram {
     /// [`SequenceProgram::run`] refuses a part without handlers, and an M code that would be outside of the range.
     #[must_use]
     pub fn nest(mut self, codes: RangeInclusive<u16>, part: Self) -> Self {
-        self.table.nest(&codes, part.table, part.on_redelivery);
-        self.adopt(part.companions, part.takes_over, part.handler_id);
+        self.table.nest(&codes, part.table, part.how.on_redelivery);
+        self.adopt(part.companions, part.how.takes_over, part.handler_id);
         self
     }
 
@@ -71,7 +71,7 @@ impl SequenceProgram {
             self.mistake(format!("merge() got programs of two names, {id:?} and {other:?}"));
         }
         self.companions.extend(companions);
-        self.takes_over |= takes_over;
+        self.how.takes_over |= takes_over;
         self.handler_id = self.handler_id.take().or(handler_id);
     }
 }

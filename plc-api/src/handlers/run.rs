@@ -55,9 +55,28 @@ struct Runner {
     is_stopping: bool,
 }
 
+/// How a sequence program comes and goes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct How {
+    pub(super) on_redelivery: Option<Redelivery>,
+    pub(super) takes_over: bool,
+    /// Once it has been stopped; zero: it does not come back.
+    pub(super) returns_within: Duration,
+}
+
+impl How {
+    pub(super) fn new() -> Self {
+        Self {
+            on_redelivery: None,
+            takes_over: false,
+            returns_within: Duration::from_mins(1),
+        }
+    }
+}
+
 pub(super) async fn run<T>(
     table: Table,
-    (on_redelivery, takes_over): (Option<Redelivery>, bool),
+    how: How,
     plc: &Plc,
     handler_id: Arc<str>,
     stop: impl Future<Output = T>,
@@ -65,17 +84,18 @@ pub(super) async fn run<T>(
     let said = Announced {
         codes: table.codes(),
         m_codes: table.declarations(),
+        alarms: table.alarms.values().cloned().collect(),
         validates: table.validates(),
-        takes_over,
-        redelivery: on_redelivery,
+        takes_over: how.takes_over,
+        redelivery: how.on_redelivery,
         is_exclusive: true,
     };
     let presence = Presence::new(plc, handler_id, said);
     // dropped after the runner, thus after the handlers
-    let _offline = presence.offline_on_drop();
+    let mut offline = presence.offline_on_drop();
     let mut runner = Runner {
         table,
-        on_redelivery,
+        on_redelivery: how.on_redelivery,
         running: HashMap::new(),
         begun: BTreeSet::new(),
         work: FuturesUnordered::new(),
@@ -95,9 +115,10 @@ pub(super) async fn run<T>(
             Some(id) = runner.work.next() => runner.on_end(&id),
             _ = &mut stop, if !runner.is_stopping => runner.on_stop(),
             // a machine that does not answer learns from the end of the connection
-            () = plc.sleep(LEAVE_MAX), if runner.has_ended() => return Ok(()),
+            () = plc.sleep(LEAVE_MAX), if runner.has_ended() => break,
         }
     }
+    offline.returns_within = Some(how.returns_within).filter(|time| !time.is_zero());
     Ok(())
 }
 

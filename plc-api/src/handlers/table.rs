@@ -15,6 +15,7 @@ use crate::port::BoxFuture;
 use crate::presence::ServedCode;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
+use crate::types::alarm_text::AlarmText;
 use crate::types::m_code::MCodeDeclaration;
 use crate::types::output::{Params, Redelivery};
 
@@ -139,6 +140,8 @@ pub(super) struct Table {
     checks: BTreeMap<ServedCode, Check>,
     /// What is done with lost outputs of single M codes.
     redeliveries: BTreeMap<ServedCode, Redelivery>,
+    /// What is said of its alarms, by their codes.
+    pub(super) alarms: BTreeMap<u16, AlarmText>,
     // of single calls
     pub(super) mistakes: Vec<String>,
 }
@@ -268,6 +271,24 @@ impl Table {
         self.mistakes.extend(twice.chain(other.mistakes));
         self.declared.extend(other.declared);
         self.wanted.extend(other.wanted);
+        self.add_alarms(other.alarms.into_values());
+    }
+
+    /// Adds what is said of alarms.
+    pub(super) fn add_alarms(&mut self, texts: impl IntoIterator<Item = AlarmText>) {
+        for text in texts {
+            let code = text.code;
+            if let Err(why) = text.mistake() {
+                self.mistakes.push(format!("alarm {code}: {why}"));
+            }
+            let said = self.alarms.entry(code).or_insert_with(|| text.clone());
+            if *said != text {
+                self.mistakes.push(format!(
+                    "alarm {code} has two texts: {:?} and {:?}",
+                    said.text, text.text
+                ));
+            }
+        }
     }
 
     /// Adds what another program serves, at M codes of a range, with its own states.
@@ -279,6 +300,7 @@ impl Table {
     ) {
         let (first, last) = (*codes.start(), *codes.end());
         self.mistakes.extend(part.all_mistakes());
+        self.add_alarms(part.alarms.values().cloned());
         let Some(lowest) = part.handlers.keys().map(|(_, m)| *m).min() else {
             self.mistakes
                 .push(format!("nest({first}..={last}) got a program without handlers"));

@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
+use super::alarm_text::{self, AlarmText};
 use super::m_code::{MCodeDeclaration, ServedMCode, check_all};
 use super::redelivery::Redelivery;
 use super::refusal::{Refusal, RefusalCode};
@@ -15,6 +16,9 @@ pub const EXPIRES_MS: RangeInclusive<u64> = 300..=3_600_000;
 
 /// Presences within the time of one, so that two may be lost.
 pub const REFRESHES: u32 = 3;
+
+/// Time in which a handler that leaves may say that it is back, ms.
+pub const RETURNS_WITHIN_MS: RangeInclusive<u64> = 1..=3_600_000;
 
 /// Characters of the id of an instance.
 pub const INSTANCE_MAX: usize = 64;
@@ -54,10 +58,17 @@ pub struct HandlerPresence {
     /// What it says of the M codes: their names, the parameters that they take, and what it does with a lost output of each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub m_codes: Vec<MCodeDeclaration>,
+    /// What it says of its alarms: remedies and languages.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub alarms: Vec<AlarmText>,
     /// With `online`: it says its presence again well within this time, at best at a third of it, ms, 300 to 3,600,000. When it
     /// does not, it counts as gone, as if its last will had come. Absent: its last will alone says that it has gone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_ms: Option<u64>,
+    /// Without `online`: it comes back within this time, ms, 1 to 3,600,000. Until then its M codes count as served, and their
+    /// outputs wait for it; afterwards as where no handler is registered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub returns_within_ms: Option<u64>,
     /// With `expires_ms`: counts the connections of this instance. A presence that is the same as before is no news; over a new
     /// connection it is, and unclaimed outputs are published again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -124,12 +135,20 @@ impl HandlerPresence {
             let text = format!("expires_ms {wrong}: write {least} to {most}");
             return Err(Refusal::new(RefusalCode::Invalid, text));
         }
+        if let Some(wrong) = self.returns_within_ms {
+            let (least, most) = (*RETURNS_WITHIN_MS.start(), *RETURNS_WITHIN_MS.end());
+            if self.online || !RETURNS_WITHIN_MS.contains(&wrong) {
+                let text = format!("returns_within_ms {wrong}: write {least} to {most}, with online false");
+                return Err(Refusal::new(RefusalCode::Invalid, text));
+            }
+        }
         let is_right = |instance: &String| {
             !instance.is_empty()
                 && instance.chars().nth(INSTANCE_MAX).is_none()
                 && !instance.contains(['/', '+', '#', '\0'])
         };
         if self.instance.as_ref().is_none_or(is_right) {
+            alarm_text::check_all(&self.alarms)?;
             return check_all(&self.m_codes);
         }
         let text = format!("instance: write 1 to {INSTANCE_MAX} characters without / + # ~");

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::alarm_text::AlarmWords;
 use super::io::IoDeclarations;
 use super::m_code::DeclaredParams;
 pub use super::m_code::{Served, ServedMCode};
@@ -175,9 +176,12 @@ pub struct AlarmRecord {
     pub number: u16,
     /// What happened.
     pub text: String,
-    /// What to do, where the alarm table says it.
+    /// What to do, where the alarm table, the configuration or the handler says it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
+    /// What happened and what to do in other languages, by their tags, such as `de`, where the configuration or the handler says it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub languages: BTreeMap<String, AlarmWords>,
     /// The coordinate system that it stopped; null: all.
     pub cs: Option<CoordinateSystemNumber>,
     /// Program number.

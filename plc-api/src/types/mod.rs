@@ -1,5 +1,6 @@
 //! Everything that crosses a wire: the same types in process, over MQTT and over REST.
 
+pub mod alarm_text;
 pub mod command;
 pub mod data;
 pub mod execution;

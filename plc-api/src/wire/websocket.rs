@@ -7,9 +7,8 @@ use super::requests::parsed;
 use super::row::ParsedRequest;
 use crate::types::CoordinateSystemNumber;
 use crate::types::heartbeat::ClientHeartbeat;
-use crate::types::m_code::MCodeDeclaration;
 use crate::types::message::Message;
-use crate::types::output::{HandledCode, HandlerPresence, Redelivery};
+use crate::types::output::HandlerPresence;
 use crate::types::question::ValidateResult;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
@@ -38,32 +37,13 @@ pub struct ClientFrame {
     pub validate_result: Option<ValidatedCode>,
 }
 
-/// A handler that a client serves as long as it is connected.
+/// A handler that a client serves as long as it is connected: its presence, with its id.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
-#[allow(clippy::struct_excessive_bools, reason = "they are members of a message")]
 pub struct AnnouncedHandler {
     id: String,
-    online: bool,
-    #[serde(default)]
-    handles: Vec<HandledCode>,
-    #[serde(default)]
-    validates: bool,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    instance: Option<String>,
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    take_over: bool,
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    exclusive: bool,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    redelivery: Option<Redelivery>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    m_codes: Vec<MCodeDeclaration>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    expires_ms: Option<u64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    connection: Option<u64>,
+    #[serde(flatten)]
+    presence: HandlerPresence,
 }
 
 /// A client that is heard, and within which time it will be heard again.
@@ -97,21 +77,7 @@ pub struct ValidatedCode {
 pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
     let mut frame = ClientFrame::default();
     match request {
-        Request::Handler(id, presence) => {
-            frame.handler = Some(AnnouncedHandler {
-                id,
-                online: presence.online,
-                handles: presence.handles,
-                validates: presence.validates,
-                instance: presence.instance,
-                take_over: presence.take_over,
-                exclusive: presence.exclusive,
-                redelivery: presence.redelivery,
-                m_codes: presence.m_codes,
-                expires_ms: presence.expires_ms,
-                connection: presence.connection,
-            });
-        }
+        Request::Handler(id, presence) => frame.handler = Some(AnnouncedHandler { id, presence }),
         Request::Heartbeat(id, ClientHeartbeat { ttl_ms, cs }) => {
             frame.heartbeat = Some(WatchedClient { id, ttl_ms, cs });
         }
@@ -136,21 +102,9 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
 impl ClientFrame {
     /// The requests of a frame.
     pub fn requests(self) -> impl Iterator<Item = ParsedRequest> {
-        let handler = self.handler.map(|handler| {
-            let presence = HandlerPresence {
-                online: handler.online,
-                handles: handler.handles,
-                validates: handler.validates,
-                instance: handler.instance,
-                take_over: handler.take_over,
-                exclusive: handler.exclusive,
-                redelivery: handler.redelivery,
-                m_codes: handler.m_codes,
-                expires_ms: handler.expires_ms,
-                connection: handler.connection,
-            };
-            Request::Handler(handler.id, presence)
-        });
+        let handler = self
+            .handler
+            .map(|AnnouncedHandler { id, presence }| Request::Handler(id, presence));
         let watched = self
             .heartbeat
             .map(|WatchedClient { id, ttl_ms, cs }| Request::Heartbeat(id, ClientHeartbeat { ttl_ms, cs }));

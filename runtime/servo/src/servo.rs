@@ -130,35 +130,34 @@ impl Servo {
         self.counts
     }
 
-    /// Lets up to `cycles_max` cycles pass at once that would put out no event: every channel rests, dwells, or moves at a
-    /// constant rate of its time base with motors that follow without lag; its spindle keeps its speed. Gives how many have
-    /// passed; the readings show them after the next [`Servo::cycle`]. For simulated time; without anything sent meanwhile the
-    /// state is the same, to the last bit, as after as many cycles.
-    pub fn pass(&mut self, cycles_max: u64) -> u64 {
+    /// How many cycles, `cycles_max` at most, would put out no event: every channel rests, dwells, or moves at a constant rate of
+    /// its time base with motors that follow without lag; its spindle keeps its speed.
+    pub fn cycles_to_pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::cycles_to_pass);
-        let cycles = each.fold(cycles_max, u64::min);
-        self.pass_each(cycles)
+        each.fold(cycles_max, u64::min)
     }
 
     /// The same for cycles in which each motor keeps its speed.
-    pub fn pass_evenly(&mut self, cycles_max: u64) -> u64 {
+    pub fn even_cycles_to_pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::even_cycles);
-        let cycles = each.fold(cycles_max, u64::min);
-        self.pass_each(cycles)
+        each.fold(cycles_max, u64::min)
     }
 
-    fn pass_each(&mut self, cycles: u64) -> u64 {
-        if cycles > 0 {
-            for channel in &mut self.channels {
-                channel.pass(cycles, &mut self.commands);
-            }
-            self.cycles += cycles;
-            self.exchange();
-            for channel in &mut self.channels {
-                channel.passed(&self.feedback);
-            }
+    /// Lets so many cycles pass at once, at most as many as [`Servo::cycles_to_pass`] gives; the readings show them after the next
+    /// [`Servo::cycle`]. For simulated time; without anything sent meanwhile the state is the same, to the last bit, as after as
+    /// many cycles.
+    pub fn pass(&mut self, cycles: u64) {
+        if cycles == 0 {
+            return;
         }
-        cycles
+        for channel in &mut self.channels {
+            channel.pass(cycles, &mut self.commands);
+        }
+        self.cycles += cycles;
+        self.exchange();
+        for channel in &mut self.channels {
+            channel.passed(&self.feedback);
+        }
     }
 
     /// Time of the last cycle: cycles times the servo period, s. 0 before the first.

@@ -28,7 +28,7 @@ pub struct Arguments {
         long,
         value_name = "ADDRESS",
         requires = "run",
-        help = "The machine of --run: mqtt://[user:token@]host[:port]/[prefix/]machine, with TLS mqtts://"
+        help = "The machine of --run: mqtt://[user:token@]host[:port]/[prefix/]machine or http://[user:token@]host[:port], with TLS mqtts:// or https://"
     )]
     connect: Option<String>,
     /// Time from one scan to the next, ms

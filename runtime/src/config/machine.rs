@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use plc_api::lock_input::LockRules;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::alarm_text::AlarmText;
 use plc_api::types::io::IoDeclarations;
 use plc_api::types::m_code::MCodeDeclaration;
 use plc_api::types::machine::{Identification, Served};
@@ -48,6 +49,8 @@ pub struct Machine {
     pub tools: BTreeMap<u16, Tool>,
     /// M codes that have settings.
     pub m_codes: BTreeMap<u16, MCodeSettings>,
+    /// What is said of alarms of sequence programs, by their codes.
+    pub alarms: BTreeMap<u16, AlarmText>,
     /// Inputs and outputs of the plant.
     pub io: IoDeclarations,
     /// What the file of the sequence side says that it serves; none: there is no file.

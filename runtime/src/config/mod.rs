@@ -3,6 +3,7 @@
 //! Comments, ranges and units of the keys are the reference that `tandem explain` and the book show. A key that nothing reads is an error that names it and
 //! the nearest known one. [`Config::resolve`] turns the text's values into the settings that the stages take.
 
+mod alarm;
 mod broker;
 mod demo;
 mod dgshape;
@@ -28,6 +29,7 @@ use tandem_gateway::MtconnectVersion;
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
 
+pub use alarm::AlarmConfig;
 pub use broker::{Broker, ExternalBroker};
 pub use dgshape::DgshapeConfig;
 pub use error::ConfigError;
@@ -74,6 +76,9 @@ pub struct Config {
     /// `[m_code.N]`
     #[serde(default)]
     pub m_code: BTreeMap<String, MCodeConfig>,
+    /// `[alarm.N]`
+    #[serde(default)]
+    pub alarm: BTreeMap<String, AlarmConfig>,
     /// `[input]`
     #[serde(default)]
     pub input: InputConfig,

@@ -8,9 +8,9 @@ use serde_json::Value;
 
 use super::error::known;
 use super::{
-    Config, CoordinateSystemConfig, HmiConfig, HttpConfig, IdentificationConfig, IoPointConfig, LockConfig,
-    LockSourceConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig,
-    SimulatedRoundConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
+    AlarmConfig, Config, CoordinateSystemConfig, HmiConfig, HttpConfig, IdentificationConfig, IoPointConfig,
+    LockConfig, LockSourceConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig, MtconnectConfig,
+    ProgramsConfig, SimulatedRoundConfig, SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -94,6 +94,7 @@ impl Config {
             ("tool", order_of::<ToolConfig>()),
             ("m_code", order_of::<MCodeConfig>()),
             ("m_code.params", order_of::<ParamDeclaration>()),
+            ("alarm", order_of::<AlarmConfig>()),
             ("input.interlock", order_of::<LockConfig>()),
             ("input.start_lock", order_of::<LockConfig>()),
             ("input.interlock.source", order_of::<LockSourceConfig>()),
@@ -122,7 +123,10 @@ impl Config {
             // a table within the tables of another one has no name of its own
             let title = match text(schema) {
                 named if named.starts_with('`') => named.to_owned(),
-                _ => format!("[{}]", name.replace("m_code", "m_code.N")),
+                _ => format!(
+                    "[{}]",
+                    name.replace("m_code", "m_code.N").replace("alarm", "alarm.N")
+                ),
             };
             let needed = table["required"].as_array().map_or(&[][..], Vec::as_slice);
             let of_table = keys.len();

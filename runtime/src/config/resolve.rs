@@ -1,5 +1,6 @@
 //! From the values of the configuration to the settings that the stages take; all faults are reported together.
 
+mod alarm;
 mod coordinate_system;
 mod hmi;
 mod identification;
@@ -135,6 +136,7 @@ impl Config {
         let tools = self.tools(problems);
         let motors = self.motors(problems);
         let m_codes = self.m_codes(problems);
+        let alarms = alarm::alarm_texts(&self.alarm, problems);
         let served = self.served(problems);
         let coordinate_systems = self.coordinate_systems(&motors, &m_codes, problems);
         self.check_hmi(&coordinate_systems, problems);
@@ -150,6 +152,7 @@ impl Config {
             coordinate_systems,
             tools,
             m_codes,
+            alarms,
             io,
             served,
             unhandled: Unhandled::Alarm,

@@ -182,6 +182,7 @@ impl CoordinateSystem {
         self.expire_jog(now.monotonic_s);
         self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
+        self.look_at_away(now);
         self.look_at_bus(now);
         self.look_at_clients(now.monotonic_s);
         self.carry_out_effects();
@@ -428,6 +429,7 @@ impl CoordinateSystem {
             CoordinateSystemRequest::Handler(id, presence) => {
                 self.outputs.on_handler_changed(&self.context, &id, &presence);
                 if !presence.online {
+                    self.await_handler();
                     self.lose_owner(&id);
                 }
                 Ok(Answer::Done)

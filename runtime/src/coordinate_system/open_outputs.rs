@@ -24,6 +24,8 @@ pub(super) struct Outputs {
     pub since_s: BTreeMap<u64, f64>,
     /// What the stock sequence program works on.
     pub stock: Vec<StockWork>,
+    /// Outputs whose handler has left and comes back, with the time until which they wait for it, seconds since the start.
+    pub away: Vec<(u64, f64)>,
 }
 
 /// An output that the stock sequence program works on.
@@ -41,6 +43,7 @@ impl Outputs {
             made: BTreeMap::new(),
             since_s: BTreeMap::new(),
             stock: Vec::new(),
+            away: Vec::new(),
         }
     }
 
@@ -73,7 +76,8 @@ impl Outputs {
     pub fn next_deadline_s(&self) -> Option<f64> {
         let stock = self.stock.iter().filter_map(|work| work.due_s);
         let ledger = self.ledger.next_deadline_s();
-        stock.chain(ledger).min_by(f64::total_cmp)
+        let away = self.away.iter().map(|(_, until_s)| *until_s);
+        stock.chain(ledger).chain(away).min_by(f64::total_cmp)
     }
 
     /// Takes the stock work that is done.
@@ -81,10 +85,19 @@ impl Outputs {
         self.stock.extract_if(.., |work| is_done(work)).collect()
     }
 
+    /// Unclaimed outputs whose handler has not come back in its time.
+    pub fn take_overdue(&mut self, now_s: f64) -> Vec<OutputNotice> {
+        let over = self.away.extract_if(.., |(_, until_s)| *until_s <= now_s + 1e-9);
+        let open = over.filter_map(|(seq, _)| self.ledger.get(seq));
+        let unclaimed = open.filter(|open| open.state == OutputState::Output);
+        unclaimed.map(|open| open.notice.clone()).collect()
+    }
+
     /// All are cancelled.
     pub fn cancel_all(&mut self, now: Now, reason: CancelReason) {
         self.ledger.cancel_all(now, reason);
         self.stock.clear();
+        self.away.clear();
     }
 
     /// Carries out what is said of an output; what counts is written to the journal.

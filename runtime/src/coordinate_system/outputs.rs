@@ -3,7 +3,7 @@
 
 use plc_api::handshake::{Closed, Effect, Now, OutputSpec};
 use plc_api::types::message::Payload;
-use plc_api::types::output::{OutputNotice, Params, Reset, ResetResult, Timing};
+use plc_api::types::output::{OutputNotice, OutputState, Params, Reset, ResetResult, Timing};
 use plc_api::types::request::{OutputRequest, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
@@ -193,8 +193,36 @@ impl CoordinateSystem {
         }
         self.outputs.made.insert(notice.seq, (notice.m, origin(notice)));
         self.outputs.since_s.insert(notice.seq, self.context.now_s());
-        if !self.context.shared.is_handled(self.context.number, notice.m) {
-            self.without_handler(notice);
+        self.look_for_handler(notice);
+    }
+
+    /// An output that no handler serves waits for one that comes back.
+    fn look_for_handler(&mut self, notice: &OutputNotice) {
+        let (shared, cs) = (&self.context.shared, self.context.number);
+        if shared.is_handled(cs, notice.m) {
+            return;
+        }
+        match shared.handler_back_s(cs, notice.m) {
+            Some(until_s) => self.outputs.away.push((notice.seq, until_s)),
+            None => self.without_handler(notice),
+        }
+    }
+
+    /// A handler has left: what it did not begin with waits for it where it comes back.
+    pub(super) fn await_handler(&mut self) {
+        let (shared, cs) = (&self.context.shared, self.context.number);
+        let open = self.outputs.ledger.open().iter();
+        let unclaimed =
+            open.filter(|open| open.state == OutputState::Output && !shared.is_handled(cs, open.notice.m));
+        let away =
+            unclaimed.filter_map(|open| Some((open.notice.seq, shared.handler_back_s(cs, open.notice.m)?)));
+        self.outputs.away = away.collect();
+    }
+
+    /// Handlers that have not come back in their time are no longer waited for.
+    pub(super) fn look_at_away(&mut self, now: Now) {
+        for notice in self.outputs.take_overdue(now.monotonic_s) {
+            self.look_for_handler(&notice);
         }
     }
 

@@ -121,7 +121,10 @@ impl Context {
     pub fn is_served(&self, m: u16) -> bool {
         let stock = self.m_code(m).and_then(|settings| settings.stock);
         let has_spindle = self.configured.settings.spindle.is_some();
-        stock.is_some() || has_spindle && stock::is_spindle_code(m) || self.shared.is_handled(self.number, m)
+        stock.is_some()
+            || has_spindle && stock::is_spindle_code(m)
+            || self.shared.is_handled(self.number, m)
+            || self.shared.handler_back_s(self.number, m).is_some()
     }
 
     /// A program and those that it calls, as the store has them.

@@ -11,21 +11,22 @@ use tokio::sync::Notify;
 
 use super::TestError;
 
-/// What tokio's panics say where its clock, or its sockets, are used in a test.
-const FOREIGN: [&str; 2] = ["timers are disabled", "IO is disabled"];
+/// What tokio's panics say where its sockets are used in a test.
+const FOREIGN: &str = "IO is disabled";
 
 /// What to do instead.
-const ONE_CLOCK: &str = "a test in simulated time has one clock, that of the machine: sleep by plc.sleep, limit by plc.timeout, \
-                         repeat by plc.interval, and stand in for a socket by a model (Bench::plant)";
+const MODEL: &str = "stand in for it by a model (Bench::plant)";
 
-/// True if a text, of a panic or an alarm, is of something that does not know the clock of the machine.
+/// True if a text, of a panic or an alarm, is of a socket.
 pub(super) fn is_foreign(text: &str) -> bool {
-    FOREIGN.iter().any(|foreign| text.contains(foreign))
+    text.contains(FOREIGN)
 }
 
-/// The error of a test in which something used another clock.
+/// The error of a test in which something used a socket.
 pub(super) fn foreign(what: &str) -> TestError {
-    TestError::new(format!("{what} used tokio's clock or a socket: {ONE_CLOCK}"))
+    TestError::new(format!(
+        "{what} used a socket, and simulated time does not wait for a network: {MODEL}"
+    ))
 }
 
 enum Failure {
@@ -68,7 +69,7 @@ impl Failures {
         self.told.notify_one();
     }
 
-    /// Something runs on a thread that does not know the clock of the machine.
+    /// Something runs on a thread that has a clock of its own.
     pub(super) fn on_other_thread(&self) {
         self.other_thread.store(true, Ordering::SeqCst);
     }
@@ -102,7 +103,7 @@ impl Failures {
         if self.other_thread.load(Ordering::SeqCst) {
             return Err(TestError::new(format!(
                 "something works on another thread, by spawn_blocking, tokio::fs or a name that is looked up, and simulated time \
-                 does not wait for it: do it at once where it is short, or stand in for it by a model (Bench::plant); {ONE_CLOCK}"
+                 does not wait for it: do it at once where it is short, or {MODEL}"
             )));
         }
         Ok(())

@@ -1,6 +1,9 @@
+mod alarm_texts;
 mod beside;
+mod clocks;
 mod declared;
 mod io;
+mod returning;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

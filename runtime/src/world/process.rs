@@ -127,7 +127,9 @@ async fn cycle(mut servo: Servo, shared: Arc<Shared>, truth: SharedTruth) {
         let mut left = per_burst;
         let mut told = false;
         while left > 0 {
-            left -= servo.pass(left - 1) + 1;
+            let passed = servo.cycles_to_pass(left - 1);
+            servo.pass(passed);
+            left -= passed + 1;
             told |= servo.cycle();
         }
         for (place, channel) in servo.channels().iter().enumerate() {

@@ -12,6 +12,8 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use plc_api::Plc;
@@ -22,6 +24,9 @@ use crate::support::binary::{build_beside, example, forget_package, root, tandem
 
 const HTTP: &str = "127.0.0.1:8080";
 const MQTT: &str = "127.0.0.1:1883";
+
+/// Pages that are followed at a time: they wait more than they compute.
+const READERS: usize = 3;
 
 /// A cold build of a reader's project is the longest of what is waited for.
 const PATIENCE: Duration = Duration::from_mins(2);
@@ -368,18 +373,32 @@ fn follow(path: &str) -> usize {
     count
 }
 
+/// The next page, and no lock any more.
+fn next(pages: &Mutex<impl Iterator<Item = String>>) -> Option<String> {
+    pages.lock().unwrap().next()
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn every_command_of_readme_and_book_does_what_its_page_says() {
     let others = ["README.md", "CONTRIBUTING.md"].map(str::to_owned);
-    let mut followed = 0;
-    let mut wrong = Vec::new();
-    for page in pages().into_iter().chain(others) {
-        // what is wrong with one page does not hide what is wrong with another
-        match std::panic::catch_unwind(|| follow(&page)) {
-            Ok(blocks) => followed += blocks,
-            Err(_) => wrong.push(page),
+    let pages = Mutex::new(pages().into_iter().chain(others));
+    let (followed, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let of_test = tokio::runtime::Handle::current();
+    std::thread::scope(|scope| {
+        for _ in 0..READERS {
+            scope.spawn(|| {
+                let _entered = of_test.enter();
+                while let Some(page) = next(&pages) {
+                    // what is wrong with one page does not hide what is wrong with another
+                    match std::panic::catch_unwind(|| follow(&page)) {
+                        Ok(blocks) => _ = followed.fetch_add(blocks, Ordering::Relaxed),
+                        Err(_) => wrong.lock().unwrap().push(page),
+                    }
+                }
+            });
         }
-    }
+    });
+    let (followed, wrong) = (followed.into_inner(), wrong.into_inner().unwrap());
     assert!(wrong.is_empty(), "{wrong:?}");
     assert!(followed > 20, "only {followed} blocks of commands found");
 }

@@ -109,7 +109,7 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
 #[test]
 fn any_line_that_is_changed_removed_inserted_or_moved_is_found_at_its_place_and_the_next_start_goes_on() {
     let mut random = Random::new(11);
-    for round in 0..140 {
+    for round in 0..70 {
         let folder = tempfile::tempdir().unwrap();
         journal(folder.path(), 30, 1500);
         let files = (0..8).filter(|age| place(folder.path(), *age).exists()).count();

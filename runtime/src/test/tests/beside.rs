@@ -1,4 +1,4 @@
-//! What runs beside a test, and clocks that are not the machine's.
+//! What runs beside a test.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -99,49 +99,35 @@ fn a_panic_of_a_plant_is_that_of_the_test() {
     let _panics = bench.run("G04 X100\nM30");
 }
 
-/// The error of a run, which says what to use.
+/// The error of a run, which says what to do.
 fn foreign(bench: Bench) -> String {
     let error = bench.run("M20\nG04 X1\nM30").unwrap_err().to_string();
-    assert!(
-        error.contains("plc.timeout") && error.contains("one clock"),
-        "{error}"
-    );
+    assert!(error.contains("Bench::plant"), "{error}");
     error
 }
 
-const LIMIT: Duration = Duration::from_secs(2);
-
 #[test]
-fn a_handler_that_takes_tokios_clock_ends_the_test_which_says_what_to_take() {
-    let timeout = SequenceProgram::new().on(20, async |_output: AuxOutput, plc: Plc| {
-        let done = tokio::time::timeout(LIMIT, plc.sleep(Duration::from_secs(100))).await;
-        done.map_err(|_| Alarm::user(1, "too late"))
-    });
-    let error = foreign(Bench::new().serve(timeout));
-    assert!(
-        error.starts_with("the handler of M20 used tokio's clock"),
-        "{error}"
-    );
-    let sleep = SequenceProgram::new().on(20, async |_output: AuxOutput| {
-        tokio::time::sleep(LIMIT).await;
+fn a_socket_ends_the_test_wherever_it_is_used() {
+    async fn connects() {
+        let _panics = tokio::net::TcpStream::connect("127.0.0.1:9").await;
+    }
+    let program = SequenceProgram::new().on(20, async |_output: AuxOutput| {
+        connects().await;
         Ok(())
     });
-    foreign(Bench::new().serve(sleep));
-}
-
-#[test]
-fn tasks_plants_and_actions_that_take_tokios_clock_end_the_test_too() {
+    let error = foreign(Bench::new().serve(program));
+    assert!(error.starts_with("the handler of M20 used a socket"), "{error}");
     let task = SequenceProgram::new().task(async |_plc| {
-        tokio::time::sleep(LIMIT).await;
+        connects().await;
         Ok(())
     });
     foreign(bench().serve(task));
     foreign(bench().plant(async |_scene| {
-        tokio::time::interval(LIMIT).tick().await;
+        connects().await;
         Ok(())
     }));
     foreign(bench().at_s(0.0, async |_scene| {
-        tokio::time::sleep(LIMIT).await;
+        connects().await;
         Ok(())
     }));
 }

@@ -1,0 +1,98 @@
+//! What a machine builder says of its own alarms: text, remedy, languages.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::refusal::{Refusal, RefusalCode};
+use crate::alarm::{ALARM_TEXT_MAX, USER_CODE_MAX};
+
+/// Alarms that one handler or configuration says something of.
+pub const ALARM_TEXTS_MAX: usize = 256;
+
+/// Languages of one alarm, beside that of its own text.
+pub const LANGUAGES_MAX: usize = 8;
+
+/// Characters of a language, such as `de` or `pt-BR`.
+const LANGUAGE_CHARS: std::ops::RangeInclusive<usize> = 2..=16;
+
+/// What happened and what to do, in one language.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct AlarmWords {
+    /// What happened, 1 to 1000 characters.
+    pub text: String,
+    /// What to do, 1 to 1000 characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remedy: Option<String>,
+}
+
+/// What is said of an alarm of a sequence program. An alarm that is raised shows the remedy, and panels show the text of
+/// their language.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct AlarmText {
+    /// 0 to 9999; its number is 10000 + this.
+    pub code: u16,
+    /// What happened, 1 to 1000 characters.
+    pub text: String,
+    /// What to do, 1 to 1000 characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remedy: Option<String>,
+    /// The same in other languages, by their tags, such as `de`; up to 8.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub languages: BTreeMap<String, AlarmWords>,
+}
+
+impl AlarmText {
+    /// What is wrong with it, with what to write.
+    ///
+    /// # Errors
+    /// The code is above 9999, a text is empty or too long, a language is none, or there are too many.
+    pub fn mistake(&self) -> Result<(), String> {
+        if self.code > USER_CODE_MAX {
+            return Err(format!("{}: write 0 to {USER_CODE_MAX}", self.code));
+        }
+        if self.languages.len() > LANGUAGES_MAX {
+            return Err(format!(
+                "{} languages: write up to {LANGUAGES_MAX}",
+                self.languages.len()
+            ));
+        }
+        let is_tag = |tag: &str| {
+            LANGUAGE_CHARS.contains(&tag.len())
+                && tag
+                    .bytes()
+                    .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-')
+        };
+        if let Some(wrong) = self.languages.keys().find(|tag| !is_tag(tag)) {
+            return Err(format!("language {wrong:?}: write a tag such as `de` or `pt-BR`"));
+        }
+        let others = self.languages.values();
+        let others = others.flat_map(|words| std::iter::once(&words.text).chain(&words.remedy));
+        let mut all = std::iter::once(&self.text).chain(&self.remedy).chain(others);
+        let is_wrong = |text: &String| text.is_empty() || text.chars().nth(ALARM_TEXT_MAX).is_some();
+        match all.find(|text| is_wrong(text)) {
+            Some(_) => Err(format!("text and remedy: write 1 to {ALARM_TEXT_MAX} characters")),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Whether these can be said by one handler.
+///
+/// # Errors
+/// `invalid`: which of them, and what to write.
+pub(super) fn check_all(texts: &[AlarmText]) -> Result<(), Refusal> {
+    if texts.len() > ALARM_TEXTS_MAX {
+        let text = format!("alarms: {} of them, write up to {ALARM_TEXTS_MAX}", texts.len());
+        return Err(Refusal::new(RefusalCode::TooLarge, text));
+    }
+    for text in texts {
+        let said = text.mistake();
+        said.map_err(|why| Refusal::new(RefusalCode::Invalid, format!("alarms: code {}: {why}", text.code)))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,41 @@
+//! `[alarm.N]`.
+
+use std::collections::BTreeMap;
+
+use plc_api::types::alarm_text::{ALARM_TEXTS_MAX, AlarmText};
+
+use super::super::AlarmConfig;
+use super::super::text::Problems;
+
+/// The alarms of a configuration by their codes.
+pub(super) fn alarm_texts(
+    config: &BTreeMap<String, AlarmConfig>,
+    problems: &mut Problems<'_>,
+) -> BTreeMap<u16, AlarmText> {
+    let mut texts = BTreeMap::new();
+    if config.len() > ALARM_TEXTS_MAX {
+        let text = format!(
+            "[alarm]: {} are there; write up to {ALARM_TEXTS_MAX}",
+            config.len()
+        );
+        problems.add("alarm", text);
+    }
+    for (key, config) in config {
+        let mut of_table = problems.of(format!("alarm.{key}"), format!("[alarm.{key}] "));
+        let Ok(code) = key.parse::<u16>() else {
+            of_table.problem("", "name it by the code of the alarm, 0 to 9999");
+            continue;
+        };
+        let text = AlarmText {
+            code,
+            text: config.text.clone(),
+            remedy: config.remedy.clone(),
+            languages: config.language.clone(),
+        };
+        if let Err(why) = text.mistake() {
+            of_table.problem("", why);
+        }
+        texts.insert(code, text);
+    }
+    texts
+}

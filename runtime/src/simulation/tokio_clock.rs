@@ -1,0 +1,154 @@
+//! tokio's clock in simulated time: paused, and led along with the simulation's.
+//!
+//! A paused executor that has nothing to do goes to its next timer. One timer is ours, at the servo cycle that comes next: so
+//! tokio either comes to that cycle, or to an earlier timer of a task, up to which the simulation follows before the task runs.
+//! Where the machine rests and nobody sleeps on its own clock, ours is set again and again, until no task has had a timer for long.
+//!
+//! tokio counts milliseconds: between them its clock is ahead of the machine's by less than one. Its timers are in slots of 64 ms, and
+//! of 64 of these, and so on, which it comes to one by one: a timer of ours at the begin of the next one is all that it comes to.
+
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Waker};
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use tokio::time::{Instant, Sleep};
+
+use super::{Next, Simulation, Slot};
+
+/// Slots of tokio's timers: of 64 ms, of 64 of these, and so on.
+const SLOTS: u64 = 64;
+
+/// Beyond the time limit, ns: a task without a timer in it has none that counts.
+const BEYOND_NS: u64 = 60_000_000_000;
+
+/// tokio's clock beside the simulation of a slot.
+pub(super) struct TokioClock {
+    slot: Slot,
+    led: Mutex<Led>,
+}
+
+#[derive(Default)]
+struct Led {
+    /// When the simulation began.
+    origin: Option<Instant>,
+    /// The timer at the cycle that comes next.
+    guard: Option<Pin<Box<Sleep>>>,
+    next: Option<Next>,
+    /// Since when nothing has happened, ns.
+    rests_since_ns: u64,
+}
+
+/// The next slot, of those that are shorter than the rest has been.
+fn next_slot_ns(now_ns: u64, rests_since_ns: u64) -> u64 {
+    let mut slot_ns = SLOTS * 1_000_000;
+    while slot_ns * SLOTS <= now_ns - rests_since_ns {
+        slot_ns *= SLOTS;
+    }
+    (now_ns / slot_ns + 1) * slot_ns
+}
+
+fn elapsed_ns(origin: Instant) -> u64 {
+    u64::try_from((Instant::now() - origin).as_nanos()).unwrap_or(u64::MAX)
+}
+
+impl TokioClock {
+    pub(super) fn of(slot: &Slot) -> Arc<Self> {
+        Arc::new(Self {
+            slot: Arc::clone(slot),
+            led: Mutex::default(),
+        })
+    }
+
+    /// No task is ready to run: sets the timer at what comes next.
+    pub(super) fn before_park(&self) {
+        let Some(simulation) = self.slot.get() else { return };
+        let mut led = self.led.lock();
+        let origin = *led.origin.get_or_insert_with(Instant::now);
+        let next = simulation.next(&mut simulation.servo.lock());
+        let now_ns = elapsed_ns(origin);
+        let at_ns = match next {
+            Next::Tasks => return,
+            Next::Cycle(cycle) => cycle * simulation.period_ns,
+            Next::Nothing if now_ns >= simulation.limit_ns.saturating_add(BEYOND_NS) => {
+                simulation.stall_at(led.rests_since_ns);
+                return;
+            }
+            Next::Nothing => {
+                if simulation.is_at_limit() {
+                    simulation.stalled.notify_one();
+                }
+                next_slot_ns(now_ns, led.rests_since_ns)
+            }
+        };
+        let at = origin + Duration::from_nanos(at_ns);
+        led.next = Some(next);
+        match &mut led.guard {
+            Some(guard) => guard.as_mut().reset(at),
+            None => {
+                let guard = led.guard.insert(Box::pin(tokio::time::sleep_until(at)));
+                // registers it; it is this function that asks for it again
+                let _ = guard.as_mut().poll(&mut Context::from_waker(Waker::noop()));
+            }
+        }
+    }
+
+    /// tokio has come to a timer, or a task was woken: the simulation follows.
+    pub(super) fn after_park(&self) {
+        let Some(simulation) = self.slot.get() else { return };
+        let mut led = self.led.lock();
+        let (Some(next), Some(origin)) = (led.next.take(), led.origin) else {
+            return;
+        };
+        let now_ns = elapsed_ns(origin);
+        let is_ours = led.guard.as_ref().is_some_and(|guard| guard.is_elapsed());
+        match next {
+            Next::Nothing if is_ours => simulation.clock.set_ns(now_ns),
+            _ => {
+                led.rests_since_ns = now_ns;
+                simulation.follow(next, now_ns);
+            }
+        }
+    }
+
+    /// Gives the timer back, which holds the executor.
+    pub(super) fn release(&self) {
+        self.led.lock().guard = None;
+    }
+}
+
+impl Simulation {
+    /// Nothing can happen any more, and has not since that time.
+    fn stall_at(&self, since_ns: u64) {
+        if !self.is_at_limit() {
+            self.clock.set_ns(since_ns);
+        }
+        self.stalled.notify_one();
+    }
+
+    /// Comes to this time, at most to what comes next.
+    fn follow(&self, next: Next, now_ns: u64) {
+        let last = match next {
+            Next::Tasks => return,
+            Next::Cycle(cycle) => cycle,
+            Next::Nothing => u64::MAX,
+        };
+        let due = if now_ns < self.limit_ns {
+            now_ns / self.period_ns
+        } else {
+            self.stalled.notify_one();
+            self.limit_ns.div_ceil(self.period_ns)
+        };
+        let mut servo = self.servo.lock();
+        if due >= last {
+            self.advance(&mut servo, last);
+        } else {
+            // cycles that are left out pass in one piece
+            if due > servo.cycles && servo.missed == 0 {
+                self.advance(&mut servo, due);
+            }
+            self.clock.set_ns(now_ns);
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! tokio's clock is that of the machine.
+
+use std::time::Duration;
+
+use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+use tokio::time::{Instant, MissedTickBehavior};
+
+use super::super::{Bench, Config, Run, Stopped};
+
+const SECONDS_100: Duration = Duration::from_secs(100);
+
+fn took_s(run: &Run) -> f64 {
+    run.output(20).unwrap().took_s().unwrap()
+}
+
+#[test]
+fn a_timeout_of_tokio_comes_at_its_simulated_time() {
+    let program = SequenceProgram::new().on(20, async |_output: AuxOutput, plc: Plc| {
+        let limit = Duration::from_secs(2);
+        let done = tokio::time::timeout(limit, plc.sleep(SECONDS_100)).await;
+        done.map_err(|_| Alarm::user(1, "too late"))
+    });
+    let run = Bench::new().serve(program).run("M20\nM30").unwrap();
+    assert_eq!(run.alarm().unwrap().text, "too late");
+    assert!((run.time_s - 2.0).abs() < 0.01, "{}", run.time_s);
+}
+
+#[test]
+fn a_sleep_of_tokio_takes_its_simulated_time_and_its_instants_tell_it() {
+    let program = SequenceProgram::new().on(20, async |_output: AuxOutput, plc: Plc| {
+        let (begun, begun_s) = (Instant::now(), plc.now_s());
+        tokio::time::sleep(SECONDS_100).await;
+        plc.sleep(SECONDS_100).await;
+        let both_s = [begun.elapsed().as_secs_f64(), plc.now_s() - begun_s];
+        let are_right = both_s.iter().all(|took_s| (took_s - 200.0).abs() < 0.002);
+        are_right
+            .then_some(())
+            .ok_or(Alarm::user(1, format!("{both_s:?}")))
+    });
+    let run = Bench::new()
+        .serve(program)
+        .run("M20\nM30")
+        .unwrap()
+        .completed()
+        .unwrap();
+    assert!((took_s(&run) - 200.0).abs() < 0.002);
+}
+
+#[test]
+fn tasks_plants_and_actions_have_tokios_clock_too() {
+    let program = SequenceProgram::new()
+        .task(async |plc: Plc| {
+            tokio::time::sleep(Duration::from_secs(3)).await;
+            plc.coordinate_system(1).hold().await
+        })
+        .on(20, async |_output: AuxOutput| Ok(()));
+    let run = Bench::new()
+        .serve(program)
+        .plant(async |scene| {
+            tokio::time::sleep(Duration::from_secs(5)).await;
+            scene.cs(1).resume().await
+        })
+        .at_s(6.0, async |scene| {
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            scene.cs(1).hold().await?;
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            scene.cs(1).resume().await
+        })
+        .run("G04 X10\nM20\nM30")
+        .unwrap()
+        .completed()
+        .unwrap();
+    // ten seconds of dwell, and two holds of two and one
+    assert!((run.time_s - 13.0).abs() < 0.02, "{}", run.time_s);
+}
+
+/// A line of 100 mm at 10 mm/s, and where X is after so long by tokio's clock.
+fn x_at(lag_ms: f64, servo_period_us: u64, at: Duration) -> f64 {
+    let mut config = Config::demo();
+    config.machine.servo_period_us = servo_period_us;
+    for motor in &mut config.motor {
+        motor.lag_ms = lag_ms;
+    }
+    let bench = Bench::on_machine(config.resolve().unwrap()).subprogram(1, "G90 G01 X100 F600\nM30");
+    bench
+        .play(async move |scene, _runtime| {
+            scene.cs(1).load(1).await.unwrap();
+            scene.cs(1).start().await.unwrap();
+            tokio::time::sleep(at).await;
+            scene.cs(1).position().await.unwrap().machine["X"]
+        })
+        .unwrap()
+}
+
+#[test]
+fn a_timer_in_the_middle_of_a_motion_finds_the_machine_there() {
+    for (lag_ms, servo_period_us) in [(0.0, 1000), (0.0, 4000), (0.0, 250), (5.0, 1000)] {
+        let (at_2_s, at_5_s) = (
+            x_at(lag_ms, servo_period_us, Duration::from_secs(2)),
+            x_at(lag_ms, servo_period_us, Duration::from_secs(5)),
+        );
+        // between its ramps it goes 10 mm each second, to a cycle of the servo
+        let tolerance = 10.0 * (servo_period_us as f64 / 1e6 + 0.001);
+        let way = at_5_s - at_2_s;
+        assert!(
+            (way - 30.0).abs() <= tolerance,
+            "{lag_ms} {servo_period_us}: {way}"
+        );
+        assert!(
+            at_2_s < 20.0 && at_2_s > 19.0,
+            "{lag_ms} {servo_period_us}: {at_2_s}"
+        );
+    }
+}
+
+#[test]
+fn equal_tests_with_both_clocks_are_equal() {
+    let run = || {
+        let program = SequenceProgram::new()
+            .task(async |plc: Plc| {
+                let mut tick = tokio::time::interval(Duration::from_millis(70));
+                tick.set_missed_tick_behavior(MissedTickBehavior::Skip);
+                loop {
+                    tick.tick().await;
+                    plc.sleep(Duration::from_millis(13)).await;
+                }
+            })
+            .on(20, async |_output: AuxOutput, plc: Plc| {
+                let _either =
+                    tokio::time::timeout(Duration::from_millis(130), plc.sleep(Duration::from_millis(130)))
+                        .await;
+                Ok(())
+            });
+        let run = Bench::new().serve(program).trace_every_s(0.01);
+        let run = run.run("G90 G01 X10 F6000\nM20\nG01 X0\nM20\nM30").unwrap();
+        format!("{:?}", run.completed().unwrap())
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn a_task_that_ticks_for_ever_ends_neither_a_run_nor_keeps_one_from_its_time_limit() {
+    let bench = || {
+        let program = SequenceProgram::new()
+            .task(async |_plc: Plc| {
+                let mut tick = tokio::time::interval(Duration::from_millis(10));
+                loop {
+                    tick.tick().await;
+                }
+            })
+            .on(20, async |_output: AuxOutput| std::future::pending().await);
+        Bench::new().serve(program)
+    };
+    let ended = bench().run("G04 X1\nM30").unwrap().completed().unwrap();
+    assert!((ended.time_s - 1.0).abs() < 0.01, "{}", ended.time_s);
+    let waits = bench().max_time_s(60.0).run("M20\nM30").unwrap();
+    assert_eq!(waits.stopped, Stopped::TimeLimit);
+}

@@ -1,0 +1,53 @@
+//! A handler that leaves says when it is back.
+
+use super::*;
+
+fn program(name: &str) -> SequenceProgram {
+    SequenceProgram::new()
+        .handler_id(name)
+        .on(20, async |_output: AuxOutput| Ok(()))
+}
+
+/// A program that begins at a time and is stopped at another one.
+fn there(bench: Bench, program: SequenceProgram, from_s: u64, to_s: u64) -> Bench {
+    bench.plant(move |scene| async move {
+        let plc = scene.plc().clone();
+        plc.sleep(Duration::from_secs(from_s)).await;
+        program
+            .run_until(&plc, plc.sleep(Duration::from_secs(to_s)))
+            .await
+    })
+}
+
+#[test]
+fn an_m_code_waits_for_its_handler_that_was_stopped_and_is_back_in_time() {
+    let bench = there(Bench::new(), program("cell"), 0, 1);
+    let bench = there(bench, program("cell"), 30, 1000);
+    let run = bench.run("G04 X2\nM20\nM30").unwrap().completed().unwrap();
+    let output = run.output(20).unwrap();
+    assert!((output.output_s - 2.0).abs() < 0.05, "{output:?}");
+    assert!((run.time_s - 30.0).abs() < 0.05, "{}", run.time_s);
+}
+
+#[test]
+fn an_m_code_whose_handler_is_not_back_in_time_is_an_alarm_then() {
+    let stopped = || program("cell").returns_within(Duration::from_secs(10));
+    let run = there(Bench::new(), stopped(), 0, 1)
+        .run("G04 X2\nM20\nM30")
+        .unwrap();
+    assert!(run.alarm().unwrap().text.contains("M20 has no handler"));
+    assert!((run.time_s - 11.0).abs() < 0.05, "{}", run.time_s);
+    // what was put out while the program was ending counts too
+    let slow = stopped().on(21, wait);
+    let run = there(Bench::new(), slow, 0, 1).beside(2, 7, "G04 X2\nM20\nM30");
+    let run = run.run("M21 VA5\nM30").unwrap();
+    assert!((run.time_s - 15.0).abs() < 0.05, "{}", run.time_s);
+}
+
+#[test]
+fn one_that_does_not_come_back_is_waited_for_by_nobody() {
+    let gone = program("cell").returns_within(Duration::ZERO);
+    let run = there(Bench::new(), gone, 0, 1).run("G04 X2\nM20\nM30").unwrap();
+    assert!(run.alarm().unwrap().text.contains("M20 has no handler"));
+    assert!((run.time_s - 2.0).abs() < 0.05, "{}", run.time_s);
+}
