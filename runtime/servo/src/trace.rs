@@ -268,7 +268,7 @@ mod tests {
         (0..7000).for_each(|n| tracer.see(&cycle(n)));
         let (first, samples) = tracer.trace().read(0, usize::MAX);
         assert_eq!((first, samples.len()), (1000, 6000));
-        assert_eq!(samples[0].motions[0].position, 1000.0);
+        assert_eq!(samples[0].motions[0].position.to_bits(), 1000.0_f64.to_bits());
     }
 
     #[test]
@@ -279,7 +279,7 @@ mod tests {
             for _ in 0..200 {
                 for sample in trace.read(0, usize::MAX).1 {
                     let motion = sample.motions[0];
-                    assert_eq!(motion.velocity, motion.position * 2.0);
+                    assert_eq!(motion.velocity.to_bits(), (motion.position * 2.0).to_bits());
                 }
             }
         });

@@ -84,13 +84,12 @@ impl TokioClock {
         };
         let at = origin + Duration::from_nanos(at_ns);
         led.next = Some(next);
-        match &mut led.guard {
-            Some(guard) => guard.as_mut().reset(at),
-            None => {
-                let guard = led.guard.insert(Box::pin(tokio::time::sleep_until(at)));
-                // registers it; it is this function that asks for it again
-                let _ = guard.as_mut().poll(&mut Context::from_waker(Waker::noop()));
-            }
+        if let Some(guard) = &mut led.guard {
+            guard.as_mut().reset(at);
+        } else {
+            let guard = led.guard.insert(Box::pin(tokio::time::sleep_until(at)));
+            // registers it; it is this function that asks for it again
+            let _ = guard.as_mut().poll(&mut Context::from_waker(Waker::noop()));
         }
     }
 
