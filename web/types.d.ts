@@ -9,19 +9,26 @@ export interface AlarmHistory { alarms: AlarmRecord[]; }
 /** One alarm: payload of `alarm/event`, and an entry of `alarm/active`. */
 export interface AlarmRecord {
   acknowledged_by: string | null; cleared_at: Timestamp | null; column?: number; cs: number | null; id: number;
-  line: number | null; number: number; program: number | null; raised_at: Timestamp; remedy?: string;
-  severity: AlarmSeverity; text: string;
+  languages?: Record<string, AlarmWords>; line: number | null; number: number; program: number | null;
+  raised_at: Timestamp; remedy?: string; severity: AlarmSeverity; text: string;
 }
 
 /** One alarm: payload of `alarm/event`, and an entry of `alarm/active`. */
 export interface AlarmRecordMessage {
   acknowledged_by: string | null; boot_id: BootId; cleared_at: Timestamp | null; column?: number; cs: number | null;
-  id: number; line: number | null; number: number; program: number | null; raised_at: Timestamp; remedy?: string;
-  rev?: number; severity: AlarmSeverity; text: string; ts: string; v: 1;
+  id: number; languages?: Record<string, AlarmWords>; line: number | null; number: number; program: number | null;
+  raised_at: Timestamp; remedy?: string; rev?: number; severity: AlarmSeverity; text: string; ts: string; v: 1;
 }
 
 /** How much an alarm weighs. */
 export type AlarmSeverity = "warning" | "alarm";
+
+/** What is said of an alarm of a sequence program. An alarm that is raised shows the remedy, and panels show the text of
+ * their language. */
+export interface AlarmText { code: number; languages?: Record<string, AlarmWords>; remedy?: string; text: string; }
+
+/** What happened and what to do, in one language. */
+export interface AlarmWords { remedy?: string; text: string; }
 
 /** All inputs and outputs of the plant, each with the message of its state. */
 export interface AllIo { in: Record<string, IoStateMessage>; out: Record<string, IoStateMessage>; }
@@ -107,8 +114,9 @@ export type HandlerAct = "presence";
 
 /** Payload of `handler/{id}/presence`. */
 export interface HandlerPresence {
-  connection?: number; exclusive?: boolean; expires_ms?: number; handles: HandledCode[]; instance?: string;
-  m_codes?: MCodeDeclaration[]; online: boolean; redelivery?: Redelivery; take_over?: boolean; validates: boolean;
+  alarms?: AlarmText[]; connection?: number; exclusive?: boolean; expires_ms?: number; handles: HandledCode[];
+  instance?: string; m_codes?: MCodeDeclaration[]; online: boolean; redelivery?: Redelivery; returns_within_ms?: number;
+  take_over?: boolean; validates: boolean;
 }
 
 /** Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was

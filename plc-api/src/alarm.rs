@@ -1,17 +1,12 @@
 //! Alarms of handlers.
 
+pub use crate::types::alarm_text::{ALARM_TEXT_MAX, USER_CODE_MAX};
 use crate::types::alarm_text::{AlarmText, AlarmWords, LANGUAGES_MAX};
 use crate::types::machine::AlarmRaise;
 use crate::types::refusal::{Refusal, RefusalCode};
 
 /// First alarm number of handlers (H6): a number is this plus the handler's code.
 pub const USER_ALARM_BASE: u16 = 10_000;
-
-/// Highest code of a handler's alarm.
-pub const USER_CODE_MAX: u16 = 9_999;
-
-/// Characters of an alarm's text; a longer one is cut. Reason: panels show it, and histories keep it.
-pub const ALARM_TEXT_MAX: usize = 1_000;
 
 /// An alarm that stops the NC program: number and text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -171,13 +171,13 @@ fn an_open_door_of_the_example_holds_the_motion() {
 async fn a_program_runs_on_a_machine_until_ctrl_c_over_mqtt_and_rest() {
     let machine = Machine::new(FREE_PORTS);
     let served = Served::start(&machine);
-    for url in [served.mqtt_url(), served.http_url()] {
-        run_door(&machine, &served, &url).await;
+    for (number, url) in [(50, served.mqtt_url()), (51, served.http_url())] {
+        run_door(&machine, &served, &url, number).await;
         served.command(1, "reset").await;
     }
 }
 
-async fn run_door(machine: &Machine, served: &Served, url: &str) {
+async fn run_door(machine: &Machine, served: &Served, url: &str, number: u16) {
     let path = root().join("examples/structured-text/door.st");
     let path = path.to_string_lossy();
     let arguments = [
@@ -193,7 +193,7 @@ async fn run_door(machine: &Machine, served: &Served, url: &str) {
     ];
     let mut program = Process::start(tandem(), machine.folder(), &arguments);
     program.line("it runs", |line| line.contains("The program runs"));
-    served.load(1, 50, "M08\nM09\nG00 X5\nM30\n").await;
+    served.load(1, number, "M08\nM09\nG00 X5\nM30\n").await;
     crate::support::wait::until("the program is known", async || {
         let handlers = served.get("/handlers").await.expect(200).body;
         handlers.contains("door").then_some(())

@@ -10,7 +10,7 @@ import { icon } from "../icons.js";
 import { listed, t } from "../language.js";
 import { orderParts } from "../order.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
-import { askForFolder, foldersKey, inFolders } from "./folders.js";
+import { askForFolder, foldersKey, inFolders } from "../folders.js";
 
 /** @typedef {import("../types.d.ts").ProgramInfo} ProgramInfo */
 

@@ -5,7 +5,12 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::refusal::{Refusal, RefusalCode};
-use crate::alarm::{ALARM_TEXT_MAX, USER_CODE_MAX};
+
+/// Highest code of a handler's alarm.
+pub const USER_CODE_MAX: u16 = 9_999;
+
+/// Characters of an alarm's text; a longer one is cut. Reason: panels show it, and histories keep it.
+pub const ALARM_TEXT_MAX: usize = 1_000;
 
 /// Alarms that one handler or configuration says something of.
 pub const ALARM_TEXTS_MAX: usize = 256;

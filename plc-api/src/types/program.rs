@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::refusal::{Refusal, RefusalCode};
-
 /// Bytes of one program's text; more are refused as `too_large`.
 pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
 
@@ -60,8 +58,8 @@ impl ProgramFolder {
     /// The same as it is kept: without spaces around names.
     ///
     /// # Errors
-    /// It is too long or too deep, or a name is empty, `.` or `..`, or holds a control character or a backslash.
-    pub fn checked(&self) -> Result<Self, Refusal> {
+    /// What to write, as a text: it is too long or too deep, or a name is empty, `.` or `..`, or holds a control character or a backslash.
+    pub fn checked(&self) -> Result<Self, String> {
         let names: Vec<&str> = self.folder.split('/').map(str::trim).collect();
         let is_name = |name: &&str| {
             !matches!(*name, "" | "." | "..") && !name.chars().any(|char| char.is_control() || char == '\\')
@@ -71,12 +69,11 @@ impl ProgramFolder {
         if folder.is_empty() || fits && names.iter().all(is_name) {
             return Ok(Self { folder });
         }
-        let text = format!(
+        Err(format!(
             "folder {:.200?}: write names with / between them, such as parts/left, at most {FOLDER_DEPTH_MAX} names and \
              {FOLDER_CHARS_MAX} characters",
             self.folder
-        );
-        Err(Refusal::new(RefusalCode::Invalid, text))
+        ))
     }
 }
 

@@ -46,12 +46,13 @@ use tokio_util::sync::CancellationToken;
 use access::http::Access;
 use access::{LiveTokens, Users};
 use broker::{Broker, BrokerAccess};
-use broker_address::BrokerAddress;
+use broker_address::{BrokerAddress, Refused};
 use machine::Machine;
 use neighbours::{Listener, Neighbours};
 use server::LimitedListener;
 use settings::bind;
 use shared::{MqttServer, Shared};
+use tls::LiveTls;
 
 pub use access::{
     NewToken, Role, TokenError, Tokens, certificate_entry, mosquitto_acl, new_token, pin_entry,
@@ -84,6 +85,28 @@ impl std::fmt::Debug for Gateway {
     }
 }
 
+/// The embedded broker, where there is one, and where the runtime's own client finds its broker.
+fn start_broker(
+    settings: &GatewaySettings,
+    root: &str,
+    (users, machine): (Option<Users>, Machine),
+    tls: Option<LiveTls>,
+    refused: mpsc::Sender<Refused>,
+) -> Result<(Option<Broker>, BrokerAddress), GatewayError> {
+    let Some(address) = settings.mqtt_address()? else {
+        return Ok((None, BrokerAddress::of_settings(&settings.mqtt)?));
+    };
+    let access = BrokerAccess {
+        root: root.to_owned(),
+        runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
+        users,
+        machine,
+    };
+    let broker = Broker::start(address, access, tls, refused)?;
+    let at = broker.address();
+    Ok((Some(broker), at))
+}
+
 impl Gateway {
     /// Starts all server ends. When it returns, HTTP and the embedded broker are ready; an external broker is connected
     /// as soon as it is there.
@@ -108,20 +131,13 @@ impl Gateway {
         let tokens = settings.tokens.clone().map(LiveTokens::follow);
         let users = tokens.clone().map(Users::new);
         let tls = settings.live_tls(tokens.clone())?;
-        let (broker, at) = match settings.mqtt_address()? {
-            Some(address) => {
-                let access = BrokerAccess {
-                    root: root.clone(),
-                    runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
-                    users: users.clone(),
-                    machine: machine.clone(),
-                };
-                let broker = Broker::start(address, access, tls.clone(), refused_sender)?;
-                let at = broker.address();
-                (Some(broker), at)
-            }
-            None => (None, BrokerAddress::of_settings(&settings.mqtt)?),
-        };
+        let (broker, at) = start_broker(
+            &settings,
+            &root,
+            (users.clone(), machine.clone()),
+            tls.clone(),
+            refused_sender,
+        )?;
         let addresses = settings.hmi.machines.clone();
         let neighbours = Neighbours::new(&settings.machine, addresses, broker.is_none());
         let position_interval = settings.position_interval();
@@ -140,13 +156,9 @@ impl Gateway {
         .with_neighbours(Arc::clone(&neighbours))
         .with_entrance(broker.as_ref().and_then(|broker| broker.entrance(&settings.mqtt)));
         if broker.is_none() {
-            let listener = Listener {
-                neighbours,
-                at: BrokerAddress::of_settings(&settings.mqtt)?,
-                client_id: format!("{}-machines", mqtt::client_id(&settings.mqtt, &settings.machine)),
-                base: settings.mqtt.base(),
-                stop: stop.clone(),
-            };
+            let at = BrokerAddress::of_settings(&settings.mqtt)?;
+            let client_id = mqtt::client_id(&settings.mqtt, &settings.machine);
+            let listener = Listener::new(neighbours, at, &client_id, settings.mqtt.base(), stop.clone());
             shared.tasks.spawn(listener.run());
         }
         let mqtt = MqttEnd::start(mqtt::Parts {

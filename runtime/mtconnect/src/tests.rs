@@ -316,6 +316,10 @@ fn a_path_wants_data_items_by_component_and_attribute() {
     }
 }
 
+fn tool(id: u16, radius: f64, length: f64) -> ToolData {
+    ToolData { id, radius, length }
+}
+
 /// Every version, and the documents that it has.
 fn documents() -> Vec<(Version, &'static str, String)> {
     use crate::documents::{ErrorKind, Head, Sequences, assets, devices, error, streams};
@@ -328,11 +332,7 @@ fn documents() -> Vec<(Version, &'static str, String)> {
         for message in &everything() {
             feed.take(message);
         }
-        let changed = ToolData {
-            id: 1,
-            radius: 5.0,
-            length: 80.0,
-        };
+        let changed = tool(1, 5.0, 80.0);
         feed.tools(&[], &"2026-01-01T00:00:00Z".into());
         feed.tools(&[changed], &"2026-01-01T00:00:01Z".into());
         feed.tools(&[], &"2026-01-01T00:00:02Z".into());
@@ -349,18 +349,7 @@ fn documents() -> Vec<(Version, &'static str, String)> {
             next: feed.buffer.next(),
         };
         let tools = ToolTable {
-            tools: vec![
-                ToolData {
-                    id: 1,
-                    radius: 5.0,
-                    length: 80.0,
-                },
-                ToolData {
-                    id: 12,
-                    radius: 0.0,
-                    length: 0.0,
-                },
-            ],
+            tools: vec![tool(1, 5.0, 80.0), tool(12, 0.0, 0.0)],
         };
         let (sampled, _) = feed.buffer.sample(1, usize::MAX, &|_| true);
         all.push((version, "Devices", devices(&head, &feed.device, 2)));

@@ -139,7 +139,9 @@ impl RuntimePort {
     }
 
     pub(super) async fn put_in_folder(&self, number: u16, folder: &ProgramFolder) -> Result<Answer, Refusal> {
-        let ProgramFolder { folder } = folder.checked()?;
+        let ProgramFolder { folder } = folder
+            .checked()
+            .map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
         let put = move |shared: &Shared| shared.store.put_in_folder(number, &folder);
         if self.on_disk(put).await? {
             return Ok(Answer::Done);

@@ -12,6 +12,7 @@ use plc_api::types::io::{IoForce, IoPoint, IoSet};
 use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{Redeliver, Redelivery, Reset, ResetResult};
+use plc_api::types::program::ProgramFolder;
 use plc_api::types::question::OperatorAnswer;
 use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use plc_api::types::run::RunOrder;
@@ -164,6 +165,12 @@ fn of_values() -> Vec<Request> {
             },
         ),
         Request::WriteProgram(77, "M30\n".into()),
+        Request::PutInFolder(
+            77,
+            ProgramFolder {
+                folder: "parts/left".to_owned(),
+            },
+        ),
         Request::DeleteProgram(77),
     ]
 }

@@ -38,6 +38,23 @@ pub(crate) struct Listener<C> {
 }
 
 impl<C: Connect> Listener<C> {
+    /// Of the runtime whose MQTT client has this id.
+    pub(crate) fn new(
+        neighbours: Arc<Neighbours>,
+        at: C,
+        client_id: &str,
+        base: String,
+        stop: CancellationToken,
+    ) -> Self {
+        Self {
+            neighbours,
+            at,
+            client_id: format!("{client_id}-machines"),
+            base,
+            stop,
+        }
+    }
+
     /// Listens while somebody asks, until it is stopped.
     pub(crate) async fn run(self) {
         loop {

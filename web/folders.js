@@ -1,13 +1,13 @@
 // Folders of programs: lists are grouped by them, and programs are moved by a dialog or by dragging them onto a folder.
 
-import { openDialog } from "../dialog.js";
-import { button, h, setAttr } from "../dom.js";
-import { programName } from "../format.js";
-import { icon } from "../icons.js";
-import { t } from "../language.js";
-import { whyNotNow } from "../why_not.js";
+import { openDialog } from "./dialog.js";
+import { button, h, setAttr } from "./dom.js";
+import { programName } from "./format.js";
+import { icon } from "./icons.js";
+import { t } from "./language.js";
+import { whyNotNow } from "./why_not.js";
 
-/** @typedef {import("../types.d.ts").ProgramInfo} ProgramInfo */
+/** @typedef {import("./types.d.ts").ProgramInfo} ProgramInfo */
 
 /** What a dragged program is. */
 const DRAGGED = "application/x-tandem-program";
@@ -25,7 +25,7 @@ function grouped(programs) {
 
 /**
  * Entries of programs, below the heads of their folders; without folders, nothing but the entries.
- * @param {import("../main.js").App} app @param {ProgramInfo[]} programs @param {(program: ProgramInfo) => HTMLElement} entry @param {boolean} all closed folders are open, too
+ * @param {import("./main.js").App} app @param {ProgramInfo[]} programs @param {(program: ProgramInfo) => HTMLElement} entry @param {boolean} all closed folders are open, too
  */
 export function inFolders(app, programs, entry, all) {
   const groups = grouped(programs);
@@ -41,7 +41,7 @@ export function foldersKey() {
   return [...closed].join("\n");
 }
 
-/** @param {import("../main.js").App} app @param {string} folder @param {number} count @param {boolean} isOpen */
+/** @param {import("./main.js").App} app @param {string} folder @param {number} count @param {boolean} isOpen */
 function head(app, folder, count, isOpen) {
   const name = folder || t("folders.none");
   const toggle = () => {
@@ -65,7 +65,7 @@ function head(app, folder, count, isOpen) {
   return item;
 }
 
-/** @param {import("../main.js").App} app @param {ProgramInfo} program @param {HTMLElement} item */
+/** @param {import("./main.js").App} app @param {ProgramInfo} program @param {HTMLElement} item */
 function draggable(app, { number }, item) {
   if (whyNotNow(app.model, "administrate") !== null) return item;
   item.draggable = true;
@@ -73,13 +73,13 @@ function draggable(app, { number }, item) {
   return item;
 }
 
-/** @param {import("../main.js").App} app @param {number} number @param {string} folder */
+/** @param {import("./main.js").App} app @param {number} number @param {string} folder */
 async function move(app, number, folder) {
   await app.attempt(() => app.api.putInFolder(number, folder));
   await app.readPrograms();
 }
 
-/** Asks for the folder of a program. @param {import("../main.js").App} app @param {ProgramInfo} program */
+/** Asks for the folder of a program. @param {import("./main.js").App} app @param {ProgramInfo} program */
 export function askForFolder(app, { number, title, folder }) {
   const why = whyNotNow(app.model, "administrate");
   if (why) return app.toast(why, "error");
