@@ -7,6 +7,15 @@ use crate::types::machine::AlarmRecord;
 use crate::types::output::PendingOutput;
 use crate::types::state::State;
 
+/// Topics of a machine from which others are shown, below its root.
+pub const TOPICS: [&str; 5] = [
+    "presence",
+    "alarm/active",
+    "cs/+/state",
+    "cs/+/m_code/pending",
+    "cs/+/time_left",
+];
+
 /// Machines beside this one.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -156,9 +156,7 @@ impl Gateway {
         .with_neighbours(Arc::clone(&neighbours))
         .with_entrance(broker.as_ref().and_then(|broker| broker.entrance(&settings.mqtt)));
         if broker.is_none() {
-            let at = BrokerAddress::of_settings(&settings.mqtt)?;
-            let client_id = mqtt::client_id(&settings.mqtt, &settings.machine);
-            let listener = Listener::new(neighbours, at, &client_id, settings.mqtt.base(), stop.clone());
+            let listener = Listener::beside(&settings.mqtt, &settings.machine, neighbours, stop.clone())?;
             shared.tasks.spawn(listener.run());
         }
         let mqtt = MqttEnd::start(mqtt::Parts {

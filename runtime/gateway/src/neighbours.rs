@@ -13,7 +13,7 @@ use plc_api::wire::machines::{Machines, SharedBroker};
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-pub(crate) use listener::{Listener, topics};
+pub(crate) use listener::Listener;
 use registry::Registry;
 
 /// The other machines, and those of the configuration.

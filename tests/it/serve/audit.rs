@@ -79,6 +79,7 @@ fn samples(alarm: u64) -> Vec<Request> {
         how: Redelivery::Verify,
     };
     let mut samples = of_values();
+    samples.extend(of_programs());
     samples.extend([
         Request::Reset(1, Some(100), reset),
         Request::Redeliver(1, Some(100), redeliver),
@@ -95,6 +96,20 @@ fn samples(alarm: u64) -> Vec<Request> {
         lease(LeaseRequest::Break),
     ]);
     samples
+}
+
+/// Requests that change programs of the store.
+fn of_programs() -> Vec<Request> {
+    vec![
+        Request::WriteProgram(77, "M30\n".into()),
+        Request::PutInFolder(
+            77,
+            ProgramFolder {
+                folder: "parts/left".to_owned(),
+            },
+        ),
+        Request::DeleteProgram(77),
+    ]
 }
 
 /// Requests that set a value, or change what is kept.
@@ -164,14 +179,6 @@ fn of_values() -> Vec<Request> {
                 work_offsets: [("G54".to_owned(), [("X".to_owned(), 1.0)].into())].into(),
             },
         ),
-        Request::WriteProgram(77, "M30\n".into()),
-        Request::PutInFolder(
-            77,
-            ProgramFolder {
-                folder: "parts/left".to_owned(),
-            },
-        ),
-        Request::DeleteProgram(77),
     ]
 }
 

@@ -2,9 +2,10 @@
 
 use std::fmt::Write as _;
 
+use plc_api::wire::machines;
+
 use super::{Role, Tokens};
 use crate::contract::topics::inbound_topics;
-use crate::neighbours;
 
 /// The text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, the only one that may
 /// publish states. `root` is the machine's topic root with its last slash.
@@ -23,7 +24,7 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
             .rsplit_once('/')
             .map_or("", |(base, _)| base);
         let _ = writeln!(text, "# what it shows of other machines on the page of several");
-        for topic in neighbours::topics() {
+        for topic in machines::TOPICS {
             let _ = writeln!(text, "topic read {base}/+/{topic}");
         }
     }

@@ -3,29 +3,21 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::wire::machines::SharedBroker;
+use plc_api::wire::machines::{SharedBroker, TOPICS};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info, warn};
 
 use super::Neighbours;
-use crate::mqtt::{Connect, Event, Lost, Version, Wire};
+use crate::broker_address::BrokerAddress;
+use crate::error::GatewayError;
+use crate::mqtt::{Connect, Event, Lost, Version, Wire, client_id};
+use crate::settings::MqttSettings;
 
 /// How long it is listened after somebody has asked.
 const ASKED_FOR: Duration = Duration::from_mins(1);
 /// Messages after which other tasks have their turn.
 const TURN: u32 = 64;
-
-/// Topics of a machine that are read, below its root.
-pub(crate) fn topics() -> [&'static str; 5] {
-    [
-        "presence",
-        "alarm/active",
-        "cs/+/state",
-        "cs/+/m_code/pending",
-        "cs/+/time_left",
-    ]
-}
 
 /// The task that listens.
 pub(crate) struct Listener<C> {
@@ -37,24 +29,28 @@ pub(crate) struct Listener<C> {
     pub(crate) stop: CancellationToken,
 }
 
-impl<C: Connect> Listener<C> {
-    /// Of the runtime whose MQTT client has this id.
-    pub(crate) fn new(
+impl Listener<BrokerAddress> {
+    /// At the broker of this machine, by a connection of its own.
+    ///
+    /// # Errors
+    /// The address of the broker cannot be used.
+    pub(crate) fn beside(
+        settings: &MqttSettings,
+        machine: &str,
         neighbours: Arc<Neighbours>,
-        at: C,
-        client_id: &str,
-        base: String,
         stop: CancellationToken,
-    ) -> Self {
-        Self {
+    ) -> Result<Self, GatewayError> {
+        Ok(Self {
             neighbours,
-            at,
-            client_id: format!("{client_id}-machines"),
-            base,
+            at: BrokerAddress::of_settings(settings)?,
+            client_id: format!("{}-machines", client_id(settings, machine)),
+            base: settings.base(),
             stop,
-        }
+        })
     }
+}
 
+impl<C: Connect> Listener<C> {
     /// Listens while somebody asks, until it is stopped.
     pub(crate) async fn run(self) {
         loop {
@@ -115,7 +111,7 @@ impl<C: Connect> Listener<C> {
                 Event::Connected { .. } => {
                     info!("the other machines at the broker are read");
                     let base = &self.base;
-                    wire.subscribe(topics().iter().map(|topic| format!("{base}+/{topic}")));
+                    wire.subscribe(TOPICS.iter().map(|topic| format!("{base}+/{topic}")));
                     let mut heard = self.neighbours.heard.lock();
                     heard.registry.clear();
                     heard.broker = SharedBroker::Connected;
