@@ -1,6 +1,6 @@
 // Whether an axis is homed: its position counts from the machine's zero. One that is not does not move, and its position means nothing.
 
-import { h, setAttr, setText } from "./dom.js";
+import { h, setAttr } from "./dom.js";
 import { icon, setIcon } from "./icons.js";
 import { listed, t } from "./language.js";
 import { axesOf } from "./model.js";
@@ -13,8 +13,7 @@ function isHomed(system, axis) {
 /** The sign of an axis, in words for screen readers. @param {string} axis */
 export function homedSign(axis) {
   const sign = icon("home");
-  const says = h("span", { class: "visually-hidden" });
-  const element = h("span", { class: "homed-sign" }, sign, says);
+  const element = h("span", { class: "homed-sign", role: "img" }, sign);
   /** @param {import("./model.js").CoordinateSystem} system */
   const render = (system) => {
     const homed = isHomed(system, axis);
@@ -22,7 +21,7 @@ export function homedSign(axis) {
     setAttr(element, "data-homed", homed === null ? null : String(homed));
     setIcon(sign, homed ? "home" : "alarm");
     const text = homed ? t("homed.is_homed", { axis }) : t("homed.is_not_homed", { axis });
-    setText(says, text);
+    setAttr(element, "aria-label", text);
     setAttr(element, "title", text);
   };
   return { element, render };

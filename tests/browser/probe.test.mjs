@@ -90,6 +90,9 @@ async function moveTo(places) {
     assert.equal(answer.status, 200, await answer.text());
     await until(async () => (await read("/cs/1/state")).run_kind, null, "what runs");
   }
+  // a preview counts for the place that the page knows
+  const { machine } = await read("/cs/1/position");
+  for (const [axis, at] of Object.entries(machine)) await until(async () => Number(await page.locator(`tr[data-axis="${axis}"] td`).nth(1).textContent()), Number(at.toFixed(3)), `the machine position of ${axis}`);
 }
 
 async function fill(values) {

@@ -16,6 +16,7 @@ const axes = (numbers) => ({ kind: "linear", soft_limits: [-500, 500], max_veloc
 export const BIRTH = {
   machine: "mill-1",
   servo_period_us: 1000,
+  identification: {},
   coordinate_systems: [
     { number: 1, axes: { X: 1, Y: 2, Z: 3 }, spindle: 6, dialect: "nj", units: "mm" },
     { number: 2, axes: { X: 4, Z: 5 }, spindle: null, dialect: "nj", units: "mm" },

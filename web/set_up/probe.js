@@ -197,7 +197,8 @@ class Probe {
   /** What a preview is of: it counts as long as none of this changes. */
   #keyOf() {
     const { model } = this.app;
-    return JSON.stringify([model.bootId, model.selected, this.#kind, this.#asked(), model.current?.position?.machine]);
+    const machine = Object.entries(model.current?.position?.machine ?? {}).map(([axis, at]) => [axis, at.toFixed(3)]);
+    return JSON.stringify([model.bootId, model.selected, this.#kind, this.#asked(), machine]);
   }
 
   /** Why there is nothing to look at. */

@@ -203,8 +203,10 @@ mod tests {
     use super::*;
 
     const SMALL: &str = "[machine]\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
-                         [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n[[tool]]\nid = 1\n[m_code.5]\n\
-                         [[simulated_skip]]\nmotor = 1\nbelow = 0\n[[hmi.button]]\ntext = \"a\"\nm_code = 1\n\
+                         [[motor]]\nnumber = 2\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+                         [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\n[identification]\n[[tool]]\nid = 1\n[m_code.5]\n\
+                         [[simulated_skip]]\nmotor = 1\nbelow = 0\n\
+                         [[simulated_round]]\ncoordinate_system = 1\nkind = \"boss\"\nx = 0\ny = 0\ndiameter = 9\nball = 2\n[[hmi.button]]\ntext = \"a\"\nm_code = 1\n\
                          [[hmi.card]]\ntext = \"a\"\nm_code = 1\n";
 
     /// What a configuration is refused for whose key has this value.
