@@ -429,7 +429,10 @@ class Position:
     feedrate: float
     spindle_rpm: float
     homed: dict[str, bool] = field(default_factory=dict)
-    """Whether the axis counts from the machine's zero; one that does not will not move. Empty from a machine that does not tell."""
+    """Whether the axis counts from the machine's zero; one that does not will not move.
+
+    Empty from a machine that does not tell.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
