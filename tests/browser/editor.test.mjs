@@ -131,6 +131,7 @@ test("the meaning of a word is shown where the pointer rests, in the editor and 
   await page.mouse.move(5, 5);
   await page.getByRole("tooltip").waitFor({ state: "hidden" });
   await page.locator(".program-text .line-number").nth(1).click();
+  await page.locator(".program-text .line[data-chosen]", { hasText: "G01" }).waitFor();
   await page.locator(".program-text").focus();
   await page.keyboard.press("F1");
   await page.getByRole("dialog", { name: /G01/ }).waitFor();

@@ -51,7 +51,10 @@ beforeEach(async () => {
   screen = new Screen(page);
   await page.goto(runtime.url);
   await page.getByText("Connected", { exact: true }).waitFor();
+  const loaded = page.waitForResponse((answer) => answer.url().includes("/cs/1/load"));
   await screen.load("O0006");
+  assert.equal((await loaded).status(), 200);
+  await page.locator(".line", { hasText: "M03 S900" }).waitFor();
   await screen.sees("READY");
 });
 
