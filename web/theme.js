@@ -2,6 +2,8 @@
 
 const KEY = "tandem-theme";
 const dark = matchMedia("(prefers-color-scheme: dark)");
+/** What the system chooses: read where its change is told, since a browser does not tell a change that has been read before. */
+let isDark = dark.matches;
 
 /** @type {string | null} the operator's choice */
 let chosen = stored();
@@ -9,7 +11,7 @@ let chosen = stored();
 /** @returns {"light" | "dark"} */
 export function theme() {
   if (chosen === "light" || chosen === "dark") return chosen;
-  return dark.matches ? "dark" : "light";
+  return isDark ? "dark" : "light";
 }
 
 /** Applies the scheme, now and when the system's changes. @param {() => void} changed */
@@ -18,7 +20,10 @@ export function startTheme(changed) {
     document.documentElement.dataset.theme = theme();
     changed();
   };
-  dark.addEventListener("change", put);
+  dark.addEventListener("change", ({ matches }) => {
+    isDark = matches;
+    put();
+  });
   put();
 }
 

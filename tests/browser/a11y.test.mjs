@@ -150,27 +150,30 @@ test("axe finds nothing wrong: several machines on one page", async () => {
   await close();
 });
 
-for (const colorScheme of ["light", "dark"]) {
-  for (const [name, show] of Object.entries(PARTS)) {
-    test(`axe finds nothing wrong: ${name}, ${colorScheme}`, async () => {
-      const { page, close } = await openPage(browser, { colorScheme });
-      const machine = new ScriptedMachine();
-      machine.programs.set(1, "// One\nM100 VA5\nM30\n");
-      machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 1, warnings: 0 }, { number: 2, title: "TWO", bytes: 24, errors: 0, warnings: 0 }];
-      machine.answers.set("POST /programs/1/check", { status: 200, body: { diagnostics: [DIAGNOSTIC], dialect: "nj", hash: "5".repeat(64), m_codes: [], o_number: null, programs: [], signature: null } });
-      machine.answers.set("GET /tools", { status: 200, body: { tools: [{ id: 1, length: 10, radius: 2 }] } });
-      machine.start();
-      await machine.attach(page);
-      await page.goto(`${ORIGIN}/`);
-      await new Screen(page).sees("READY");
-      await show(page, machine);
-      await page.evaluate(AXE);
-      const found = await page.evaluate(async () => {
+for (const [name, show] of Object.entries(PARTS)) {
+  test(`axe finds nothing wrong in light and dark: ${name}`, async () => {
+    const { page, close } = await openPage(browser);
+    const machine = new ScriptedMachine();
+    machine.programs.set(1, "// One\nM100 VA5\nM30\n");
+    machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 1, warnings: 0 }, { number: 2, title: "TWO", bytes: 24, errors: 0, warnings: 0 }];
+    machine.answers.set("POST /programs/1/check", { status: 200, body: { diagnostics: [DIAGNOSTIC], dialect: "nj", hash: "5".repeat(64), m_codes: [], o_number: null, programs: [], signature: null } });
+    machine.answers.set("GET /tools", { status: 200, body: { tools: [{ id: 1, length: 10, radius: 2 }] } });
+    machine.start();
+    await machine.attach(page);
+    await page.goto(`${ORIGIN}/`);
+    await new Screen(page).sees("READY");
+    await show(page, machine);
+    await page.evaluate(AXE);
+    const found = {};
+    for (const colorScheme of ["light", "dark"]) {
+      await page.emulateMedia({ colorScheme });
+      await page.locator(`html[data-theme="${colorScheme}"]`).waitFor();
+      found[colorScheme] = await page.evaluate(async () => {
         const { violations } = await globalThis.axe.run(document);
         return violations.flatMap(({ id, nodes }) => nodes.map((node) => `${id}: ${node.html.slice(0, 120)} ${node.failureSummary ?? ""}`));
       });
-      await close();
-      assert.deepEqual(found, []);
-    });
-  }
+    }
+    await close();
+    assert.deepEqual(found, { light: [], dark: [] });
+  });
 }

@@ -4,12 +4,11 @@ import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { inPictures, picture } from "./pictures.mjs";
+import { inPictures, picture, SCHEMES, SIZES } from "./pictures.mjs";
 import { BIRTH, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { Screen, until } from "./screen.mjs";
 
 const LETTERS = [..."XYZABCUV"];
-const SIZES = [[390, 844], [820, 1180], [1280, 800], [1920, 1080]];
 const NUMBERS = [1, 2, 3, 4, 5, 6, 7, 8];
 /** Eight coordinate systems of eight axes. */
 const LARGE = {
@@ -55,36 +54,40 @@ afterEach(async () => {
 });
 
 for (const [width, height] of SIZES) {
-  for (const colorScheme of ["light", "dark"]) {
-    test(`at ${width}x${height} in ${colorScheme} all eight axes of eight coordinate systems are seen`, async () => {
-      await open(LARGE, { viewport: { width, height }, colorScheme });
-      await page.locator('tr[data-axis="V"] td.work').getByText("203.200").waitFor();
-      await until(() => page.locator(".positions tr").evaluateAll((rows) => rows.filter((row) => {
-        const [box, card] = [row.getBoundingClientRect(), row.closest(".card").getBoundingClientRect()];
-        return box.bottom > card.bottom + 1 || row.scrollWidth > row.clientWidth + 1;
-      }).map((row) => row.textContent)), [], "the axes that are cut");
-      await until(() => page.locator(".tab").evaluateAll((tabs) => tabs.filter((tab) => {
-        const { left, right } = tab.getBoundingClientRect();
-        return left < 0 || right > innerWidth;
-      }).length), 0, "the tabs out of sight");
-      await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
-      await picture(page, `axes-${width}-${colorScheme}`);
-      await screen.openByHand();
-      const canvas = await page.locator(".path-card").boundingBox();
-      assert.ok(canvas && canvas.height >= 200, `By hand leaves the path ${canvas?.height} px`);
-      await page.getByRole("button", { name: "Jog V plus: hold" }).scrollIntoViewIfNeeded();
-      await picture(page, `by-hand-${width}-${colorScheme}`);
-      await page.keyboard.press("f");
-      await page.locator(".far-axes").getByText("203.200").waitFor();
-      const size = await page.locator(".far-state").evaluate((one) => parseFloat(getComputedStyle(one).fontSize));
-      assert.ok(size >= Math.min(width * 0.088, height * 0.125), `the state is ${size} px high`);
-      await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
-      for (const label of ["Hold", "Stop", "Abort"]) assert.ok(await screen.command(label).isVisible());
-      await picture(page, `far-${width}-${colorScheme}`);
-      await page.keyboard.press("Escape");
-      await page.locator(".positions").waitFor();
-    });
-  }
+  test(`at ${width}x${height} all eight axes of eight coordinate systems are seen`, async () => {
+    await open(LARGE, { viewport: { width, height } });
+    const inBothSchemes = async (name) => {
+      for (const colorScheme of SCHEMES) {
+        await page.emulateMedia({ colorScheme });
+        await picture(page, `${name}-${width}-${colorScheme}`);
+      }
+    };
+    await page.locator('tr[data-axis="V"] td.work').getByText("203.200").waitFor();
+    await until(() => page.locator(".positions tr").evaluateAll((rows) => rows.filter((row) => {
+      const [box, card] = [row.getBoundingClientRect(), row.closest(".card").getBoundingClientRect()];
+      return box.bottom > card.bottom + 1 || row.scrollWidth > row.clientWidth + 1;
+    }).map((row) => row.textContent)), [], "the axes that are cut");
+    await until(() => page.locator(".tab").evaluateAll((tabs) => tabs.filter((tab) => {
+      const { left, right } = tab.getBoundingClientRect();
+      return left < 0 || right > innerWidth;
+    }).length), 0, "the tabs out of sight");
+    await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
+    await inBothSchemes("axes");
+    await screen.openByHand();
+    const canvas = await page.locator(".path-card").boundingBox();
+    assert.ok(canvas && canvas.height >= 200, `By hand leaves the path ${canvas?.height} px`);
+    await page.getByRole("button", { name: "Jog V plus: hold" }).scrollIntoViewIfNeeded();
+    await inBothSchemes("by-hand");
+    await page.keyboard.press("f");
+    await page.locator(".far-axes").getByText("203.200").waitFor();
+    const size = await page.locator(".far-state").evaluate((one) => parseFloat(getComputedStyle(one).fontSize));
+    assert.ok(size >= Math.min(width * 0.088, height * 0.125), `the state is ${size} px high`);
+    await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
+    for (const label of ["Hold", "Stop", "Abort"]) assert.ok(await screen.command(label).isVisible());
+    await inBothSchemes("far");
+    await page.keyboard.press("Escape");
+    await page.locator(".positions").waitFor();
+  });
 }
 
 test("inches are shown on the whole screen when the program has them in force, or the operator wants them", async () => {
@@ -102,26 +105,27 @@ test("inches are shown on the whole screen when the program has them in force, o
 });
 
 for (const [width, height] of inPictures(SIZES)) {
-  for (const colorScheme of inPictures(["light", "dark"])) {
-    test(`at ${width}x${height} in ${colorScheme} an axis that is not homed says so, and what to do`, async () => {
-      await open(BIRTH, { viewport: { width, height }, colorScheme });
-      const said = machine.topics.get("cs/1/position");
-      machine.say("cs/1/position", { ...said, homed: { X: true, Y: false, Z: true } });
-      const axis = (letter, says) => page.locator(".positions").getByRole("rowheader", { name: says }).and(page.locator(`[data-axis="${letter}"] th`)).waitFor();
-      await axis("X", "X is homed");
-      await axis("Y", "Y is not homed");
-      const isCut = () => page.locator(".positions tr").evaluateAll((rows) => rows.filter((row) => row.scrollWidth > row.clientWidth + 1).map((row) => row.textContent));
-      await until(isCut, [], "the axes that are cut");
-      await screen.openByHand();
-      const note = page.getByRole("status").filter({ hasText: "Y is not homed: its drive does not know its position" });
-      await note.scrollIntoViewIfNeeded();
+  test(`at ${width}x${height} an axis that is not homed says so, and what to do`, async () => {
+    await open(BIRTH, { viewport: { width, height } });
+    const said = machine.topics.get("cs/1/position");
+    machine.say("cs/1/position", { ...said, homed: { X: true, Y: false, Z: true } });
+    const axis = (letter, says) => page.locator(".positions").getByRole("rowheader", { name: says }).and(page.locator(`[data-axis="${letter}"] th`)).waitFor();
+    await axis("X", "X is homed");
+    await axis("Y", "Y is not homed");
+    const isCut = () => page.locator(".positions tr").evaluateAll((rows) => rows.filter((row) => row.scrollWidth > row.clientWidth + 1).map((row) => row.textContent));
+    await until(isCut, [], "the axes that are cut");
+    await screen.openByHand();
+    const note = page.getByRole("status").filter({ hasText: "Y is not homed: its drive does not know its position" });
+    await note.scrollIntoViewIfNeeded();
+    for (const colorScheme of SCHEMES) {
+      await page.emulateMedia({ colorScheme });
       await picture(page, `homed-${width}-${colorScheme}`);
-      await note.getByRole("button", { name: "Explain Alarm 208" }).waitFor();
-      machine.say("cs/1/position", { ...said, homed: { X: true, Y: true, Z: true } });
-      await note.waitFor({ state: "hidden" });
-      await axis("Y", "Y is homed");
-    });
-  }
+    }
+    await note.getByRole("button", { name: "Explain Alarm 208" }).waitFor();
+    machine.say("cs/1/position", { ...said, homed: { X: true, Y: true, Z: true } });
+    await note.waitFor({ state: "hidden" });
+    await axis("Y", "Y is homed");
+  });
 }
 
 test("a machine that does not tell whether its axes are homed shows no sign", async () => {

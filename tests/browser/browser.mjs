@@ -13,14 +13,32 @@ export function launch() {
   return chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: FLAGS });
 }
 
+/** Of each browser its contexts by their options, each with a blank tab: its process serves the pages that follow, too. */
+const contexts = new WeakMap();
+
+async function contextOf(browser, options) {
+  const known = contexts.get(browser) ?? new Map();
+  contexts.set(browser, known);
+  const key = JSON.stringify(options);
+  if (!known.has(key)) {
+    const context = await browser.newContext(options);
+    const storage = await context.newCDPSession(await context.newPage());
+    known.set(key, { context, storage });
+  }
+  return known.get(key);
+}
+
 /**
- * A page in its own context, with the list of its errors: what the console complains about, and each frame, request and
- * answer that is not of the form which the machine's documents name. `close` waits for the answers that are being read.
+ * A new page, with the list of its errors: what the console complains about, and each frame, request and answer that is not of the
+ * form which the machine's documents name. `close` waits for the answers that are being read, and forgets all that the page stored.
  */
-export async function openPage(browser, options = {}) {
-  const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
+export async function openPage(browser, { viewport = { width: 1280, height: 800 }, colorScheme = "light", ...options } = {}) {
+  const { context, storage } = await contextOf(browser, options);
   const page = await context.newPage();
+  await Promise.all([page.setViewportSize(viewport), page.emulateMedia({ colorScheme })]);
   const errors = [];
+  const origins = new Set();
+  page.on("framenavigated", (frame) => origins.add(new URL(frame.url()).origin));
   page.on("console", (message) => {
     if (message.type() === "error") errors.push(message.text());
   });
@@ -31,7 +49,8 @@ export async function openPage(browser, options = {}) {
   });
   const close = async () => {
     await page.evaluate(() => globalThis.answersRead?.()).catch(() => {});
-    await context.close();
+    await page.close();
+    for (const origin of origins) if (origin !== "null") await storage.send("Storage.clearDataForOrigin", { origin, storageTypes: "all" });
   };
   return { page, errors, checked, close };
 }

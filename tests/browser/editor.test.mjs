@@ -5,7 +5,7 @@ import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { takePictures } from "./pictures.mjs";
+import { pictures, takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -294,7 +294,7 @@ test("a text too long to be edited is shown, read-only, and stored as it is", as
   assert.equal((await stored(53)).length, huge.length);
 });
 
-test("pictures of the editor", async () => {
+pictures("the editor", async () => {
   await store(54, `// Flange\nN10 G17 G64 G90 G54\n/1 M100 VA1    // end mill\nN90 G01 X1 X2 F900\nL0 = 0\nwhile (L0 > -6) {\n    L0 = L0 - 2\n    N220 G03 I-7 Z[L0] F1800\n}\n${"G01 X1 Y2\n".repeat(60)}M30\n`);
   const said = await takePictures(browser, runtime.url, { editor: async (one) => {
     await one.getByRole("button", { name: "Edit O0054" }).click();

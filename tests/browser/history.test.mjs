@@ -9,7 +9,7 @@ import { rounded } from "../../web/format.js";
 import { csvOf as runsCsv } from "../../web/history/runs_view.js";
 import { csvOf, drawn, SAMPLES_MAX, Trace } from "../../web/history/trace.js";
 import { launch, openPage } from "./browser.mjs";
-import { takePictures } from "./pictures.mjs";
+import { pictures, takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -250,7 +250,7 @@ test("all runs are listed: when, which program, how it ended and where; they are
   await post("/cs/1/reset?wait=1");
 });
 
-test("pictures of curves", async () => {
+pictures("curves", async () => {
   const said = await takePictures(browser, runtime.url, { curves: async (one) => {
     await one.getByRole("button", { name: "History" }).click();
     await one.getByRole("radio", { name: "Curves" }).click();
@@ -261,7 +261,7 @@ test("pictures of curves", async () => {
   assert.deepEqual(said, []);
 });
 
-test("pictures of the history", async () => {
+pictures("the history", async () => {
   await post("/cs/1/load?wait=1", { program: 1 });
   await post("/cs/2/load?wait=1", { program: 3 });
   await post("/cs/1/start");

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { takePictures } from "./pictures.mjs";
+import { pictures, takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -119,7 +119,7 @@ test("where the last run was cut short is offered by one button, beside another 
   await post("/reset?wait=1");
 });
 
-test("pictures of a start from a line", async () => {
+pictures("a start from a line", async () => {
   const said = await takePictures(browser, runtime.url, { "line-start": async (shown) => {
     const tab = shown.getByRole("tab", { name: "Program" });
     if (await tab.count()) await tab.click();

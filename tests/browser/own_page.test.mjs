@@ -8,7 +8,7 @@ import { createRequire } from "node:module";
 import { after, before, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { picture, SCHEMES, SIZES, takePictures } from "./pictures.mjs";
+import { picture, pictures, SCHEMES, SIZES, takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { disabled, enabled, Screen, until } from "./screen.mjs";
 
@@ -136,7 +136,6 @@ test("buttons and cards of the configuration are a panel: they run, ask, switch 
   await stop.and(page.locator('[aria-pressed="true"]')).waitFor();
 
   const park = group.getByRole("button", { name: "Park" });
-  await screen.sees("STOPPED").catch(() => {});
   await send("POST", "/cs/1/load?wait=1", { program: 2 });
   await enabled(park);
   await park.click();
@@ -158,7 +157,7 @@ test("buttons and cards of the configuration are a panel: they run, ask, switch 
   assert.deepEqual(errors, []);
 });
 
-test("pictures of the panel of the machine builder", async () => {
+pictures("the panel of the machine builder", async () => {
   const show = async (page) => {
     await page.getByRole("tab", { name: "Machine" }).click();
     await page.getByText("strokes left").waitFor();

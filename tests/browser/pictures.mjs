@@ -2,6 +2,8 @@
 
 import { mkdir } from "node:fs/promises";
 
+import { test } from "node:test";
+
 import { openPage } from "./browser.mjs";
 
 const ALL = process.env.TANDEM_PICTURES === "1";
@@ -12,6 +14,11 @@ export const SCHEMES = ["light", "dark"];
 /** All of them where pictures are wanted, otherwise the first. */
 export const inPictures = (all) => (ALL ? all : all.slice(0, 1));
 
+/** A test that shows what others prove, and is one only where pictures are wanted. */
+export function pictures(of, take) {
+  if (ALL) test(`pictures of ${of}`, take);
+}
+
 /** Takes a picture of the page as it is now, if pictures are wanted. */
 export async function picture(page, name, options = {}) {
   if (!ALL) return;
@@ -21,11 +28,11 @@ export async function picture(page, name, options = {}) {
 
 /**
  * Opens the page, lets each of `shows` (by the picture's name) bring its part into view, one after the other, and gives what the
- * console said. Where pictures are wanted it is done in each size, and a picture is taken in both themes.
+ * console said. It is done in each size, and a picture is taken in both themes.
  */
 export async function takePictures(browser, url, shows) {
   const said = [];
-  for (const [width, height] of inPictures(SIZES)) {
+  for (const [width, height] of SIZES) {
     const { page, errors, close } = await openPage(browser, { viewport: { width, height } });
     await page.goto(url);
     await page.getByText("Connected", { exact: true }).waitFor();

@@ -5,7 +5,7 @@ import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { cycleOf, foundBy } from "../../web/set_up/cycles.js";
 import { launch, openPage } from "./browser.mjs";
-import { inPictures, picture, SCHEMES, SIZES } from "./pictures.mjs";
+import { picture, pictures, SCHEMES, SIZES } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { Screen, disabled, enabled, until } from "./screen.mjs";
 
@@ -249,24 +249,22 @@ test("a corner and an edge on any side are found on the side of the ball that to
   assert.deepEqual(foundBy("edge", asked, edge.touches, [17]).zero, { Y: 20 });
 });
 
-if (inPictures([1, 2]).length > 1) {
-  for (const [width, height] of SIZES) {
-    for (const colorScheme of SCHEMES) {
-      test(`pictures of a probe cycle at ${width}x${height} in ${colorScheme}`, async () => {
-        await close();
-        ({ page, errors, close } = await openPage(browser, { viewport: { width, height }, colorScheme }));
-        screen = new Screen(page);
-        await open("bore", "Bore");
-        await moveTo(["Z-20", "X43.5 Y-15"]);
-        await fill({ "Longest way, mm": 25, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
-        await button("Preview").click();
-        await enabled(button("Run the cycle"));
-        await picture(page, `probe-preview-${width}-${colorScheme}`);
-        await button("Run the cycle").click();
-        await found("Diameter");
-        await button("Set zero of X Y").scrollIntoViewIfNeeded();
-        await picture(page, `probe-found-${width}-${colorScheme}`);
-      });
-    }
+for (const [width, height] of SIZES) {
+  for (const colorScheme of SCHEMES) {
+    pictures(`a probe cycle at ${width}x${height} in ${colorScheme}`, async () => {
+      await close();
+      ({ page, errors, close } = await openPage(browser, { viewport: { width, height }, colorScheme }));
+      screen = new Screen(page);
+      await open("bore", "Bore");
+      await moveTo(["Z-20", "X43.5 Y-15"]);
+      await fill({ "Longest way, mm": 25, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
+      await button("Preview").click();
+      await enabled(button("Run the cycle"));
+      await picture(page, `probe-preview-${width}-${colorScheme}`);
+      await button("Run the cycle").click();
+      await found("Diameter");
+      await button("Set zero of X Y").scrollIntoViewIfNeeded();
+      await picture(page, `probe-found-${width}-${colorScheme}`);
+    });
   }
 }

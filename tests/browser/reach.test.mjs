@@ -113,7 +113,6 @@ const OPENED = {
       await screen.command(label).click();
       await page.locator(".toast", { hasText: detail.toUpperCase() }).waitFor();
     }
-    machine.requests.length = 0;
     return page.getByRole("button", { name: "Close notice" });
   },
   async "card By hand"() {
@@ -122,95 +121,111 @@ const OPENED = {
   },
 };
 
-for (const size of SIZES) {
-  for (const [name, open] of Object.entries(OPENED)) {
-    test(`at ${size.width} px an open ${name} leaves hold, stop and abort free`, async () => {
-      await page.setViewportSize(size);
-      await seen(await open(), name);
+/** Checks what is open at each size of the screen. */
+async function atEachSize(check) {
+  for (const size of SIZES) {
+    await page.setViewportSize(size);
+    await check(size).catch((error) => {
+      error.message = `at ${size.width} px: ${error.message}`;
+      throw error;
+    });
+  }
+}
+
+const noSidewaysScroll = () => until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
+
+for (const [name, open] of Object.entries(OPENED)) {
+  test(`an open ${name} leaves hold, stop and abort free`, async () => {
+    const opened = await open();
+    await atEachSize(async () => {
+      machine.requests.length = 0;
+      await seen(opened, name);
       await seen(commands(), "the commands");
       for (const label of ["Hold", "Stop", "Abort"]) await screen.command(label).click();
       await until(() => machine.requests.filter(({ path }) => /(hold|stop|abort)$/.test(path)).length, 3, "the number of commands sent");
     });
-  }
+  });
+}
 
-  test(`at ${size.width} px a question is seen at once, with all its choices and the progress`, async () => {
-    await page.setViewportSize(size);
-    const choices = ["yes", "no", "measure once more and then go on with it", "clean by hand", "skip this part", "end the batch", "call the setter", "abort"];
-    await ask(LONG_QUESTION.slice(0, 120), choices);
+test("a question is seen at once, with all its choices and the progress", async () => {
+  const choices = ["yes", "no", "measure once more and then go on with it", "clean by hand", "skip this part", "end the batch", "call the setter", "abort"];
+  await ask(LONG_QUESTION.slice(0, 120), choices);
+  await atEachSize(async () => {
     await seen(page.locator(".asked button"), "the choices");
     await seen(page.locator(".asked .question"), "the question");
     await seen(page.locator(".output .handler", { hasText: "measure: probing the third pocket, 38\u00a0%" }), "the progress");
     await seen(commands(), "the commands");
   });
+});
 
-  test(`at ${size.width} px each choice of the longest question can be brought into view`, async () => {
-    await page.setViewportSize(size);
-    await ask(LONG_QUESTION, Array.from({ length: 8 }, (_, i) => `${i} choice whose words take forty characters`.slice(0, 40)));
+test("each choice of the longest question can be brought into view", async () => {
+  await ask(LONG_QUESTION, Array.from({ length: 8 }, (_, i) => `${i} choice whose words take forty characters`.slice(0, 40)));
+  await atEachSize(async () => {
     for (const choice of await page.locator(".asked button").all()) {
       await choice.focus();
       await seen(choice, "the choice");
     }
   });
+});
 
-  test(`at ${size.width} px an M code that waits for a person, or an alarm, is seen at once`, async () => {
-    await page.setViewportSize(size);
-    waitForM60();
-    await seen(page.getByRole("button", { name: "Confirm M60 by hand" }), "the button that resets it");
-    machine.say("cs/1/m_code/pending", { outputs: [] });
-    await alarmInEach(2, "Clamp does not close");
-    await seen(page.locator(".alarm"), "the alarms");
-  });
+test("an M code that waits for a person, or an alarm, is seen at once", async () => {
+  waitForM60();
+  await atEachSize(() => seen(page.getByRole("button", { name: "Confirm M60 by hand" }), "the button that resets it"));
+  machine.say("cs/1/m_code/pending", { outputs: [] });
+  await alarmInEach(2, "Clamp does not close");
+  await atEachSize(() => seen(page.locator(".alarm"), "the alarms"));
+});
 
-  for (const count of [2, 8]) {
-    test(`at ${size.width} px the tabs of ${count} coordinate systems with an alarm each are whole`, async () => {
-      await page.setViewportSize(size);
-      if (count > 2) {
-        machine.say("birth", { ...BIRTH, coordinate_systems: Array.from({ length: count }, (_, i) => ({ ...BIRTH.coordinate_systems[0], number: i + 1 })) });
-        await screen.tab(count).waitFor();
-      }
-      await alarmInEach(count, "Clamp does not close");
+for (const count of [2, 8]) {
+  test(`the tabs of ${count} coordinate systems with an alarm each are whole`, async () => {
+    if (count > 2) {
+      machine.say("birth", { ...BIRTH, coordinate_systems: Array.from({ length: count }, (_, i) => ({ ...BIRTH.coordinate_systems[0], number: i + 1 })) });
+      await screen.tab(count).waitFor();
+    }
+    await alarmInEach(count, "Clamp does not close");
+    await atEachSize(async () => {
       await seen(page.locator(".tab"), "the tabs");
       await seen(page.locator(".tab-name, .tab .badge, .tab-alarms"), "what the tabs say");
       for (let cs = 1; cs <= count; cs += 1) await until(() => screen.tab(cs).textContent(), /STOPPED1\salarm/, "the tab");
-      await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
+      await noSidewaysScroll();
     });
-  }
+  });
+}
 
-  test(`at ${size.width} px an alarm of 500 characters can be read to its end, and leaves room for the rest`, async () => {
-    await page.setViewportSize(size);
-    await alarmInEach(1, `${"The clamp did not close in time. ".repeat(15)}End.`);
+test("an alarm of 500 characters can be read to its end, and leaves room for the rest", async () => {
+  await alarmInEach(1, `${"The clamp did not close in time. ".repeat(15)}End.`);
+  await atEachSize(async ({ height }) => {
     const banner = await page.locator(".place-banner").boundingBox();
-    assert.ok(banner && banner.height < size.height / 4, `the state takes ${banner?.height} px`);
+    assert.ok(banner && banner.height < height / 4, `the state takes ${banner?.height} px`);
     const text = page.locator(".alarm p").first();
     await until(() => text.evaluate((p) => p.scrollWidth <= p.clientWidth && p.textContent?.endsWith("End.")), true, "the text is whole:");
     await page.getByText("Remove the cause, then press Reset.", { exact: true }).scrollIntoViewIfNeeded();
     await seen(page.getByText("Remove the cause, then press Reset.", { exact: true }), "its remedy");
   });
+});
 
-  test(`at ${size.width} px positions of metres do not run into each other`, async () => {
-    await page.setViewportSize(size);
-    const far = { X: -1234.567, Y: 12345.678, Z: -0.001 };
-    machine.say("cs/1/position", { ...machine.topics.get("cs/1/position"), work: far, machine: far, distance_to_go: far });
-    await page.locator("td.work").getByText("12345.678").waitFor();
-    await until(() => page.locator(".positions tr > *").evaluateAll((cells) => cells.filter((cell) => cell.scrollWidth > cell.clientWidth).map((cell) => cell.textContent)), [], "what is wider than its cell");
-  });
+test("positions of metres do not run into each other", async () => {
+  const far = { X: -1234.567, Y: 12345.678, Z: -0.001 };
+  machine.say("cs/1/position", { ...machine.topics.get("cs/1/position"), work: far, machine: far, distance_to_go: far });
+  await page.locator("td.work").getByText("12345.678").waitFor();
+  await atEachSize(() => until(() => page.locator(".positions tr > *").evaluateAll((cells) => cells.filter((cell) => cell.scrollWidth > cell.clientWidth).map((cell) => cell.textContent)), [], "what is wider than its cell"));
+});
 
-  test(`at ${size.width} px the list of programs keeps long titles and findings apart`, async () => {
-    await page.setViewportSize(size);
-    machine.programList = [{ number: 1, title: "A title that goes on and on, longer than a card of the screen has room for in a line", bytes: 24, errors: 12, warnings: 34 }];
-    await page.getByRole("button", { name: "Read again" }).click();
-    await page.getByRole("button", { name: "12 errors, 34 warnings in O0001: show" }).waitFor();
-    await until(() => page.locator(".stored :is(strong, .chip, .title, .button, .icon-button)").evaluateAll((parts) => {
-      const boxes = parts.map((part) => ({ name: part.textContent, ...part.getBoundingClientRect().toJSON() }));
-      const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
-      return boxes.flatMap((a, at) => boxes.slice(at + 1).filter((b) => meet(a, b)).map((b) => `${a.name} and ${b.name}`));
-    }), [], "what overlaps");
-  });
+test("the list of programs keeps long titles and findings apart", async () => {
+  machine.programList = [{ number: 1, title: "A title that goes on and on, longer than a card of the screen has room for in a line", bytes: 24, errors: 12, warnings: 34 }];
+  await page.getByRole("button", { name: "Read again" }).click();
+  await page.getByRole("button", { name: "12 errors, 34 warnings in O0001: show" }).waitFor();
+  await atEachSize(() => until(() => page.locator(".stored :is(strong, .chip, .title, .button, .icon-button)").evaluateAll((parts) => {
+    const boxes = parts.map((part) => ({ name: part.textContent, ...part.getBoundingClientRect().toJSON() }));
+    const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+    return boxes.flatMap((a, at) => boxes.slice(at + 1).filter((b) => meet(a, b)).map((b) => `${a.name} and ${b.name}`));
+  }), [], "what overlaps"));
+});
 
-  test(`at ${size.width} px nothing that has the focus is behind something else`, async () => {
-    await page.setViewportSize(size);
-    await ask("Is the part clean?", ["yes", "no"]);
-    await screen.openByHand();
+test("nothing that has the focus is behind something else", async () => {
+  await ask("Is the part clean?", ["yes", "no"]);
+  await screen.openByHand();
+  await atEachSize(async () => {
     const count = await page.locator(":is(button, input, select, textarea, [tabindex='0']):enabled:visible, [tabindex='0']:visible").count();
     for (let presses = 0; presses < count; presses += 1) {
       await page.keyboard.press("Tab");
@@ -223,7 +238,7 @@ for (const size of SIZES) {
       }), null, "what has the focus");
     }
   });
-}
+});
 
 test("on a phone the state goes along, and leads back to the question", async () => {
   await page.setViewportSize(PHONE);
@@ -235,22 +250,23 @@ test("on a phone the state goes along, and leads back to the question", async ()
   await until(() => page.evaluate(() => document.activeElement?.textContent), "yes", "what has the focus");
 });
 
-for (const size of [{ width: 1366, height: 600 }, { width: 1024, height: 600 }, PHONE]) {
-  test(`at ${size.width}x${size.height} a long program does not make the page long, and the card By hand is whole`, async () => {
+test("a long program does not make the page long, and the card By hand is whole, also where the screen is low", async () => {
+  machine.programs.set(9, "N1 G01 X1\n".repeat(50_000));
+  machine.say("cs/1/program", { number: 9, nest_level: 0, stack: [], line: 43210, block: "", interpreted_line: 43220 });
+  machine.state(1, { program: 9 });
+  for (const size of [{ width: 1366, height: 600 }, { width: 1024, height: 600 }, PHONE]) {
     await page.setViewportSize(size);
-    machine.programs.set(9, "N1 G01 X1\n".repeat(50_000));
-    machine.say("cs/1/program", { number: 9, nest_level: 0, stack: [], line: 43210, block: "", interpreted_line: 43220 });
-    machine.state(1, { program: 9 });
     await page.locator('.line[aria-current="step"]').getByText("43210", { exact: true }).waitFor();
     const length = await page.evaluate(() => document.documentElement.scrollHeight);
-    assert.ok(length < 2500, `the page has ${length} px`);
+    assert.ok(length < 2500, `the page has ${length} px at ${size.width} x ${size.height}`);
     await seen(commands(), "the commands");
     await screen.openByHand();
     const last = page.getByRole("switch", { name: "Start lock" });
     await last.focus();
     await seen(last, "its last switch");
-  });
-}
+    await page.getByRole("tab", { name: "Programs" }).click();
+  }
+});
 
 test("on a phone in landscape the commands stay free", async () => {
   await page.setViewportSize({ width: 844, height: 390 });

@@ -7,7 +7,7 @@ import { readPath } from "../path/bytes.js";
 
 /** How often a plan that is not complete is asked for again, ms, and how often at the most. */
 const AGAIN_MS = 200;
-const ASKED_MAX = 25;
+const ASKED_MAX = 75;
 
 export class Planned {
   /** @type {import("./cycles.js").Cycle | null} */
