@@ -7,8 +7,8 @@ import { randomName } from "./tandem/requests.js";
 
 export { Refusal };
 
-/** A long program takes longer to be sent and checked, at least this many characters a millisecond. */
-const STORED_CHARS_PER_MS = 100;
+/** A long program takes longer to be sent and checked, at least this many bytes a millisecond. */
+const STORED_BYTES_PER_MS = 100;
 /** Time limit of a refresh of a jog: the machine has stopped long before. */
 const JOG_TIMEOUT_MS = 1000;
 
@@ -246,10 +246,10 @@ export const api = {
     return { text: await response.text(), hash: (response.headers.get("ETag") ?? "").replaceAll('"', "") };
   },
 
-  /** What is wrong with a text as this program, which is not stored. @param {number} number @param {string} text @param {string} dialect @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
+  /** What is wrong with a text as this program, which is not stored. @param {number} number @param {Blob} text @param {string} dialect @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
   async checkText(number, text, dialect) {
     const query = dialect === "" ? "" : `?dialect=${dialect}`;
-    const answer = await request("POST", `/programs/${number}/check_text${query}`, text, {}, TIMEOUT_MS + text.length / STORED_CHARS_PER_MS);
+    const answer = await request("POST", `/programs/${number}/check_text${query}`, text, {}, TIMEOUT_MS + text.size / STORED_BYTES_PER_MS);
     return (await answer.json()).diagnostics;
   },
 
@@ -261,7 +261,7 @@ export const api = {
   /**
    * Stores a program, also one with errors.
    * @param {number} number
-   * @param {string} text
+   * @param {Blob} text
    * @param {string | null} hash of the program that may be replaced; empty: any; null: none
    * @param {string} dialect of the text; empty: that of the lowest coordinate system
    * @returns {Promise<import("./types.d.ts").ProgramCheck>}
@@ -270,6 +270,6 @@ export const api = {
     /** @type {Record<string, string>} */
     const headers = hash === null ? { "If-None-Match": "*" } : hash === "" ? {} : { "If-Match": `"${hash}"` };
     const query = dialect === "" ? "" : `?dialect=${dialect}`;
-    return (await request("PUT", `/programs/${number}${query}`, text, headers, TIMEOUT_MS + text.length / STORED_CHARS_PER_MS)).json();
+    return (await request("PUT", `/programs/${number}${query}`, text, headers, TIMEOUT_MS + text.size / STORED_BYTES_PER_MS)).json();
   },
 };

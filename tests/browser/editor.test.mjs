@@ -275,6 +275,19 @@ test(`${LONG_LINES} lines are edited at their end, with as few elements as a sho
   await until(() => dialog().locator(".cm-activeLineGutter").first().textContent(), String(LONG_LINES + 2), "the line with the cursor");
   const elements = await text().evaluate((content) => content.querySelectorAll("*").length);
   assert.ok(elements < 2000, `${elements} elements`);
+  await page.evaluate(() => {
+    globalThis.tasks = [0];
+    new PerformanceObserver((list) => globalThis.tasks.push(...list.getEntries().map(({ duration }) => duration))).observe({ type: "longtask" });
+  });
+  const longest = [];
+  for (const _ of "abc") {
+    const checked = page.waitForResponse((answer) => answer.url().includes("/check_text"));
+    await page.keyboard.type("x");
+    await (await checked).finished();
+    longest.push(await page.evaluate(() => Math.max(...globalThis.tasks.splice(1), 0)));
+  }
+  assert.ok(longest.sort((a, b) => a - b)[1] < 50, `while somebody types the longest tasks of the page take ${longest} ms`);
+  for (const _ of "abc") await page.keyboard.press("Backspace");
   await tool("Store").click();
   await dialog().getByText(/O0052 is stored/).waitFor();
   assert.ok((await stored(52)).endsWith("M30\n// end\n"));

@@ -232,10 +232,12 @@ test("all runs are listed: when, which program, how it ended and where; they are
   await post("/cs/1/load?wait=1", { program: 2 });
   await post("/cs/1/start");
   await until(async () => (await (await fetch(`${runtime.url}/api/v1/cs/1/program`)).json()).line, 3, "the long way");
-  await post("/cs/1/stop?wait=1");
   await page.getByRole("button", { name: "History" }).click();
   await part("Runs");
   const rows = history().locator("tbody tr");
+  await rows.first().getByText("goes on").waitFor();
+  await rows.first().getByText("O0002").waitFor();
+  await post("/cs/1/stop?wait=1");
   await rows.first().getByText("stopped").waitFor();
   await rows.first().getByText("O0002 line 3").waitFor();
   assert.ok(await rows.count() >= 2, "the bracket of before, too");

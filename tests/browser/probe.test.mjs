@@ -196,6 +196,28 @@ test("a tool is measured on a setter, by hand and by touching; its length is wri
   await until(() => tool(9), undefined, "T9");
 });
 
+test("a corner is touched by hand, one side after the other, and zero is where the tool's sides met it", async () => {
+  await open("bore", "Corner");
+  await fill({ "Diameter of the ball, mm": 10 });
+  const next = (text) => page.getByText(text, { exact: true }).waitFor();
+  const shows = (axis, text) => until(() => page.locator(`tr[data-axis="${axis}"] td`).nth(1).textContent(), text, "the machine position");
+  await moveTo(["Z-20", "X12 Y3"]);
+  await shows("X", "12.000");
+  await next("By hand, touch 1 of 2: jog until the tool touches at X+.");
+  await button("It touches now").click();
+  await moveTo(["X30 Y-8"]);
+  await shows("Y", "-8.000");
+  await next("By hand, touch 2 of 2: jog until the tool touches at Y+.");
+  assert.equal(await page.locator(".probe-found").count(), 0, "one side is no corner");
+  await button("It touches now").click();
+  near(await found("X, machine"), 17, "X, by the radius beside the tool");
+  near(await found("Y, machine"), -3, "Y");
+  await button("Set zero of X Y").click();
+  await until(async () => (await read("/cs/1/work_offsets")).work_offsets.G54.X, 17, "G54 X");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await until(async () => (await read("/cs/1/work_offsets")).work_offsets.G54.X === 17, false, "what it was before");
+});
+
 test("nothing runs that was not looked at, or was looked at from elsewhere, or that locks forbid", async () => {
   await open("bore", "Edge");
   await moveTo(["Z0", "X0 Y0"]);

@@ -100,6 +100,25 @@ test("an edge that is touched gets its position, also when it is touched twice",
   }
 });
 
+test("with a tool length in force Z is set at the tip of the tool, and where nobody knows the length it is not set", async () => {
+  const put = async (path, body) => assert.ok((await fetch(`${runtime.url}/api/v1${path}`, { method: "PUT", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) })).ok);
+  await put("/tools", { tools: [{ id: 7, length: 50, radius: 3 }] });
+  await put("/cs/1/tool", { id: 7 });
+  await moveTo("G54 G53 G00 Z-40");
+  await section("Offsets");
+  await page.getByText(/No tool length is in force: Z counts at the spindle\./).waitFor();
+  await moveTo("G43");
+  await page.getByText(/G43 is in force: the length of T7, 50\.000 mm, is taken into account, so that Z counts at its tip\./).waitFor();
+  await until(() => page.locator('tr[data-axis="Z"] td').nth(1).textContent(), "-40.000", "the machine position");
+  await page.getByRole("button", { name: "Z = 0" }).click();
+  await offsetIs("G54", "Z", -90);
+  await page.getByRole("button", { name: "Use G54" }).click();
+  await until(() => screen.workPosition("Z"), 0, "the work position of the tip");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await until(async () => (await offset("G54", "Z")) === -90, false, "what it was before");
+  await moveTo("G49");
+});
+
 test("two edges that are touched put zero in the middle", async () => {
   await moveTo("G53 G00 X10");
   await section("Offsets");

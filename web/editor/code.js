@@ -12,6 +12,9 @@ import { coloursOf, themeOf } from "./look.js";
 /** Findings marked in the margin. */
 const MARKED_MAX = 1000;
 
+/** A text is put together in pieces of about so many characters, between which the page does other things. */
+const PIECE_CHARS = 200_000;
+
 /** In a longer line no word is looked for, characters. */
 const LONG_LINE = 2000;
 
@@ -78,6 +81,19 @@ export class Code {
   /** The whole text. */
   get text() {
     return this.#view.state.sliceDoc();
+  }
+
+  /** The whole text as it is now, as what is sent: the page is busy with no more than a piece of it at once. @returns {Promise<Blob>} */
+  async blob() {
+    const { doc, lineBreak } = this.#view.state;
+    const pieces = [];
+    for (let from = 0; from < doc.length; ) {
+      if (from > 0) await new Promise((resolve) => setTimeout(resolve));
+      const to = Math.min(doc.length, doc.lineAt(Math.min(doc.length, from + PIECE_CHARS)).to + 1);
+      pieces.push(new Blob([doc.sliceString(from, to, lineBreak)]));
+      from = to;
+    }
+    return new Blob(pieces);
   }
 
   get lines() {

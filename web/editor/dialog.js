@@ -129,7 +129,7 @@ class Editor {
   /** What the runtime would find; null: it does not say. */
   async #check() {
     const number = Number(this.#number.value) || this.#opened.number;
-    return this.#app.api.checkText(number, this.#code.text, this.#opened.dialect ?? "").catch(() => null);
+    return this.#app.api.checkText(number, await this.#code.blob(), this.#opened.dialect ?? "").catch(() => null);
   }
 
   /** Marks what was found while it was typed; a list that is there is brought up to date. @param {ProgramDiagnostic[]} found */
@@ -145,10 +145,10 @@ class Editor {
     this.#said = "";
     const { number, hash = "", dialect = "" } = this.#opened;
     const chosen = Number(this.#number.value);
-    const sent = this.#isTouched ? this.#code.text : this.#text;
+    const sent = this.#isTouched ? this.#code.blob() : new Blob([this.#text]);
     this.#isChanged = false;
     try {
-      const { diagnostics = [], hash: now, unchanged } = await this.#app.api.storeProgram(chosen, sent, chosen === number ? hash : "", dialect);
+      const { diagnostics = [], hash: now, unchanged } = await this.#app.api.storeProgram(chosen, await sent, chosen === number ? hash : "", dialect);
       if (chosen === number) this.#opened.hash = now;
       await this.#app.readPrograms();
       this.#show(diagnostics);

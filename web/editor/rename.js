@@ -26,7 +26,7 @@ export function rename(app, program) {
     event.preventDefault();
     void app.attempt(async () => {
       const { text, hash } = await app.api.program(number);
-      await app.api.storeProgram(Number(field.value), text, null, program.dialect);
+      await app.api.storeProgram(Number(field.value), new Blob([text]), null, program.dialect);
       if (program.folder !== "") await app.api.putInFolder(Number(field.value), program.folder);
       await app.api.removeProgram(number, hash);
       dialog.close();

@@ -14,7 +14,7 @@ import { TimelineView } from "./timeline_view.js";
 /** @type {{title: string, create: (app: import("../main.js").App) => Part}[]} */
 const PARTS = [
   { title: t("history.timeline"), create: (app) => new TimelineView(app) },
-  { title: t("history.runs"), create: (app) => ({ element: runsView(app) }) },
+  { title: t("history.runs"), create: runsView },
   { title: t("history.journal"), create: (app) => ({ element: journal(app) }) },
   { title: t("history.curves"), create: (app) => new PlotsView(app) },
   { title: t("history.past_alarms"), create: (app) => ({ element: alarmHistory(app) }) },

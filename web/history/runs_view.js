@@ -14,53 +14,73 @@ import { saveCsv } from "./save.js";
 const PAGE_RUNS = 1000;
 /** Rows shown at once. */
 const ROWS_MAX = 1000;
+/** A run that has not ended, where others say how. */
+const GOES_ON = "goes_on";
+/** How often the time of a run that goes on is told, ms. */
+const TELL_MS = 1000;
 
 /** @param {import("../main.js").App} app */
 export function runsView(app) {
   const cs = picker(t("journal.coordinate_system"), [["", t("journal.all")], ...[...app.model.systems.keys()].map((number) => /** @type {[string, string]} */ ([String(number), String(number)]))]);
-  const how = picker(t("runs.ended"), [["", t("journal.all")], ...Object.entries(ENDS).map(([end, key]) => /** @type {[string, string]} */ ([end, t(key)]))]);
+  const how = picker(t("runs.ended"), [["", t("journal.all")], [GOES_ON, t("runs.goes_on")], ...Object.entries(ENDS).map(([end, key]) => /** @type {[string, string]} */ ([end, t(key)]))]);
   const program = h("input", { class: "input", type: "number", min: 1, max: 9999, "aria-label": t("runs.program") });
   const text = h("input", { class: "input", type: "search", "aria-label": t("runs.search") });
   const body = h("tbody", {});
   const note = h("p", { class: "muted", role: "status" });
-  const older = button({ onclick: () => void read(true) }, t("runs.older"));
-  const again = button({ onclick: () => void read(false) }, t("common.read_again"));
+  const older = button({ onclick: () => void read(runs.length, runs) }, t("runs.older"));
+  const again = button({ onclick: () => void read(0, []) }, t("common.read_again"));
   /** @type {Run[]} */
   let runs = [];
-  const found = () => runs.filter((run) => fits(run, { how: how.value, program: Number(program.value), text: text.value.trim().toLowerCase() }));
+  const found = () => [...goOn(app.model, cs.value), ...runs].filter((run) => fits(run, { how: how.value, program: Number(program.value), text: text.value.trim().toLowerCase() }));
   const save = button({ onclick: () => saveCsv("runs.csv", csvOf(found())) }, t("common.save_csv"));
   const show = () => {
     const shown = found();
-    fill(body, ...shown.slice(0, ROWS_MAX).map((run) => h("tr", { "data-how": run.end?.how ?? "" }, ...row(run).map((cell) => h("td", {}, cell)))));
-    setText(note, shown.length === 0 ? t("runs.no_run") : t("runs.shown", { shown: Math.min(shown.length, ROWS_MAX), count: runs.length }));
+    fill(body, ...shown.slice(0, ROWS_MAX).map((run) => h("tr", { "data-how": run.end?.how ?? GOES_ON }, ...row(run).map((cell) => h("td", {}, cell)))));
+    setText(note, shown.length === 0 ? t("runs.no_run") : t("runs.shown", { shown: Math.min(shown.length, ROWS_MAX), count: runs.length + goOn(app.model, cs.value).length }));
   };
   let asked = 0;
-  /** @param {boolean} isOlder */
-  const read = async (isOlder) => {
+  /** Reads runs from that place on, the newest is 0. @param {number} from @param {Run[]} kept those that stay */
+  const read = async (from, kept) => {
     const mine = ++asked;
-    const from = isOlder ? runs.length : 0;
     await app.attempt(async () => {
       /** @type {import("../types.d.ts").Runs} */
       const answer = await machine.get(`/runs?from=${from}&count=${PAGE_RUNS}${cs.value === "" ? "" : `&cs=${cs.value}`}`);
       if (mine !== asked) return;
-      runs = isOlder ? [...runs, ...answer.runs] : answer.runs;
-      setAttr(older, "hidden", answer.runs.length < PAGE_RUNS);
+      const all = from === 0 ? [...answer.runs, ...kept] : [...kept, ...answer.runs];
+      runs = [...new Map(all.map((run) => [run.id, run])).values()];
+      if (from + answer.runs.length >= runs.length) setAttr(older, "hidden", answer.runs.length < PAGE_RUNS);
       show();
     });
   };
-  cs.addEventListener("input", () => void read(false));
+  cs.addEventListener("input", () => void read(0, []));
   for (const one of [how, program, text]) one.addEventListener("input", show);
-  void read(false);
+  let open = "";
+  const tell = () => {
+    const now = goOn(app.model, "").map(({ id }) => id).join();
+    if (now !== open) void read(0, runs);
+    else if (now !== "") show();
+    open = now;
+  };
+  const timer = setInterval(tell, TELL_MS);
+  open = goOn(app.model, "").map(({ id }) => id).join();
+  void read(0, []);
   const names = [t("runs.started"), t("common.cs_short"), t("runs.program"), t("runs.took"), t("runs.parts"), t("runs.ended"), t("runs.place"), t("runs.m_codes")];
   const head = h("tr", {}, ...names.map((name) => h("th", { scope: "col" }, name)));
   const filters = h("div", { class: "history-tools" }, ...[cs, program, how, text].map(labelled), again, save);
   const table = h("table", { class: "history-table runs-table" }, h("thead", {}, head), body);
-  return h("div", { class: "history-part" }, filters, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("runs.all_runs") }, table, older), note);
+  const element = h("div", { class: "history-part" }, filters, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("runs.all_runs") }, table, older), note);
+  return { element, close: () => clearInterval(timer) };
+}
+
+/** The runs that have not ended, with the time that they have taken so far. @param {import("../model.js").Model} model @param {string} cs empty: of all coordinate systems */
+function goOn(model, cs) {
+  const open = [...model.systems.values()].flatMap(({ runState }) => (runState?.run && runState.run.end === null ? [runState.run] : []));
+  return open.filter((run) => cs === "" || String(run.cs) === cs).map((run) => ({ ...run, took_s: (model.ageMs(run.began) ?? 0) / 1000 }));
 }
 
 /** @param {Run} run @param {{how: string, program: number, text: string}} wanted 0 and "": any */
 function fits(run, { how, program, text }) {
-  if (how !== "" && run.end?.how !== how) return false;
+  if (how !== "" && (run.end?.how ?? GOES_ON) !== how) return false;
   if (program > 0 && run.program !== program) return false;
   return text === "" || row(run).join(" ").toLowerCase().includes(text);
 }

@@ -38,7 +38,7 @@ export function lastRuns(program, cs) {
 /** @param {Run} run */
 export function cells(run) {
   const alarm = run.alarms.at(-1);
-  const ended = [run.end && t(ENDS[run.end.how]), alarm?.text, run.end?.text].filter(Boolean).join(": ");
+  const ended = [run.end ? t(ENDS[run.end.how]) : t("runs.goes_on"), alarm?.text, run.end?.text, run.waits_for].filter(Boolean).join(": ");
   const waits = listed(run.waits.map(({ m, total_s }) => `M${m} ${took(total_s)}`));
   return [timeOfDay(run.began), took(run.took_s), run.parts === 1 ? `${run.parts_done}` : t("runs.of", { done: run.parts_done, parts: run.parts }), ended, waits || t("runs.none")];
 }

@@ -21,6 +21,8 @@ class Offsets {
   #marks = new Map();
   #key = "";
   #picks = NAMES.map((name) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(name) }, name));
+  /** @type {import("../types.d.ts").ToolData[]} */
+  #tools = [];
   #body = h("div", { class: "offset-rows" });
   #note = h("p", { class: "muted", role: "status" });
   #use = button({ onclick: () => this.app.command("mdi", { text: this.#name }) });
@@ -43,9 +45,9 @@ class Offsets {
   }
 
   async read() {
-    const cs = this.app.model.selected;
+    const { api, model } = this.app;
     await this.app.attempt(async () => {
-      this.#values = await this.app.api.workOffsets(cs);
+      [this.#values, this.#tools] = await Promise.all([api.workOffsets(model.selected), api.tools()]);
     });
     this.app.invalidate();
   }
@@ -64,7 +66,7 @@ class Offsets {
     for (const row of this.#rows) row.render();
     this.#undo.render();
     const active = system.modal?.work_offset;
-    setText(this.#note, sentences(active ? t("offsets.in_force", { offset: active }) : t("offsets.none_in_force"), t("offsets.counts_from", { offset: this.#name })));
+    setText(this.#note, sentences(active ? t("offsets.in_force", { offset: active }) : t("offsets.none_in_force"), t("offsets.counts_from", { offset: this.#name }), this.#aboutLength()));
     setText(this.#use, t("offsets.use", { offset: this.#name }));
     disableFor(this.#use, whyNot(model, "mdi"), t("offsets.use_about", { offset: this.#name }));
   }
@@ -96,7 +98,7 @@ class Offsets {
       const marked = this.#marks.get(axis);
       setText(middle, marked === undefined ? t("offsets.1st") : t("offsets.2nd"));
       setAttr(middle, "aria-label", marked === undefined ? t("offsets.first_edge_of_the_middle", { axis }) : t("offsets.second_edge_of_the_middle", { axis }));
-      const why = whyNotNow(model) ?? this.#whyNotStanding();
+      const why = whyNotNow(model) ?? this.#whyNotStanding() ?? this.#whyNoLength(axis);
       disableFor(field.element, whyNotNow(model));
       disableFor(zero, why, t("offsets.zero_of_is_where_the", { axis }));
       disableFor(here.element, why, t("offsets.the_tool_stands_at_this", { axis }));
@@ -111,18 +113,43 @@ class Offsets {
     return ["ACTIVE", "WAIT"].includes(execution) ? t("offsets.a_run_is_on_zero") : null;
   }
 
+  /** The tool length in force: what it adds to Z; null: none is, undefined: nobody knows how long. @returns {{code: string, tool: number, adds: number} | null | undefined} */
+  #length() {
+    const { current } = this.app.model;
+    const code = current?.modal?.g["08"] ?? "G49";
+    if (code === "G49") return null;
+    const tool = this.#tools.find(({ id }) => id === current?.modal?.tool);
+    // other dialects name a length by a number of its own
+    if (!tool || current?.info.dialect !== "nj") return undefined;
+    return { code, tool: tool.id, adds: code === "G44" ? -tool.length : tool.length };
+  }
+
+  #aboutLength() {
+    const length = this.#length();
+    if (length === null) return t("offsets.without_length");
+    const scale = scaleOf(this.app.model, "Z");
+    return length ? t("offsets.length_is_off", { code: length.code, tool: length.tool, length: `${position(Math.abs(length.adds), scale)} ${scale.unit}` }) : this.#whyNoLength("Z") ?? "";
+  }
+
+  /** @param {string} axis */
+  #whyNoLength(axis) {
+    if (axis !== "Z" || this.#length() !== undefined) return null;
+    return t("offsets.length_is_not_known", { code: this.app.model.current?.modal?.g["08"] });
+  }
+
   /** The point where the tool stands gets a work position. @param {string} axis @param {number} value */
   async #touch(axis, value) {
+    await this.read();
     const offset = this.#offsetFor(axis, value);
     if (offset !== null) await this.#store(axis, offset);
   }
 
-  /** The offset with which the axis stands at a work position. @param {string} axis @param {number} value */
+  /** The offset with which the axis stands at a work position: of Z the tip of the tool, where its length is in force. @param {string} axis @param {number} value */
   #offsetFor(axis, value) {
-    const system = this.app.model.current;
-    const machine = system?.position?.machine[axis];
-    if (machine === undefined) return null;
-    return machine - value;
+    const machine = this.app.model.current?.position?.machine[axis];
+    const length = axis === "Z" ? this.#length() : null;
+    if (machine === undefined || length === undefined) return null;
+    return machine - value - (length?.adds ?? 0);
   }
 
   /** @param {string} axis */
@@ -144,7 +171,7 @@ class Offsets {
     const name = this.#name;
     const before = this.#values[name]?.[axis] ?? 0;
     const set = (/** @type {number} */ to) => () => this.app.api.setWorkOffsets(cs, { [name]: { [axis]: to } });
-    await this.#undo.do(`${name} ${axis} was ${plain(before)}`, set(value), set(before));
+    await this.#undo.do(t("offsets.was", { offset: name, axis, value: plain(before) }), set(value), set(before));
   }
 }
 

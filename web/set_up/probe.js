@@ -52,6 +52,8 @@ const KINDS = /** @type {Kind[]} */ (Object.keys(VALUES));
 const POSITIVE = new Set(["distance", "feed", "size", "depth"]);
 /** Those that may be on either side of 0. */
 const SIGNED = new Set(["setter"]);
+/** What counts for touches by hand. @type {Set<Value>} */
+const BY_HAND = new Set(["ball", "tip", "setter"]);
 const VALUE_MAX = 100_000;
 
 /** Values at first, mm and mm/min. @type {Record<Value, number>} */
@@ -78,6 +80,8 @@ class Probe {
   /** @type {import("./cycles.js").Found | null} */
   #found = null;
   #runs = false;
+  /** Machine positions of the touches by hand that were taken, in the order of the cycle's. @type {number[]} */
+  #taken = [];
   #planned;
   #undo;
   #kinds = KINDS.map((kind) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(kind) }, TEXTS[kind][0]));
@@ -87,6 +91,7 @@ class Probe {
   #look = button({ onclick: () => void this.#preview() }, icon("search"), t("probe.preview"));
   #run = button({ class: "button primary", onclick: () => void this.#touch() }, icon("play"), t("probe.run"));
   #here = button({ onclick: () => this.#touchesNow() }, t("probe.touches_now"));
+  #byHand = h("p", { class: "muted note", role: "status" });
   #text = h("pre", { class: "probe-text", tabindex: 0, "aria-label": t("probe.text_of_the_cycle") });
   #said = h("p", { class: "probe-said", role: "status" });
   #result = h("div", { class: "probe-result" });
@@ -104,7 +109,8 @@ class Probe {
       this.#about,
       this.#directions,
       this.#fields,
-      h("div", { class: "row wrap" }, this.#look, this.#run, this.#here),
+      h("div", { class: "row wrap" }, this.#look, this.#run),
+      h("div", { class: "row wrap" }, this.#here, this.#byHand),
       this.#said,
       this.#result,
       this.#text,
@@ -137,8 +143,8 @@ class Probe {
     plan.render(this.#keyOf());
     disableFor(this.#look, why ?? (plan.isAsked ? t("path.planning") : null), t("probe.preview_about"));
     disableFor(this.#run, why ?? whyNot(model, "mdi") ?? plan.whyNot(), t("probe.run_about"));
-    setAttr(this.#here, "hidden", this.#kind !== "length");
-    disableFor(this.#here, this.#runs ? t("probe.runs") : whyNotNow(model), t("probe.touches_now_about"));
+    disableFor(this.#here, this.#whyNotByHand(), t("probe.touches_now_about"));
+    setText(this.#byHand, this.#aboutTouch());
     const text = plan.cycle?.text ?? "";
     setText(this.#text, text);
     setAttr(this.#text, "hidden", text === "");
@@ -154,6 +160,7 @@ class Probe {
     this.#direction = 0;
     this.#trouble = "";
     this.#found = null;
+    this.#taken = [];
     this.#shown = "";
     this.app.invalidate();
   }
@@ -164,6 +171,7 @@ class Probe {
     const directions = DIRECTIONS[this.#kind] ?? [];
     const pick = (/** @type {number} */ i) => button({ class: "button pick", role: "radio", "aria-checked": String(i === this.#direction), onclick: () => {
       this.#direction = i;
+      this.#taken = [];
       this.app.invalidate();
     } }, directions[i]?.[0] ?? "");
     fill(this.#directions, ...directions.map((_, i) => pick(i)));
@@ -211,16 +219,23 @@ class Probe {
     return whyNotNow(model) ?? (["ACTIVE", "WAIT"].includes(state) ? t("offsets.a_run_is_on_zero") : null);
   }
 
-  async #preview() {
+  /** The cycle from where the tool stands; null: nobody knows where. */
+  #cycle() {
     const { current } = this.app.model;
-    if (!current?.position) return;
+    if (!current?.position) return null;
     const { machine } = current.position;
     const { axes } = current.info;
     const motors = Object.values(axes).sort((a, b) => a - b);
     const of = (/** @type {Letter} */ axis) => motors.indexOf(axes[axis] ?? -1);
     const start = { X: machine.X ?? 0, Y: machine.Y ?? 0, Z: machine.Z ?? 0 };
+    return cycleOf(this.#kind, start, this.#asked(), { X: of("X"), Y: of("Y"), Z: of("Z") });
+  }
+
+  async #preview() {
+    const cycle = this.#cycle();
+    if (!cycle) return;
     this.#forget();
-    await this.#planned.plan(this.#keyOf(), cycleOf(this.#kind, start, this.#asked(), { X: of("X"), Y: of("Y"), Z: of("Z") }));
+    await this.#planned.plan(this.#keyOf(), cycle);
   }
 
   async #touch() {
@@ -245,11 +260,33 @@ class Probe {
     this.app.invalidate();
   }
 
-  /** By hand: the tool touches the setter where it stands. */
+  #whyNotByHand() {
+    const { model } = this.app;
+    if (this.#runs) return t("probe.runs");
+    const isValue = (/** @type {Value} */ name) => BY_HAND.has(name) && VALUES[this.#kind].includes(name) && Number.isNaN(this.#values[name]);
+    if ([...BY_HAND].some(isValue)) return t("probe.write_all_values");
+    return whyNotNow(model) ?? (["ACTIVE", "WAIT"].includes(model.current?.state?.execution ?? "") ? t("offsets.a_run_is_on_zero") : null);
+  }
+
+  /** Which touch by hand is the next. */
+  #aboutTouch() {
+    const touches = this.#cycle()?.touches ?? [];
+    const next = touches[this.#taken.length];
+    if (!next || this.#found) return "";
+    const way = `${next.axis}${next.sign > 0 ? "+" : "\u2212"}`;
+    return t("probe.by_hand", { number: this.#taken.length + 1, count: touches.length, way });
+  }
+
+  /** By hand: the tool touches where it stands, the next of the cycle's touches. */
   #touchesNow() {
-    const z = this.app.model.current?.position?.machine.Z ?? Number.NaN;
+    const cycle = this.#cycle();
+    if (!cycle) return;
+    const taken = this.#found ? [] : this.#taken;
+    const { axis } = cycle.touches[taken.length] ?? { axis: "Z" };
+    const now = [...taken, this.app.model.current?.position?.machine[axis] ?? Number.NaN];
     this.#forget();
-    this.#found = foundBy("length", this.#asked(), [], [z]);
+    if (now.length < cycle.touches.length) this.#taken = now;
+    else this.#found = foundBy(this.#kind, this.#asked(), cycle.touches, now);
     this.#tell();
     this.app.invalidate();
   }
@@ -257,6 +294,7 @@ class Probe {
   #forget() {
     this.#trouble = "";
     this.#found = null;
+    this.#taken = [];
     this.#tell();
   }
 

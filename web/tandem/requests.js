@@ -20,7 +20,7 @@ export class Refusal extends Error {
 
 /**
  * @typedef {object} Asked
- * @property {object | string} [body] text as it is, anything else as JSON
+ * @property {object | string | Blob} [body] text as it is, anything else as JSON
  * @property {Record<string, string>} [headers]
  * @property {number} [timeoutMs]
  * @property {boolean} [keepalive] also when the page closes
@@ -32,7 +32,7 @@ export class Refusal extends Error {
  * @returns {Promise<Response>}
  */
 export async function request(url, token, method, { body, headers = {}, timeoutMs = TIMEOUT_MS, keepalive = false } = {}) {
-  const isText = typeof body === "string";
+  const isText = typeof body === "string" || body instanceof Blob;
   /** @type {Record<string, string>} */
   const own = {};
   if (body !== undefined) own["Content-Type"] = isText ? "text/plain" : "application/json";
@@ -45,7 +45,7 @@ export async function request(url, token, method, { body, headers = {}, timeoutM
       keepalive,
       cache: "no-store",
       headers: { ...own, ...headers },
-      body: body === undefined || isText ? /** @type {string | undefined} */ (body) : JSON.stringify(body),
+      body: body === undefined || isText ? /** @type {string | Blob | undefined} */ (body) : JSON.stringify(body),
       signal: AbortSignal.timeout(timeoutMs),
     });
   } catch {

@@ -189,7 +189,7 @@ async function storeAll(app, files) {
   }
   for (const { file, number } of planned) {
     await app.attempt(async () => {
-      await app.api.storeProgram(number, await file.text(), "", app.model.current?.info.dialect ?? "");
+      await app.api.storeProgram(number, new Blob([await file.text()]), "", app.model.current?.info.dialect ?? "");
       app.toast(t("programs.is_stored_as", { file: file.name, program: programName(number) }));
     });
   }
