@@ -25,5 +25,7 @@ export function openDialog(name, title, children, closed = () => {}) {
   });
   document.body.append(dialog);
   dialog.show();
+  // what has the focus may be at the end of a long one, which is read from its head
+  dialog.scrollTop = 0;
   return dialog;
 }

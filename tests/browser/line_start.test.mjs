@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
-import { pictures, takePictures } from "./pictures.mjs";
+import { pictures, SIZES, takePictures } from "./pictures.mjs";
 import { Runtime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -105,7 +105,18 @@ test("where the last run was cut short is offered by one button, beside another 
   await post("/stop?wait=1");
   await post("/reset?wait=1");
   await screen.sees("READY");
-  await page.getByRole("button", { name: "Where the last run was cut short: line 3…" }).click();
+  const offer = page.getByRole("button", { name: "Cut short in line 3…" });
+  await offer.waitFor();
+  for (const [width, height] of SIZES) {
+    await page.setViewportSize({ width, height });
+    const apart = () => page.locator(".program-card .card-head").evaluate((head) => {
+      const parts = [head.querySelector("h2"), ...head.querySelectorAll(".card-tools > :not([hidden])")].map((part) => part.getBoundingClientRect());
+      return parts.every(({ left, right }, at) => left >= (parts[at - 1]?.right ?? 0) - 0.5 && right <= head.getBoundingClientRect().right);
+    });
+    await until(apart, true, `at ${width} px the parts of the head of the program stand beside each other:`);
+  }
+  await page.setViewportSize({ width: 1920, height: 1080 });
+  await offer.click();
   await dialog().getByText("Here the last run was cut short.").waitFor();
   await dialog().getByRole("button", { name: "Leave it" }).click();
   await choose(4);

@@ -152,8 +152,11 @@ test("a rehearsal moves the tool along by a slider, and tells times and ranges",
   await slider.fill("3");
   await page.getByText(/^3\.00 s, line \d+$/).waitFor();
   await until(async () => (await statistics()).frames, (now) => now > frames, "frames drawn");
+  await page.setViewportSize({ width: 1280, height: 480 });
   await page.getByRole("button", { name: "Times" }).click();
   const dialog = page.getByRole("dialog");
+  await dialog.getByRole("heading").first().waitFor();
+  assert.ok(await dialog.evaluate((one) => one.scrollHeight > one.clientHeight && one.scrollTop === 0), "a long dialog is read from its head");
   await dialog.getByText(/At 100 percent: .* at feedrate/).waitFor();
   await dialog.getByRole("cell", { name: "X", exact: true }).waitFor();
   await dialog.getByText(/^\d+ parts? completed$/).waitFor();

@@ -398,7 +398,7 @@ const texts = {
 
   "panels.panels": "Bereiche",
 
-  "path.clear": "Löschen",
+  "path.clear": "Gezeichneten Weg löschen",
   "path.dashed": "Ab Zeile {line} gestrichelt: {text}.",
   "path.dashed_of": "Ab Zeile {line} von Programm {program} gestrichelt: {text}.",
   "path.fit": "Alles",
@@ -712,6 +712,7 @@ const texts = {
   "start_line.called_by": "Aufgerufen von",
   "start_line.code_in": "{code} (Zeile {line})",
   "start_line.codes": "Codes",
+  "start_line.cut_short": "Abgebrochen in Zeile {line}",
   "start_line.in_the_plane_first_then": "zuerst in der Ebene, dann die Zustellachse",
   "start_line.is_cut_short": "Hier wurde der letzte Lauf abgebrochen.",
   "start_line.machine": "Maschine",

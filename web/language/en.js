@@ -397,7 +397,7 @@ export default {
 
   "panels.panels": "Panels",
 
-  "path.clear": "Clear",
+  "path.clear": "Clear what was drawn of the way so far",
   "path.dashed": "Dashed from line {line} on: {text}.",
   "path.dashed_of": "Dashed from line {line} of program {program} on: {text}.",
   "path.fit": "Fit",
@@ -711,6 +711,7 @@ export default {
   "start_line.called_by": "Called by",
   "start_line.code_in": "{code} (line {line})",
   "start_line.codes": "Codes",
+  "start_line.cut_short": "Cut short in line {line}",
   "start_line.in_the_plane_first_then": "in the plane first, then the infeed axis",
   "start_line.is_cut_short": "Here the last run was cut short.",
   "start_line.machine": "Machine",

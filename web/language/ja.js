@@ -398,7 +398,7 @@ const texts = {
 
   "panels.panels": "パネル",
 
-  "path.clear": "消去",
+  "path.clear": "描かれた軌跡を消去",
   "path.dashed": "{line} 行以降は破線: {text}。",
   "path.dashed_of": "プログラム {program} の {line} 行以降は破線: {text}。",
   "path.fit": "全体",
@@ -712,6 +712,7 @@ const texts = {
   "start_line.called_by": "呼び出し元",
   "start_line.code_in": "{code} ({line} 行)",
   "start_line.codes": "コード",
+  "start_line.cut_short": "中断: {line} 行",
   "start_line.in_the_plane_first_then": "先に平面内、次に切込み軸",
   "start_line.is_cut_short": "前回の運転はここで途切れました。",
   "start_line.machine": "機械",

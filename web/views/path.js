@@ -58,7 +58,7 @@ class PathView {
     this.#rehearse = new Rehearse(app, () => this.#changed());
     this.#views = VIEW_NAMES.map((name) => button({ class: "button small", "aria-pressed": "false", onclick: () => this.#look(name) }, name));
     const fit = button({ class: "button small", onclick: () => this.#fit() }, t("path.fit"));
-    this.#clear = button({ class: "button small", onclick: () => this.#forgetTrail() }, icon("trash"), t("path.clear"));
+    this.#clear = button({ class: "icon-button", "aria-label": t("path.clear"), title: t("path.clear"), onclick: () => this.#forgetTrail() }, icon("trash"));
     const tools = h("div", { class: "path-views", role: "group", "aria-label": t("path.view_of_the_path") }, ...this.#views, fit);
     this.element = card("path-card", t("path.path"), [this.#clear, tools], this.#box, this.#rehearse.element);
     // what tests and the console may ask

@@ -119,9 +119,12 @@ class ProgramView {
     const here = chosen?.program === this.#number ? chosen : null;
     this.#from = here ?? cutShortAt(current);
     const line = this.#from?.line ?? 0;
-    setAttr(this.#start, "hidden", runs || line === 0);
-    setText(this.#start, `${here ? t("start_line.title", { line }) : t("start_line.where_cut_short", { line })}…`);
-    disableFor(this.#start, whyNot(this.app.model, "start"), t("program.shows_what_is_in_force"));
+    const isOffered = !runs && line !== 0;
+    setAttr(this.#start, "hidden", !isOffered);
+    // both have no room on a narrow screen
+    setAttr(this.#hash, "hidden", isOffered);
+    setText(this.#start, `${t(here ? "start_line.title" : "start_line.cut_short", { line })}…`);
+    disableFor(this.#start, whyNot(this.app.model, "start"), here ? t("program.shows_what_is_in_force") : t("start_line.where_cut_short", { line }));
   }
 
   /** Brings a block that was chosen on the path into view. @param {NcText | null} text */
