@@ -3,30 +3,27 @@
 //! What only a machine knows is assumed, twice and differently: where the axes stand at the start, the tool, block skip,
 //! where a G31 ends. An alarm that comes both times is certain. P and Q that the program has not written itself are not
 //! known at all: where it reads one, it is run again with values that it compares with, and what comes of that is not
-//! certain.
+//! certain. Alarms that leave no doubt where the tool would be (soft limits, cutter compensation) do not end a run here,
+//! so that all of them are told at once.
+
+mod run;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::sync::Arc;
 
-use plc_api::types::output::Timing;
+use tandem_interp::Dialect;
 use tandem_interp::codes::ModalGroup;
 use tandem_interp::meaning::{ModalValue, MotionKind, Role};
-use tandem_interp::{Dialect, Inputs, Interpreter, NO_TOOLS};
 use tandem_model::alarm::{PROGRAM_NOT_FOUND, VALUE_LOST};
-use tandem_model::flow::{Compensation, Item, Output, Segment};
 use tandem_model::lost::{LOST, is_lost};
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
-use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray, Variables};
-use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector, Diagnostic, MachinePosition, Origin};
-use tandem_path::PathStage;
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{Alarm, Axis, Diagnostic, Origin};
 use tandem_syntax::diagnostics::{self, DiagnosticEntry};
 use tandem_syntax::{Address, NcProgram, Word};
 
-use crate::config::{CoordinateSystem as ConfiguredSystem, Machine, Stock};
-use crate::coordinate_system::rest_refused;
-use crate::sequence::stock::selected_tool;
+use self::run::{Assumed, FIRST, Run, SECOND};
+use crate::config::{CoordinateSystem as ConfiguredSystem, Machine};
 
 /// Blocks that a trial takes beyond four times those of the program.
 const STEPS_MAX: u64 = 2_000_000;
@@ -34,8 +31,8 @@ const STEPS_MAX: u64 = 2_000_000;
 /// Values that P and Q are given.
 const VALUES_MAX: usize = 16;
 
-/// Warnings of the run that are listed.
-const WARNINGS_MAX: usize = 100;
+/// Warnings of all runs, and alarms, that are listed.
+const LISTED_MAX: usize = 100;
 
 /// Limits of motors that nobody has told: none that a program meets.
 const UNLIMITED: f64 = 1e9;
@@ -56,8 +53,8 @@ pub struct Trial<'a> {
 /// What a trial shows.
 #[derive(Debug, Default, PartialEq)]
 pub struct Shown {
-    /// The alarm that ends the program.
-    pub stop: Option<Stop>,
+    /// The alarms that end the program; on a machine the first one does.
+    pub stops: Vec<Stop>,
     /// Warnings of the run, each once; none without a machine.
     pub warnings: Vec<Warning>,
 }
@@ -94,7 +91,7 @@ impl Shown {
             let help = format!("See `tandem explain {}`.", entry.code);
             (origin.program, entry.at(place(origin, ""), text, help))
         });
-        let stop = self.stop.map(|Stop { alarm, assumed }| {
+        let stops = self.stops.into_iter().map(|Stop { alarm, assumed }| {
             let origin = alarm.origin.unwrap_or_default();
             let Alarm {
                 entry, text, words, ..
@@ -109,51 +106,8 @@ impl Shown {
             };
             (origin.program, found)
         });
-        warnings.chain(stop).collect()
+        warnings.chain(stops).collect()
     }
-}
-
-/// What only a machine knows.
-#[derive(Debug, Clone, Copy)]
-struct Assumed {
-    start: f64,
-    tool: Tool,
-    optional_skip: u32,
-    /// Of the way of a G31 that is travelled.
-    skip_share: f64,
-    /// P and Q that the program has not written.
-    outside: f64,
-}
-
-const FIRST: Assumed = Assumed {
-    start: 0.0,
-    tool: Tool {
-        length: 0.0,
-        radius: 0.0,
-    },
-    optional_skip: 0,
-    skip_share: 1.0,
-    outside: LOST,
-};
-
-const SECOND: Assumed = Assumed {
-    start: 1.375,
-    tool: Tool {
-        length: 2.0,
-        radius: 0.0,
-    },
-    optional_skip: u32::MAX,
-    skip_share: 0.5,
-    outside: LOST,
-};
-
-/// How a run ends.
-enum End {
-    Alarm(Alarm),
-    /// It ends, or nobody can tell.
-    Open,
-    /// It reads a variable that it has not written.
-    Reads,
 }
 
 impl Trial<'_> {
@@ -170,19 +124,14 @@ impl Trial<'_> {
             trial: self,
             settings: &settings,
             steps_left: 4 * self.program.blocks().len() as u64 + STEPS_MAX,
-            warnings: Vec::new(),
+            shown: Shown::default(),
         };
-        let stop = match runs.once(FIRST) {
-            End::Alarm(alarm) => Some(runs.compare(alarm)),
-            End::Reads => runs.with_values(),
-            End::Open if self.has_skips() => runs.with_skips(LOST),
-            End::Open => None,
-        };
-        let is_told = self.machine.is_some();
-        Shown {
-            stop,
-            warnings: if is_told { runs.warnings } else { Vec::new() },
+        runs.all();
+        let mut shown = runs.shown;
+        if self.machine.is_none() {
+            shown.warnings.clear();
         }
+        shown
     }
 
     fn all(&self) -> impl Iterator<Item = &Arc<NcProgram>> {
@@ -257,265 +206,94 @@ struct Runs<'a> {
     trial: &'a Trial<'a>,
     settings: &'a CoordinateSystemSettings,
     steps_left: u64,
-    warnings: Vec<Warning>,
+    shown: Shown,
 }
 
 impl Runs<'_> {
+    fn all(&mut self) {
+        let first = self.once(FIRST);
+        if !first.alarms.is_empty() {
+            self.compare(first.alarms);
+        }
+        let values = if first.reads {
+            self.trial.values()
+        } else {
+            vec![LOST]
+        };
+        let has_skips = self.trial.has_skips();
+        for outside in values {
+            if first.reads {
+                self.suppose(Assumed { outside, ..FIRST });
+            }
+            if has_skips {
+                self.suppose(Assumed {
+                    outside,
+                    optional_skip: u32::MAX,
+                    ..FIRST
+                });
+            }
+        }
+    }
+
     /// An alarm is certain where it comes under other assumptions, too.
-    fn compare(&mut self, alarm: Alarm) -> Stop {
-        let same = |other: &Alarm| other.entry == alarm.entry && other.origin == alarm.origin;
-        let is_certain = matches!(&self.once(SECOND), End::Alarm(other) if same(other));
-        let assumed =
-            "the axes stand at 0 at the start, no block skip input is on, and G31 reaches its target";
-        Stop {
-            alarm,
-            assumed: (!is_certain).then(|| assumed.to_owned()),
+    fn compare(&mut self, alarms: Vec<Alarm>) {
+        let others = self.once(SECOND).alarms;
+        for alarm in alarms {
+            let is_certain = others.iter().any(|other| is_same(other, &alarm));
+            let assumed =
+                "the axes stand at 0 at the start, no block skip input is on, and G31 reaches its target";
+            self.shown.stops.push(Stop {
+                alarm,
+                assumed: (!is_certain).then(|| assumed.to_owned()),
+            });
         }
     }
 
-    /// The first alarm with the values that P and Q may have.
-    fn with_values(&mut self) -> Option<Stop> {
-        for outside in self.trial.values() {
-            if let End::Alarm(alarm) = self.once(Assumed { outside, ..FIRST }) {
-                let assumed = Some(format!("P and Q that the program does not write are {outside}"));
-                return Some(Stop { alarm, assumed });
-            }
-            if let (true, Some(stop)) = (self.trial.has_skips(), self.with_skips(outside)) {
-                return Some(stop);
-            }
-        }
-        None
-    }
-
-    fn with_skips(&mut self, outside: f64) -> Option<Stop> {
-        let with_skips = Assumed {
-            outside,
-            optional_skip: u32::MAX,
-            ..FIRST
+    /// The alarms that come with values of P and Q, or with block skip inputs.
+    fn suppose(&mut self, assumed: Assumed) {
+        let value = format!("P and Q that the program does not write are {}", assumed.outside);
+        let text = match (assumed.optional_skip, is_lost(assumed.outside)) {
+            (0, _) => value,
+            (_, true) => "the block skip inputs are on".to_owned(),
+            (_, false) => format!("the block skip inputs are on and {value}"),
         };
-        let End::Alarm(alarm) = self.once(with_skips) else {
-            return None;
-        };
-        let mut assumed = "the block skip inputs are on".to_owned();
-        if !is_lost(outside) {
-            let _ = write!(
-                assumed,
-                " and P and Q that the program does not write are {outside}"
-            );
+        let found = self.once(assumed).alarms;
+        for alarm in found {
+            let stops = &mut self.shown.stops;
+            if stops.len() < LISTED_MAX && !stops.iter().any(|known| is_same(&known.alarm, &alarm)) {
+                let assumed = Some(text.clone());
+                stops.push(Stop { alarm, assumed });
+            }
         }
-        Some(Stop {
-            alarm,
-            assumed: Some(assumed),
-        })
     }
 
-    fn once(&mut self, assumed: Assumed) -> End {
+    fn once(&mut self, assumed: Assumed) -> Ended {
         let mut run = Run::new(self.trial, self.settings, assumed, self.steps_left);
-        let end = run.run_out(&mut self.warnings);
-        self.steps_left -= run.interpreter.steps().min(self.steps_left);
+        let end = run.run_out(&mut self.shown.warnings);
+        self.steps_left -= run.steps().min(self.steps_left);
+        let mut ended = Ended {
+            alarms: run.into_alarms(),
+            reads: false,
+        };
         match end {
-            Ok(()) => End::Open,
-            Err(alarm) if *alarm.entry == PROGRAM_NOT_FOUND => End::Open,
-            Err(alarm) if *alarm.entry == VALUE_LOST => End::Reads,
-            Err(alarm) => End::Alarm(alarm),
+            Err(alarm) if *alarm.entry == VALUE_LOST => ended.reads = true,
+            Err(alarm) if *alarm.entry != PROGRAM_NOT_FOUND => ended.alarms.push(alarm),
+            _ => {}
         }
+        ended
     }
 }
 
-/// One run under one assumption.
-struct Run<'a> {
-    trial: &'a Trial<'a>,
-    assumed: Assumed,
-    interpreter: Interpreter,
-    path: PathStage,
-    segments: Vec<Segment>,
-    variables: Variables,
-    work_offsets: WorkOffsets,
-    tool: Tool,
-    captured: [f64; AXES_MAX],
-    /// Motion was interpreted since the program last came to rest.
-    is_moving: bool,
-    steps_max: u64,
+/// How a run has ended.
+struct Ended {
+    /// The alarms, in their order.
+    alarms: Vec<Alarm>,
+    /// It has come to a variable that it has not written.
+    reads: bool,
 }
 
-impl<'a> Run<'a> {
-    fn new(
-        trial: &'a Trial<'_>,
-        settings: &CoordinateSystemSettings,
-        assumed: Assumed,
-        steps_max: u64,
-    ) -> Self {
-        let variables = Variables::new(VariableArray::new(GLOBAL_VARIABLES));
-        for array in [&variables.global, &variables.coordinate_system] {
-            (0..array.len()).for_each(|index| _ = array.set(index, assumed.outside));
-        }
-        let mut interpreter = Interpreter::new(settings, trial.dialect);
-        interpreter.start(Arc::clone(trial.program), 0);
-        let start = Axis::ALL
-            .into_iter()
-            .filter(|axis| settings.axes().contains(*axis));
-        let mut at = AxisVector::ZERO;
-        start.for_each(|axis| at[axis] = assumed.start);
-        Self {
-            trial,
-            assumed,
-            interpreter,
-            path: PathStage::new(settings, MachinePosition(at)),
-            segments: Vec::new(),
-            variables,
-            work_offsets: trial
-                .machine
-                .map_or_else(WorkOffsets::default, |(_, system)| system.work_offsets),
-            tool: assumed.tool,
-            captured: [0.0; AXES_MAX],
-            is_moving: false,
-            steps_max,
-        }
-    }
-
-    fn run_out(&mut self, warnings: &mut Vec<Warning>) -> Result<(), Alarm> {
-        while self.interpreter.steps() < self.steps_max {
-            let item = match self.next() {
-                Ok(item) => item,
-                // a block before it that was held back comes first
-                Err(alarm) => return self.finish().and(Err(alarm)),
-            };
-            match item {
-                Item::Block(block) => {
-                    let from = self.path.position();
-                    self.path.push(&block, &mut self.segments)?;
-                    self.is_moving |= !self.segments.is_empty() || self.path.position() != from;
-                    self.segments.clear();
-                    self.end_skip(from);
-                }
-                Item::Output(output) => {
-                    if self.timing(&output) == Timing::AfterMotion {
-                        self.rest(&item)?;
-                    }
-                    self.look_at_motion(&output, warnings);
-                    self.select_tool(&output, warnings);
-                }
-                Item::Stop(_) => self.rest(&item)?,
-                Item::NeedsStandstill(_) => self.flush(),
-                Item::Warning(origin, text) => note(warnings, &diagnostics::WARNS_IN_RUN, origin, text),
-                Item::End(_) => {
-                    self.rest(&item)?;
-                    return self.finish();
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn next(&mut self) -> Result<Item, Alarm> {
-        let tools = self
-            .trial
-            .machine
-            .map_or(&NO_TOOLS, |(machine, _)| &machine.tools);
-        self.interpreter.next(&Inputs {
-            programs: self.trial.programs,
-            optional_skip: self.assumed.optional_skip,
-            work_offsets: &self.work_offsets,
-            variables: &self.variables,
-            tool: Some(self.tool),
-            tools,
-            captured: Some(self.captured),
-            position: Some(self.path.counts_from().0),
-        })
-    }
-
-    fn finish(&mut self) -> Result<(), Alarm> {
-        self.path.finish(&mut self.segments)
-    }
-
-    /// Comes to rest, which cutter compensation refuses.
-    fn rest(&mut self, item: &Item) -> Result<(), Alarm> {
-        let is_compensating =
-            self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
-        if let (true, Some(alarm)) = (is_compensating, rest_refused(item)) {
-            return Err(alarm);
-        }
-        self.flush();
-        Ok(())
-    }
-
-    fn flush(&mut self) {
-        self.path.flush(&mut self.segments);
-        self.segments.clear();
-        self.is_moving = false;
-    }
-
-    /// A G31 ends at once, after its share of the way.
-    fn end_skip(&mut self, from: MachinePosition) {
-        if !self.path.is_skipping() {
-            return;
-        }
-        let way = self.path.position().0.minus(from.0);
-        let mut at = from.0;
-        for axis in Axis::ALL {
-            at[axis] += way[axis] * self.assumed.skip_share;
-            self.captured[axis.index()] = at[axis];
-        }
-        self.path.skipped_to(MachinePosition(at));
-    }
-
-    /// Without a machine an output waits only where the manual leaves no choice (D30).
-    fn timing(&self, output: &Output) -> Timing {
-        match self.trial.machine {
-            Some((machine, system)) => system.timing(output, machine.m_codes.get(&output.m)),
-            None if output.has_params() => Timing::AfterMotion,
-            None => Timing::WithMotion,
-        }
-    }
-
-    /// An output that is made when its block is interpreted comes before the end of the motion before it.
-    fn look_at_motion(&self, output: &Output, warnings: &mut Vec<Warning>) {
-        let Some((machine, system)) = self.trial.machine else {
-            return;
-        };
-        let is_at_once = system.is_put_out_at_once(
-            output,
-            machine.m_codes.get(&output.m),
-            self.path.is_compensating(),
-        );
-        let entry = &diagnostics::OUTPUT_BEFORE_MOTION_ENDS;
-        let text = format!(
-            "M{:02} is put out when its block is interpreted: motion before it may not be over, or not have begun",
-            output.m
-        );
-        let is_known = |warning: &Warning| warning.entry == entry && warning.text == text;
-        if self.is_moving && is_at_once && !warnings.iter().any(is_known) {
-            note(warnings, entry, output.origin, text);
-        }
-    }
-
-    fn select_tool(&mut self, output: &Output, warnings: &mut Vec<Warning>) {
-        let Some((machine, _)) = self.trial.machine else {
-            return;
-        };
-        let settings = machine.m_codes.get(&output.m);
-        if settings.is_none_or(|settings| settings.stock != Some(Stock::SelectTool)) {
-            return;
-        }
-        let Ok(id) = selected_tool(output.m, output.params[0]) else {
-            return;
-        };
-        self.tool = machine.tools.get(&id).copied().unwrap_or_else(|| {
-            let text = format!(
-                "M{:02} selects tool {id}, which is not in the tool table",
-                output.m
-            );
-            note(warnings, &diagnostics::WARNS_IN_RUN, output.origin, text);
-            Tool::default()
-        });
-    }
-}
-
-fn note(warnings: &mut Vec<Warning>, entry: &'static DiagnosticEntry, origin: Origin, text: String) {
-    let warning = Warning { entry, origin, text };
-    if warnings.len() < WARNINGS_MAX && !warnings.contains(&warning) {
-        warnings.push(warning);
-    }
+fn is_same(one: &Alarm, other: &Alarm) -> bool {
+    one.entry == other.entry && one.origin == other.origin
 }
 
 /// The settings of a coordinate system of which nothing is known: all axes, and no limits.

@@ -1,5 +1,6 @@
 //! What the checker and a trial call clean is stopped by no alarm of interpreter or path stage that its text alone decides:
-//! on random programs with branches, loops, block skip and calls. Seeded; `TANDEM_LONG` takes more programs.
+//! on random programs of both dialects, with branches, loops, block skip and calls where the dialect has them. With the
+//! configuration of the machine, by no alarm at all. Seeded; `TANDEM_LONG` takes more programs.
 
 #[path = "../interp/tests/random/programs.rs"]
 mod programs;
@@ -8,38 +9,108 @@ mod random;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
+use plc_api::SequenceProgram;
 use programs::Made;
-use tandem_interp::dialects::nj;
-use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
+use tandem_interp::{CheckContext, Inputs, Interpreter, NO_TOOLS};
 use tandem_model::alarm::{COMPENSATION_REFUSED, STEP_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Compensation, Item};
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
 use tandem_model::variables::Variables;
 use tandem_model::{AXES_MAX, Alarm, MachinePosition};
 use tandem_path::PathStage;
-use tandem_runtime::trial::Trial;
+use tandem_runtime::test::Bench;
+use tandem_runtime::trial::{Shown, Trial};
+use tandem_runtime::{Config, Machine};
 use tandem_syntax::NcProgram;
 
 /// Programs that must be clean, of those that are made.
 const CLEAN: u64 = 5000;
 
+/// Of those that run on a machine.
+const CLEAN_ON_MACHINE: u64 = 50;
+
 /// Items that a program is run for.
 const ITEMS: usize = 3000;
 
+/// A mill of dialect dgshape whose limits and tools are in the way of many programs.
+const MILL: &str = r#"
+[[motor]]
+number = 1
+kind = "linear"
+max_velocity = 100.0
+max_acceleration = 1000.0
+soft_limits = [-30.0, 30.0]
+[[motor]]
+number = 2
+kind = "linear"
+max_velocity = 100.0
+max_acceleration = 1000.0
+soft_limits = [-20.0, 30.0]
+[[motor]]
+number = 3
+kind = "linear"
+max_velocity = 50.0
+max_acceleration = 1000.0
+soft_limits = [-10.0, 20.0]
+reference_points = [20.0, 0.0, 0.0, 0.0]
+[[motor]]
+number = 4
+kind = "rotary"
+max_velocity = 90.0
+max_acceleration = 1000.0
+[[motor]]
+number = 5
+kind = "spindle"
+max_velocity = 12000.0
+max_acceleration = 12000.0
+[[coordinate_system]]
+number = 1
+dialect = "dgshape"
+axes = { X = 1, Y = 2, Z = 3, A = 4 }
+spindle = 5
+max_feedrate = 3000.0
+[[tool]]
+id = 1
+radius = 3.0
+length = 8.0
+[[tool]]
+id = 2
+radius = 2.0
+length = 5.0
+[m_code.6]
+stock = "select_tool"
+[m_code.12]
+unhandled = "auto_reset"
+[m_code.13]
+unhandled = "auto_reset"
+timing = "after_motion"
+"#;
+
+fn wanted(clean: u64, of_long: u64) -> u64 {
+    if std::env::var_os("TANDEM_LONG").is_some() {
+        of_long
+    } else {
+        clean
+    }
+}
+
 /// All axes, without limits.
-fn settings() -> CoordinateSystemSettings {
+fn settings(made: &Made) -> CoordinateSystemSettings {
     let motor = MotorSettings::new(1, MotorKind::Linear, 1e9, 1e9);
     CoordinateSystemSettings {
         motors: std::array::from_fn(|_| Some(motor.clone())),
         spindle: Some(MotorSettings::new(9, MotorKind::Spindle, 1e9, 1e9)),
         max_feedrate_mm_min: 1e9,
+        path: made.dialect.path,
         ..CoordinateSystemSettings::default()
     }
 }
 
 /// Runs a program with P3 to P9 and Q3 to Q9 from outside.
 fn run(
+    made: &Made,
     main: &Arc<NcProgram>,
     programs: &BTreeMap<u16, Arc<NcProgram>>,
     outside: f64,
@@ -50,8 +121,8 @@ fn run(
         variables.global.set(index, outside);
         variables.coordinate_system.set(index, outside);
     }
-    let settings = settings();
-    let mut interpreter = Interpreter::new(&settings, nj());
+    let settings = settings(made);
+    let mut interpreter = Interpreter::new(&settings, made.dialect);
     let mut path = PathStage::new(&settings, MachinePosition::default());
     interpreter.start(Arc::clone(main), 0);
     let mut segments = Vec::new();
@@ -82,40 +153,71 @@ fn run(
     Ok(())
 }
 
-#[test]
-fn what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides() {
-    let wanted = if std::env::var_os("TANDEM_LONG").is_some() {
-        20 * CLEAN
-    } else {
-        CLEAN
-    };
+/// Makes programs until so many are clean, and looks at each of these.
+fn each_clean(
+    wanted: u64,
+    make: fn(u64) -> Made,
+    trial: impl Fn(&Made, &Arc<NcProgram>, &BTreeMap<u16, Arc<NcProgram>>) -> Option<Shown>,
+    look: impl Fn(&Made, &Arc<NcProgram>, &BTreeMap<u16, Arc<NcProgram>>),
+) {
     let (mut clean, mut made, mut stopped) = (0, 0_u64, 0_u64);
     while clean < wanted {
         made += 1;
-        let text = Made::new(made.wrapping_mul(0xd134_2543_de82_ef95));
+        let text = make(made.wrapping_mul(0xd134_2543_de82_ef95));
         let (program, programs) = text.trees();
-        let check = text.check(&programs);
-        let mut found = check
-            .diagnostics
-            .iter()
-            .chain(check.called.values().flat_map(|of| &of.diagnostics));
-        // what is told of the whole text says nothing about a run
-        if found.any(|found| found.code != "W0002") {
+        let Some(shown) = trial(&text, &program, &programs) else {
             continue;
-        }
-        let trial = Trial {
-            program: &program,
-            programs: &programs,
-            dialect: nj(),
-            machine: None,
         };
-        if trial.run().stop.is_some() {
+        if !shown.stops.is_empty() {
             stopped += 1;
             continue;
         }
         clean += 1;
-        for (outside, skip) in [(0.0, 0), (1.0, 0), (5.0, 0), (3.0, 7), (0.0, 7)] {
-            let Err(alarm) = run(&program, &programs, outside, skip) else {
+        look(&text, &program, &programs);
+    }
+    eprintln!("{clean} clean of {made}, {stopped} stopped in the trial");
+    assert!(stopped > 0);
+}
+
+/// What the trial shows of a program in which the checker finds nothing.
+fn tried(
+    made: &Made,
+    program: &Arc<NcProgram>,
+    programs: &BTreeMap<u16, Arc<NcProgram>>,
+    machine: Option<&Machine>,
+) -> Option<Shown> {
+    let system = machine.map(|machine| (machine, &machine.coordinate_systems[0]));
+    let of_machine = system.map(|(_, system)| CheckContext::of(&system.settings));
+    let context = CheckContext {
+        calculates: true,
+        ..of_machine.unwrap_or_default()
+    };
+    let check = made.check(programs, context);
+    let called = check.called.values().flat_map(|of| &of.diagnostics);
+    let mut found = check.diagnostics.iter().chain(called);
+    // what is told of the whole text says nothing about a run
+    if found.any(|found| found.code != "W0002") {
+        return None;
+    }
+    let trial = Trial {
+        program,
+        programs,
+        dialect: made.dialect,
+        machine: system,
+    };
+    Some(trial.run())
+}
+
+/// A value from outside, and the block skip inputs.
+type Outside = (f64, u32);
+
+fn clean_programs_run_clean(clean: u64, make: fn(u64) -> Made, runs: &[Outside]) {
+    let trial = |made: &Made, program: &Arc<NcProgram>, programs: &BTreeMap<u16, Arc<NcProgram>>| {
+        tried(made, program, programs, None)
+    };
+    each_clean(clean, make, trial, |text, program, programs| {
+        for (outside, skip) in runs {
+            let Err(alarm) = run(text, program, programs, *outside, *skip) else {
                 continue;
             };
             // whether a loop ends is not decided, and values from outside are not the text's
@@ -126,7 +228,44 @@ fn what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides(
                 "{outside} {skip} {alarm:?}\n{text}"
             );
         }
-    }
-    eprintln!("{clean} clean of {made}, {stopped} stopped in the trial");
-    assert!(stopped > 0);
+    });
+}
+
+#[test]
+fn what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides() {
+    let runs = [(0.0, 0), (1.0, 0), (5.0, 0), (3.0, 7), (0.0, 7)];
+    clean_programs_run_clean(wanted(CLEAN, 20 * CLEAN), Made::nj, &runs);
+}
+
+#[test]
+fn dgshape_what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides() {
+    clean_programs_run_clean(wanted(CLEAN / 5, CLEAN), Made::dgshape, &[(0.0, 0), (0.0, 1)]);
+}
+
+/// Resumes what M00 has stopped.
+fn operator() -> SequenceProgram {
+    SequenceProgram::new().task(|plc| async move {
+        loop {
+            plc.sleep(Duration::from_secs(1)).await;
+            let _ = plc.coordinate_system(1).resume().await;
+        }
+    })
+}
+
+#[test]
+fn dgshape_what_is_clean_with_the_configuration_meets_no_alarm_on_the_machine() {
+    let machine = || Config::from_toml(MILL, "").unwrap().resolve().unwrap();
+    let known = machine();
+    let trial = |made: &Made, program: &Arc<NcProgram>, programs: &BTreeMap<u16, Arc<NcProgram>>| {
+        tried(made, program, programs, Some(&known))
+    };
+    let wanted = wanted(CLEAN_ON_MACHINE, CLEAN);
+    each_clean(wanted, Made::dgshape, trial, |text, _, _| {
+        let run = Bench::on_machine(machine())
+            .serve(operator())
+            .run(text.to_string())
+            .unwrap_or_else(|why| panic!("{why}\n{text}"));
+        // a feedrate may be too low to come to the end
+        assert!(run.alarm().is_err(), "{:?}\n{text}", run.alarms);
+    });
 }

@@ -57,6 +57,48 @@ fn a_target_beyond_a_soft_limit_is_an_error_with_the_machine_alone() {
 }
 
 #[test]
+fn all_targets_beyond_soft_limits_are_told_at_once() {
+    // G54 lies at X 10 and Y 20; the motor of X ends at 300
+    let text = "G90 G54 G00 X400\nG01 F500 X500\nX0 Y0\nG02 X0 Y600 R300\nG00 X295\nM30\n";
+    let beyond = [
+        "main.nc:1:13 E0128",
+        "main.nc:2:10 E0128",
+        "main.nc:4:5 E0128",
+        "main.nc:5:5 E0128",
+    ];
+    assert_eq!(found(text, true), beyond);
+    // distances count on from there
+    let by_distances = "G91 G00 X400\nX-150\nX100\nM30\n";
+    assert_eq!(
+        found(by_distances, true),
+        ["main.nc:1:9 E0128", "main.nc:3:1 E0128"]
+    );
+}
+
+#[test]
+fn all_that_cutter_compensation_refuses_is_told_at_once() {
+    // tool 1 has a radius of 5
+    let lead = |y: u8| format!("G41 G01 X4.5 F500\nY{}\nG40 X0 Y{}\n", y + 30, y + 50);
+    let short_twice = format!("G90 G54 G00 X0 Y0\nM06 VA1\n{}{}M30\n", lead(0), lead(50));
+    assert_eq!(
+        found(&short_twice, true),
+        ["main.nc:3:1 E0128", "main.nc:6:1 E0128"]
+    );
+    let waits = "G90 G54 G00 X0 Y0\nM06 VA1\nG41 G01 X20 F500\nM09\nY40\nM09\nY50\nG40 G01 X0 Y60\nM30\n";
+    assert_eq!(found(waits, true), ["main.nc:4:1 E0128", "main.nc:6:1 E0128"]);
+}
+
+#[test]
+fn a_cutting_motion_before_any_f_is_a_warning_where_no_machine_says_what_it_takes() {
+    let cuts = "G90 G54 G00 X0\nG01 X10\nX20\nM30\n";
+    assert_eq!(found(cuts, false), ["main.nc:2:1 W0018"], "once");
+    assert_eq!(found(cuts, true), ["main.nc:2:1 E0126"], "default_feedrate is 0");
+    assert_eq!(found("G90 G54 G00 X0\nG01 X10 F500\nM30\n", false), [""; 0]);
+    // a subprogram may have that of its caller
+    assert_eq!(found("G01 X10\nM99\n", false), [""; 0]);
+}
+
+#[test]
 fn an_m_code_that_waits_within_cutter_compensation_is_an_error() {
     let with =
         |m: &str| format!("G90 G54 G00 X0 Y0\nM06 VA1\nG41 G01 X20 F500\n{m}\nY40\nG40 G01 X0 Y60\nM30\n");

@@ -51,7 +51,7 @@ pub struct CheckContext<'a> {
     pub unit: Unit,
     /// F above it is clipped with a warning, mm/min.
     pub max_feedrate_mm_min: Option<f64>,
-    /// F where none is programmed, mm/min; 0: there is none.
+    /// F where none is programmed, mm/min; 0: there is none. Without it, that is a warning.
     pub default_feedrate_mm_min: Option<f64>,
     /// Whether the coordinate system has a spindle: fixed cycles put out other M codes without one.
     pub has_spindle: Option<bool>,

@@ -132,6 +132,8 @@ pub struct InForce {
     pub unit: Option<Unit>,
     /// Cutter compensation.
     pub side: Option<Side>,
+    /// The number of the offset that cutter compensation takes, in dialects where it has one.
+    pub offset_number: Option<f64>,
     /// The tool offset.
     pub length: Option<LengthOffset>,
     /// The fixed cycle, if one is in force.
@@ -155,6 +157,7 @@ impl InForce {
         distance: Some(Distance::Absolute),
         unit: Some(Unit::Millimetre),
         side: Some(Side::Off),
+        offset_number: None,
         length: Some(LengthOffset::Off),
         cycle: Some(None),
         return_level: Some(ReturnLevel::Initial),
@@ -192,6 +195,7 @@ impl InForce {
         both(&mut self.distance, other.distance);
         both(&mut self.unit, other.unit);
         both(&mut self.side, other.side);
+        both(&mut self.offset_number, other.offset_number);
         both(&mut self.length, other.length);
         both(&mut self.cycle, other.cycle);
         both(&mut self.return_level, other.return_level);

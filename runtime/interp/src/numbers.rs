@@ -106,10 +106,10 @@ pub(crate) fn judge_written(
     within
 }
 
-/// Judges N, which has no decimal point and at most eight digits (manual dgshape, 2-6).
+/// Judges N, which has no decimal point (manual dgshape, 2-6); the parser counts its digits.
 pub(crate) fn judge_block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     let number = word.number().unwrap_or_default();
-    if !word.is_whole() || !(0.0..=WITHOUT_POINT_MAX).contains(&number) {
+    if !word.is_whole() || number < 0.0 {
         let message = format!("N{number} is no block number");
         let help = "Write N and 1 to 8 digits.";
         fault(diagnostics::CODE_NUMBER.at(word.span(), message, help));

@@ -174,6 +174,9 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if modal.lead_pending && moves_in_plane(words, modal) {
         modal.lead_pending = false;
     }
+    if words.present.contains(Address::D) && own_side(words).is_some() {
+        modal.in_force.offset_number = words.get(Address::D);
+    }
     if let Some(value) = words.m_code().and_then(|code| code.sets) {
         modal.in_force.set(value);
     }
@@ -318,7 +321,10 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
             let code = own.or_else(|| modal.code(ModalGroup::Motion))?;
             (code.role == Role::Motion(MotionKind::Arc)).then(|| shown(code))
         }
-        What::OffsetNumber => (words.get(Address::D)).map(|_| (Address::D, String::new())),
+        What::OffsetNumber => {
+            let (own, before) = (words.get(Address::D)?, in_force.offset_number?);
+            (own.to_bits() != before.to_bits()).then(|| (Address::D, String::new()))
+        }
         What::CycleCode => g_code(words, |code| code.group == ModalGroup::FixedCycle).map(shown),
         What::SpindleAtRest => {
             let turns = words.sets().spindle.or(in_force.spindle)?;

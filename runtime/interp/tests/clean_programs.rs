@@ -1,5 +1,5 @@
-//! What the checker calls clean does not stop by an alarm that its text alone decides: on random programs with branches,
-//! loops, block skip and calls. Seeded; `TANDEM_LONG` takes more programs.
+//! What the checker calls clean does not stop by an alarm that its text alone decides: on random programs of both dialects,
+//! with branches, loops, block skip and calls where the dialect has them. Seeded; `TANDEM_LONG` takes more programs.
 
 #[path = "random/programs.rs"]
 mod programs;
@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use programs::Made;
 use properties::{few_variables, run_with};
-use tandem_interp::dialects::nj;
+use tandem_interp::CheckContext;
 use tandem_model::alarm::STEP_LIMIT;
 use tandem_model::{Alarm, Severity};
 use tandem_syntax::NcProgram;
@@ -22,34 +22,34 @@ const CLEAN: u64 = 5000;
 /// Items that a program is run for.
 const ITEMS: usize = 3000;
 
-/// Runs a program with P3 to P9 and Q3 to Q9 from outside.
+fn is_long() -> bool {
+    std::env::var_os("TANDEM_LONG").is_some()
+}
+
+/// What somebody else writes into P3 to P9 and Q3 to Q9, and the block skip inputs.
+type Outside = (f64, u32);
+
 fn run(
+    made: &Made,
     main: &Arc<NcProgram>,
     programs: &BTreeMap<u16, Arc<NcProgram>>,
-    outside: f64,
-    optional_skip: u32,
+    (value, optional_skip): Outside,
 ) -> Result<(), Alarm> {
     let variables = few_variables();
     for index in 3..10 {
-        variables.global.set(index, outside);
-        variables.coordinate_system.set(index, outside);
+        variables.global.set(index, value);
+        variables.coordinate_system.set(index, value);
     }
-    run_with(main, programs, &variables, optional_skip, nj(), ITEMS)
+    run_with(main, programs, &variables, optional_skip, made.dialect, ITEMS)
 }
 
-#[test]
-fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
-    let wanted = if std::env::var_os("TANDEM_LONG").is_some() {
-        20 * CLEAN
-    } else {
-        CLEAN
-    };
+fn clean_programs_run_clean(wanted: u64, make: fn(u64) -> Made, runs: &[Outside]) {
     let (mut clean, mut wrong, mut made, mut alarms) = (0, 0, 0_u64, 0_u64);
     while clean < wanted {
         made += 1;
-        let text = Made::new(made.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let text = make(made.wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let (main, programs) = text.trees();
-        let check = text.check(&programs);
+        let check = text.check(&programs, CheckContext::default());
         let called = check.called.values().flat_map(|of| &of.diagnostics);
         let found: Vec<_> = check.diagnostics.iter().chain(called).collect();
         // what is told of the whole text says nothing about a run
@@ -57,8 +57,8 @@ fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
         let is_wrong = found.iter().any(|found| found.severity == Severity::Error);
         wrong += u64::from(is_wrong);
         clean += u64::from(is_clean);
-        for (outside, skip) in [(0.0, 0), (1.0, 0), (5.0, 1), (2.5, 7), (0.0, 2)] {
-            let Err(alarm) = run(&main, &programs, outside, skip) else {
+        for outside in runs {
+            let Err(alarm) = run(&text, &main, &programs, *outside) else {
                 continue;
             };
             alarms += 1;
@@ -66,7 +66,7 @@ fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
             let from_outside = text.contains("Q1");
             let decided =
                 alarm.entry != &STEP_LIMIT && !(from_outside && matches!(alarm.entry.number, 10 | 11));
-            assert!(!(is_clean && decided), "{alarm:?}\n{text}");
+            assert!(!(is_clean && decided), "{outside:?} {alarm:?}\n{text}");
         }
     }
     // the programs are not all clean, and not all wrong
@@ -75,4 +75,17 @@ fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
         "{wrong} wrong, {alarms} alarms of {made}"
     );
     eprintln!("{clean} clean of {made}, {wrong} with errors, {alarms} alarms");
+}
+
+#[test]
+fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
+    let runs = [(0.0, 0), (1.0, 0), (5.0, 1), (2.5, 7), (0.0, 2)];
+    let wanted = if is_long() { 20 * CLEAN } else { CLEAN };
+    clean_programs_run_clean(wanted, Made::nj, &runs);
+}
+
+#[test]
+fn dgshape_what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
+    let wanted = if is_long() { CLEAN } else { CLEAN / 5 };
+    clean_programs_run_clean(wanted, Made::dgshape, &[(0.0, 0), (0.0, 1)]);
 }

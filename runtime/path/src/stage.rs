@@ -31,6 +31,8 @@ pub struct PathStage {
     held_back: Option<Segment>,
     /// The last segment is a G31 whose end is not known yet.
     is_skipping: bool,
+    /// Moves beyond soft limits that were let pass; `None`: they are refused.
+    pub(crate) passed_limits: Option<Vec<Alarm>>,
 }
 
 impl PathStage {
@@ -47,6 +49,7 @@ impl PathStage {
             legs: Vec::new(),
             held_back: None,
             is_skipping: false,
+            passed_limits: None,
         }
     }
 
@@ -225,7 +228,7 @@ impl PathStage {
 
     fn skip(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let to = self.target(block, words)?;
-        self.within_all_soft_limits(self.at, to)?;
+        self.refuse_beyond(self.within_all_soft_limits(self.at, to), block.origin)?;
         self.release(SegmentEnd::ExactStop, out);
         if moves(self.at, to) {
             self.go_to_rest(block, SegmentMotion::Skip { from: self.at, to }, to, out);
@@ -287,8 +290,8 @@ impl PathStage {
             to[axis] = motor.map_or(0.0, |motor| motor.reference_points[usize::from(point) - 1]);
         }
         finite(to, "reference point")?;
-        self.within_all_soft_limits(self.at, middle)?;
-        self.within_all_soft_limits(middle, to)?;
+        self.refuse_beyond(self.within_all_soft_limits(self.at, middle), block.origin)?;
+        self.refuse_beyond(self.within_all_soft_limits(middle, to), block.origin)?;
         self.release(SegmentEnd::ExactStop, out);
         for to in [middle, to] {
             if moves(self.at, to) {
@@ -399,11 +402,10 @@ impl PathStage {
 
     /// Takes the next segment, which decides how the one before ends.
     fn join(&mut self, segment: Segment, stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        self.segment_within_soft_limits(&segment.motion)
-            .map_err(|alarm| alarm.at(segment.origin))?;
+        self.refuse_beyond(self.segment_within_soft_limits(&segment.motion), segment.origin)?;
         if let (Some(before), false) = (&self.held_back, stop_before) {
-            self.blend_within_soft_limits(&before.motion, &segment.motion)
-                .map_err(|alarm| alarm.at(segment.origin))?;
+            let blended = self.blend_within_soft_limits(&before.motion, &segment.motion);
+            self.refuse_beyond(blended, segment.origin)?;
         }
         let end = if stop_before {
             SegmentEnd::ExactStop

@@ -36,7 +36,7 @@ impl PathStage {
 
     fn check_move(&mut self, block: &Block, words: &AxisWords) -> Result<(), Alarm> {
         let to = self.target(block, words)?;
-        self.within_all_soft_limits(self.at, to)?;
+        self.refuse_beyond(self.within_all_soft_limits(self.at, to), block.origin)?;
         self.at = to;
         self.arrived(block, words);
         Ok(())
@@ -65,7 +65,7 @@ impl PathStage {
 
     /// The end of a move in the thread from here, its feedrate, and its revolutions without sign; 0: no spindle is locked to
     /// it. They are the machine's Z travel times S / F, whatever the transforms.
-    fn thread(&self, block: &Block, tap: &Tap) -> Result<(AxisVector, Feed, f64), Alarm> {
+    fn thread(&mut self, block: &Block, tap: &Tap) -> Result<(AxisVector, Feed, f64), Alarm> {
         let to = self.target(block, &tap.target)?;
         let aside = Axis::ALL
             .into_iter()
@@ -74,7 +74,7 @@ impl PathStage {
             let text = format!("The way along Z would move axis {}, too", axis.letter());
             return Err(Alarm::new(&TAP_OFF_AXIS, text));
         }
-        self.within_all_soft_limits(self.at, to)?;
+        self.refuse_beyond(self.within_all_soft_limits(self.at, to), block.origin)?;
         let feed = self.feed_in_force(block, false)?;
         let travel = (to[Axis::Z] - self.at[Axis::Z]).abs();
         let revolutions = match tap.spindle_speed_r_min {

@@ -2,7 +2,7 @@
 
 use tandem_model::alarm::{AXIS_MISSING, OFFSET_IN_FORCE, SOFT_LIMIT};
 use tandem_model::flow::{Action, AxisWords, Block, Compensation, Distance, Frame, Path, SegmentMotion};
-use tandem_model::{Alarm, ArcPath, Axis, AxisSet, AxisVector};
+use tandem_model::{Alarm, ArcPath, Axis, AxisSet, AxisVector, Origin};
 
 use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
@@ -106,6 +106,28 @@ impl PathStage {
         }
         let text = format!("{what}: the tool length offset is {length} mm");
         Err(Alarm::new(&OFFSET_IN_FORCE, text))
+    }
+
+    /// From here on moves beyond soft limits are let pass and noted: for a program that is looked at and moves nothing.
+    pub fn let_limits_pass(&mut self) {
+        self.passed_limits.get_or_insert_default();
+    }
+
+    /// The alarms of the moves that were let pass since the last call, each at its block.
+    pub fn take_passed_limits(&mut self) -> Vec<Alarm> {
+        self.passed_limits.as_mut().map_or_else(Vec::new, std::mem::take)
+    }
+
+    /// The alarm of a move of this block beyond a soft limit, unless such moves are let pass.
+    pub(crate) fn refuse_beyond(&mut self, judged: Result<(), Alarm>, origin: Origin) -> Result<(), Alarm> {
+        let refused = judged.map_err(|alarm| alarm.at(origin));
+        match (refused, &mut self.passed_limits) {
+            (Err(alarm), Some(passed)) => {
+                passed.push(alarm);
+                Ok(())
+            }
+            (refused, _) => refused,
+        }
     }
 
     /// Checks that the axes that move end within their limits.

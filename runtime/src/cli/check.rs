@@ -16,6 +16,7 @@ use tandem_runtime::declared::{unserved, wrong_params};
 use tandem_runtime::program_store::StoredProgram;
 use tandem_runtime::trial::Trial;
 use tandem_runtime::{ConfiguredSystem, Machine};
+use tandem_syntax::diagnostics::FEEDRATE_OPEN;
 use tandem_syntax::{NcProgram, parse};
 
 use super::findings::{Findings, as_json, as_sarif};
@@ -193,6 +194,12 @@ fn check_tree(
     }
     let has_errors = [&check].into_iter().chain(called.values()).any(Check::has_errors)
         || parsed.iter().any(Diagnostic::is_error);
+    if has_errors {
+        // what a run would take is told of programs that can run
+        for of in [&mut check].into_iter().chain(called.values_mut()) {
+            of.diagnostics.retain(|found| found.code != FEEDRATE_OPEN.code);
+        }
+    }
     if calculates && !has_errors {
         let called_trees = read
             .iter()
@@ -203,18 +210,22 @@ fn check_tree(
             dialect,
             machine: system,
         };
-        for (number, finding) in trial.run().findings(&trial) {
-            let of = called.get_mut(&number).unwrap_or(&mut check);
-            let is_new = |known: &Diagnostic| {
-                known.span.end <= finding.span.start || finding.span.end <= known.span.start
-            };
-            if finding.is_error() || of.diagnostics.iter().all(is_new) {
-                of.diagnostics.push(finding);
-            }
-        }
+        add_findings(&trial, &mut check, &mut called);
     }
     let main = Findings::new(path, tree.source(), check, parsed);
     all_findings(main, called, read)
+}
+
+/// Adds what a trial shows, but for warnings where something is told already.
+fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, Check>) {
+    for (number, finding) in trial.run().findings(trial) {
+        let of = called.get_mut(&number).unwrap_or(main);
+        let is_new =
+            |known: &Diagnostic| known.span.end <= finding.span.start || finding.span.end <= known.span.start;
+        if finding.is_error() || of.diagnostics.iter().all(is_new) {
+            of.diagnostics.push(finding);
+        }
+    }
 }
 
 /// Those of a program, and of each that it calls and in which there are some.

@@ -271,6 +271,9 @@ diagnostics! {
     ARC_END_OFF = "W0017", "An arc ends beside its circle",
         "I, J and K are distances from the start point, in G90 and G91 alike (manual dgshape, G02 and G03). Where the end is farther from the centre than the start, or nearer, by more than a hundredth, the tool moves on a spiral (D26), which dialect dgshape does not know. Often they were written as the position of the centre.",
         "wrong: G00 X10 Y0 and G03 X0 Y10 I0 J0.5   right: G00 X10 Y0 and G03 X0 Y10 I-10 J0";
+    FEEDRATE_OPEN = "W0018", "No feedrate is programmed",
+        "A motion at the feedrate without F before it or in its block takes default_feedrate of the coordinate system. Where that is 0, as it is unless the configuration says otherwise, it is alarm 101; with --config that is E0126.",
+        "wrong: G01 X10   right: G01 X10 F300";
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ pub struct ProgramForm {
     pub mark: Option<u8>,
     /// The letter of the program number, which is alone on its line.
     pub number_letter: Option<u8>,
-    /// Digits that block numbers and program numbers may have.
+    /// Digits that block numbers and program numbers may have, leading zeros included.
     pub number_digits_max: usize,
 }
 
@@ -82,7 +82,7 @@ static NJ: Grammar = Grammar {
     program_form: ProgramForm {
         mark: None,
         number_letter: None,
-        number_digits_max: 10,
+        number_digits_max: usize::MAX,
     },
     sections: &[],
     foreign: foreign::OF_NJ,
@@ -137,7 +137,7 @@ static DGSHAPE: Grammar = Grammar {
         ("E0103", "2-7"),
         ("E0104", "2-7"),
         ("E0105", "1-1"),
-        ("E0107", "2-3"),
+        ("E0107", "1-3, Miscellaneous Functions, and 2-3, M06"),
         ("E0108", "2-2 and 2-3"),
         ("E0109", "2-1"),
         ("E0110", "2-1"),
@@ -152,12 +152,14 @@ static DGSHAPE: Grammar = Grammar {
         ("E0123", "2-3"),
         ("E0124", "2-2, G20 and G21"),
         ("E0125", "2-2, G53"),
+        ("E0126", "2-2, G01"),
         ("W0002", "2-3, M02"),
         ("W0004", "2-5"),
         ("W0006", "2-6, Optional Block Skip"),
         ("W0007", "2-6, Program Number"),
         ("W0008", "2-2, G40 to G42"),
         ("W0017", "2-2, G02 and G03"),
+        ("W0018", "2-2, G01"),
     ],
     foreign: foreign::OF_DGSHAPE,
 };

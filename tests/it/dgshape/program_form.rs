@@ -59,6 +59,7 @@ fn dgshape_2_6_a_program_number_has_eight_digits_and_stands_once_and_alone() {
 fn dgshape_2_6_a_block_number_has_eight_digits_and_stands_first() {
     assert_eq!(findings("N00000001G00X1.0\nN99999999X2.\nN5"), NONE);
     assert_eq!(findings("N100000000G00X1.0"), ["E0103"]);
+    assert_eq!(findings("N000000001G00X1.0"), ["E0103"]);
     assert_eq!(findings("N10.0G00X1.0"), ["E0103"]);
     assert_eq!(findings("G00N10X1.0"), ["E0010"]);
 }

@@ -103,6 +103,7 @@ fn dgshape_restrictions_1_to_9_of_tool_diameter_offset() {
     // 7: the side and the number stay
     assert_eq!(within("G42D1"), ["E0119"]);
     assert_eq!(within("G41D2"), ["E0119"]);
+    assert_eq!(within("G41D1"), NONE, "that changes nothing");
     // the program neither ends nor stops in it
     assert_eq!(within("M00"), ["E0119"]);
     assert_eq!(findings("G41D1G00X10.\nY5."), ["E0119"]);

@@ -96,6 +96,8 @@ impl<'a> Explorer<'a> {
         } else if structure::may_be_called(&tree, self.dialect) {
             let mut called = start.clone();
             called.forget_all();
+            // the caller may have programmed F
+            start.has_feed |= self.context.default_feedrate_mm_min.is_none();
             is_certain = false;
             self.begin(head, called, Kind::Real, false);
         }

@@ -146,8 +146,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Tells a cutting motion before the first F, where the machine has no other (alarm 101), and a thread before the first S
-    /// (alarm 113).
+    /// Tells a cutting motion before the first F, where the machine has no other or is not known (alarm 101), and a thread
+    /// before the first S (alarm 113).
     pub(super) fn feed_and_speed(&mut self, here: Here<'_>, state: &mut State) {
         let Here { tree, block, .. } = here;
         let words = &self.words;
@@ -162,7 +162,11 @@ impl Explorer<'_> {
         state.has_feed |= lacks_feed || has(Address::F);
         state.has_speed |= lacks_speed || has(Address::S);
         if lacks_feed {
-            let finding = diagnostics::FEEDRATE_MISSING.at(
+            let entry = match self.context.default_feedrate_mm_min {
+                Some(_) => &diagnostics::FEEDRATE_MISSING,
+                None => &diagnostics::FEEDRATE_OPEN,
+            };
+            let finding = entry.at(
                 tree.span(block),
                 "the block moves at the feedrate, and none is programmed",
                 "Write F in this block or before it, or set default_feedrate.",

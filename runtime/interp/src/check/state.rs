@@ -49,7 +49,7 @@ impl State {
             has_feed: !context.calculates
                 || context
                     .default_feedrate_mm_min
-                    .is_none_or(|feedrate| feedrate > 0.0),
+                    .is_some_and(|feedrate| feedrate > 0.0),
             has_speed: !(context.calculates
                 && context.has_spindle == Some(true)
                 && dialect.policy.spindle_word == SpindleWord::Speed),

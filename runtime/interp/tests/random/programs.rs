@@ -1,11 +1,14 @@
 //! Programs made at random, of blocks that are right in some states and wrong in others.
 
+#[path = "dgshape_programs.rs"]
+mod dgshape_programs;
+
 use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
 use std::sync::Arc;
 
-use tandem_interp::dialects::nj;
-use tandem_interp::{Check, CheckContext, check_source};
+use tandem_interp::dialects::{dgshape, nj};
+use tandem_interp::{Check, CheckContext, Dialect, check_source};
 use tandem_syntax::{NcProgram, parse};
 
 use crate::random::Random;
@@ -151,36 +154,48 @@ fn program(random: &mut Random, calls: &[u16], end: &str) -> String {
     text + random.of(&["G80 G40\n", "G80\nG40\nG01 X0 Y0\n", ""]) + end
 }
 
-/// A main program and the two that it calls, with branches, loops and block skip.
+/// A main program and those that it calls.
 pub struct Made {
+    pub dialect: &'static Dialect,
     main: String,
-    called: [(u16, String); 2],
+    called: Vec<(u16, String)>,
 }
 
 impl Made {
-    pub fn new(seed: u64) -> Self {
+    /// With two programs that are called, branches, loops and block skip.
+    pub fn nj(seed: u64) -> Self {
         let mut random = Random(seed | 1);
         let second = program(&mut random, &[], "M99");
         let first = program(&mut random, &[1001], "M99");
         let main = program(&mut random, &[1000, 1001], "M30");
         Self {
+            dialect: nj(),
             main,
-            called: [(1000, first), (1001, second)],
+            called: vec![(1000, first), (1001, second)],
+        }
+    }
+
+    /// With block skip.
+    pub fn dgshape(seed: u64) -> Self {
+        Self {
+            dialect: dgshape(),
+            main: dgshape_programs::text(seed),
+            called: Vec::new(),
         }
     }
 
     pub fn trees(&self) -> (Arc<NcProgram>, BTreeMap<u16, Arc<NcProgram>>) {
-        let tree = |text: &str| Arc::new(parse(text, (nj().grammar)()).0);
+        let tree = |text: &str| Arc::new(parse(text, (self.dialect.grammar)()).0);
         let called = self.called.iter().map(|(number, text)| (*number, tree(text)));
         (tree(&self.main), called.collect())
     }
 
-    pub fn check(&self, programs: &BTreeMap<u16, Arc<NcProgram>>) -> Check {
+    pub fn check(&self, programs: &BTreeMap<u16, Arc<NcProgram>>, context: CheckContext<'_>) -> Check {
         let context = CheckContext {
             programs: Some(programs),
-            ..CheckContext::default()
+            ..context
         };
-        check_source(self.main.as_str(), nj(), &context).1
+        check_source(self.main.as_str(), self.dialect, &context).1
     }
 
     pub fn contains(&self, word: &str) -> bool {

@@ -348,7 +348,9 @@ impl Parser<'_> {
             );
             return;
         }
-        if address != Address::N {
+        if address == Address::N {
+            self.count_digits(start);
+        } else {
             self.kind = LineKind::Words;
         }
         let length = u16::try_from(self.cursor.at() - start).unwrap_or(u16::MAX);
@@ -359,6 +361,29 @@ impl Parser<'_> {
             address,
             form,
         });
+    }
+
+    /// Tells a block number with more digits than the dialect gives it.
+    #[inline]
+    fn count_digits(&mut self, start: usize) {
+        let digits_max = self.grammar.program_form.number_digits_max;
+        if self.cursor.at() - start > digits_max {
+            self.judge_digits(start, digits_max);
+        }
+    }
+
+    #[cold]
+    fn judge_digits(&mut self, start: usize, max: usize) {
+        let text = self.cursor.excerpt(self.cursor.span_from(start));
+        let digits = text.bytes().filter(u8::is_ascii_digit).count();
+        if digits > max {
+            self.report_from(
+                start,
+                &diagnostics::CODE_NUMBER,
+                format!("{text} has {digits} digits"),
+                format!("Write at most {max} digits."),
+            );
+        }
     }
 
     fn word_beside_program_code(&mut self, start: usize) {

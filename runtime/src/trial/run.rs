@@ -1,0 +1,324 @@
+//! One run of a trial.
+
+use std::sync::Arc;
+
+use plc_api::types::output::Timing;
+use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
+use tandem_model::alarm::{
+    AlarmEntry, COMPENSATION_ARC_SMALL, COMPENSATION_CORNER, COMPENSATION_LEAD_SHORT,
+    COMPENSATION_LOOK_AHEAD, COMPENSATION_REFUSED, COMPENSATION_SPIRAL, OVERCUT,
+};
+use tandem_model::flow::{Action, Block, Compensation, Item, Output, Segment};
+use tandem_model::lost::LOST;
+use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
+use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray, Variables};
+use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector, MachinePosition, Origin};
+use tandem_path::PathStage;
+use tandem_syntax::diagnostics::{self, DiagnosticEntry};
+
+use super::{LISTED_MAX, Trial, Warning, is_same};
+use crate::config::Stock;
+use crate::coordinate_system::rest_refused;
+use crate::sequence::stock::selected_tool;
+
+/// Alarms of the path stage after which the program is looked at without cutter compensation.
+const OF_COMPENSATION: [&AlarmEntry; 7] = [
+    &COMPENSATION_REFUSED,
+    &COMPENSATION_LEAD_SHORT,
+    &COMPENSATION_ARC_SMALL,
+    &COMPENSATION_CORNER,
+    &COMPENSATION_SPIRAL,
+    &COMPENSATION_LOOK_AHEAD,
+    &OVERCUT,
+];
+
+/// What only a machine knows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Assumed {
+    pub start: f64,
+    pub tool: Tool,
+    pub optional_skip: u32,
+    /// Of the way of a G31 that is travelled.
+    pub skip_share: f64,
+    /// P and Q that the program has not written.
+    pub outside: f64,
+}
+
+/// Nothing special.
+pub(super) const FIRST: Assumed = Assumed {
+    start: 0.0,
+    tool: Tool {
+        length: 0.0,
+        radius: 0.0,
+    },
+    optional_skip: 0,
+    skip_share: 1.0,
+    outside: LOST,
+};
+
+/// As different from that as can be.
+pub(super) const SECOND: Assumed = Assumed {
+    start: 1.375,
+    tool: Tool {
+        length: 2.0,
+        radius: 0.0,
+    },
+    optional_skip: u32::MAX,
+    skip_share: 0.5,
+    outside: LOST,
+};
+
+/// One run under one assumption.
+pub(super) struct Run<'a> {
+    trial: &'a Trial<'a>,
+    assumed: Assumed,
+    interpreter: Interpreter,
+    path: PathStage,
+    segments: Vec<Segment>,
+    variables: Variables,
+    work_offsets: WorkOffsets,
+    tool: Tool,
+    captured: [f64; AXES_MAX],
+    /// Motion was interpreted since the program last came to rest.
+    is_moving: bool,
+    /// Cutter compensation has led to an alarm: up to its end the program moves as it is written.
+    is_uncompensated: bool,
+    /// Alarms that have not ended the run.
+    alarms: Vec<Alarm>,
+    steps_max: u64,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(
+        trial: &'a Trial<'_>,
+        settings: &CoordinateSystemSettings,
+        assumed: Assumed,
+        steps_max: u64,
+    ) -> Self {
+        let variables = Variables::new(VariableArray::new(GLOBAL_VARIABLES));
+        for array in [&variables.global, &variables.coordinate_system] {
+            (0..array.len()).for_each(|index| _ = array.set(index, assumed.outside));
+        }
+        let mut interpreter = Interpreter::new(settings, trial.dialect);
+        interpreter.start(Arc::clone(trial.program), 0);
+        let start = Axis::ALL
+            .into_iter()
+            .filter(|axis| settings.axes().contains(*axis));
+        let mut at = AxisVector::ZERO;
+        start.for_each(|axis| at[axis] = assumed.start);
+        let mut path = PathStage::new(settings, MachinePosition(at));
+        path.let_limits_pass();
+        Self {
+            trial,
+            assumed,
+            interpreter,
+            path,
+            segments: Vec::new(),
+            variables,
+            work_offsets: trial
+                .machine
+                .map_or_else(WorkOffsets::default, |(_, system)| system.work_offsets),
+            tool: assumed.tool,
+            captured: [0.0; AXES_MAX],
+            is_moving: false,
+            is_uncompensated: false,
+            alarms: Vec::new(),
+            steps_max,
+        }
+    }
+
+    /// Blocks that it has taken.
+    pub fn steps(&self) -> u64 {
+        self.interpreter.steps()
+    }
+
+    /// The alarms that have not ended it, in their order, each once at its place.
+    pub fn into_alarms(self) -> Vec<Alarm> {
+        self.alarms
+    }
+
+    /// Runs to the end of the program.
+    ///
+    /// # Errors
+    /// The alarm that ends it; what lies beyond a soft limit or has no path in cutter compensation is among
+    /// [`Run::into_alarms`].
+    pub fn run_out(&mut self, warnings: &mut Vec<Warning>) -> Result<(), Alarm> {
+        while self.interpreter.steps() < self.steps_max {
+            let item = match self.next() {
+                Ok(item) => item,
+                // a block before it that was held back comes first
+                Err(alarm) => return self.finish().and(Err(alarm)),
+            };
+            match item {
+                Item::Block(block) => {
+                    let from = self.path.position();
+                    self.take(block)?;
+                    self.is_moving |= !self.segments.is_empty() || self.path.position() != from;
+                    self.segments.clear();
+                    self.end_skip(from);
+                }
+                Item::Output(output) => {
+                    if self.timing(&output) == Timing::AfterMotion {
+                        self.rest(&item);
+                    }
+                    self.look_at_motion(&output, warnings);
+                    self.select_tool(&output, warnings);
+                }
+                Item::Stop(_) => self.rest(&item),
+                Item::NeedsStandstill(_) => self.flush(),
+                Item::Warning(origin, text) => note(warnings, &diagnostics::WARNS_IN_RUN, origin, text),
+                Item::End(_) => {
+                    self.rest(&item);
+                    return self.finish();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn next(&mut self) -> Result<Item, Alarm> {
+        let tools = self
+            .trial
+            .machine
+            .map_or(&NO_TOOLS, |(machine, _)| &machine.tools);
+        self.interpreter.next(&Inputs {
+            programs: self.trial.programs,
+            optional_skip: self.assumed.optional_skip,
+            work_offsets: &self.work_offsets,
+            variables: &self.variables,
+            tool: Some(self.tool),
+            tools,
+            captured: Some(self.captured),
+            position: Some(self.path.counts_from().0),
+        })
+    }
+
+    /// Gives a block to the path stage. What cutter compensation has no path for moves without it, up to its end.
+    fn take(&mut self, mut block: Block) -> Result<(), Alarm> {
+        self.is_uncompensated &= block.compensation != Compensation::Off;
+        if !self.is_uncompensated {
+            match self.push(&block) {
+                Err(alarm) if OF_COMPENSATION.contains(&alarm.entry) => self.note(alarm),
+                pushed => return pushed,
+            }
+            self.is_uncompensated = block.compensation != Compensation::Off;
+        }
+        block.compensation = Compensation::Off;
+        if matches!(block.action, Action::Corner(_)) {
+            return Ok(());
+        }
+        self.push(&block)
+    }
+
+    fn push(&mut self, block: &Block) -> Result<(), Alarm> {
+        let pushed = self.path.push(block, &mut self.segments);
+        self.note_passed_limits();
+        pushed
+    }
+
+    fn finish(&mut self) -> Result<(), Alarm> {
+        let finished = self.path.finish(&mut self.segments);
+        self.note_passed_limits();
+        finished
+    }
+
+    fn note_passed_limits(&mut self) {
+        for alarm in self.path.take_passed_limits() {
+            self.note(alarm);
+        }
+    }
+
+    fn note(&mut self, alarm: Alarm) {
+        if self.alarms.len() < LISTED_MAX && !self.alarms.iter().any(|known| is_same(known, &alarm)) {
+            self.alarms.push(alarm);
+        }
+    }
+
+    /// Comes to rest, which cutter compensation refuses.
+    fn rest(&mut self, item: &Item) {
+        let is_compensating =
+            self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
+        match rest_refused(item) {
+            Some(alarm) if is_compensating && !self.is_uncompensated => self.note(alarm),
+            _ => self.flush(),
+        }
+    }
+
+    fn flush(&mut self) {
+        self.path.flush(&mut self.segments);
+        self.segments.clear();
+        self.is_moving = false;
+    }
+
+    /// A G31 ends at once, after its share of the way.
+    fn end_skip(&mut self, from: MachinePosition) {
+        if !self.path.is_skipping() {
+            return;
+        }
+        let way = self.path.position().0.minus(from.0);
+        let mut at = from.0;
+        for axis in Axis::ALL {
+            at[axis] += way[axis] * self.assumed.skip_share;
+            self.captured[axis.index()] = at[axis];
+        }
+        self.path.skipped_to(MachinePosition(at));
+    }
+
+    /// Without a machine an output waits only where the manual leaves no choice (D30).
+    fn timing(&self, output: &Output) -> Timing {
+        match self.trial.machine {
+            Some((machine, system)) => system.timing(output, machine.m_codes.get(&output.m)),
+            None if output.has_params() => Timing::AfterMotion,
+            None => Timing::WithMotion,
+        }
+    }
+
+    /// An output that is made when its block is interpreted comes before the end of the motion before it.
+    fn look_at_motion(&self, output: &Output, warnings: &mut Vec<Warning>) {
+        let Some((machine, system)) = self.trial.machine else {
+            return;
+        };
+        let is_at_once = system.is_put_out_at_once(
+            output,
+            machine.m_codes.get(&output.m),
+            self.path.is_compensating(),
+        );
+        let entry = &diagnostics::OUTPUT_BEFORE_MOTION_ENDS;
+        let text = format!(
+            "M{:02} is put out when its block is interpreted: motion before it may not be over, or not have begun",
+            output.m
+        );
+        let is_known = |warning: &Warning| warning.entry == entry && warning.text == text;
+        if self.is_moving && is_at_once && !warnings.iter().any(is_known) {
+            note(warnings, entry, output.origin, text);
+        }
+    }
+
+    fn select_tool(&mut self, output: &Output, warnings: &mut Vec<Warning>) {
+        let Some((machine, _)) = self.trial.machine else {
+            return;
+        };
+        let settings = machine.m_codes.get(&output.m);
+        if settings.is_none_or(|settings| settings.stock != Some(Stock::SelectTool)) {
+            return;
+        }
+        let Ok(id) = selected_tool(output.m, output.params[0]) else {
+            return;
+        };
+        self.tool = machine.tools.get(&id).copied().unwrap_or_else(|| {
+            let text = format!(
+                "M{:02} selects tool {id}, which is not in the tool table",
+                output.m
+            );
+            note(warnings, &diagnostics::WARNS_IN_RUN, output.origin, text);
+            Tool::default()
+        });
+    }
+}
+
+fn note(warnings: &mut Vec<Warning>, entry: &'static DiagnosticEntry, origin: Origin, text: String) {
+    let warning = Warning { entry, origin, text };
+    if warnings.len() < LISTED_MAX && !warnings.contains(&warning) {
+        warnings.push(warning);
+    }
+}
