@@ -3,6 +3,7 @@
 mod language;
 
 use plc_api::alarm::USER_ALARM_BASE;
+use plc_api::types::alarm_text::{AlarmText, AlarmWords};
 use plc_api::types::explained::Explained;
 use plc_api::types::words::words;
 use tandem_interp::Dialect;
@@ -54,8 +55,18 @@ pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
     (!pages.is_empty()).then(|| pages.join("\n\n"))
 }
 
-/// The same, with what is declared of an M code on a machine; an M code is found by its name there, too.
-pub fn explain_here(what: &str, dialect: &Dialect, declared: &[Declared]) -> Option<String> {
+/// The same, with what a machine says: what is declared of an M code, which is found by its name there, too, and text and
+/// remedy of an alarm of its sequence programs, by its code.
+pub fn explain_here(
+    what: &str,
+    dialect: &Dialect,
+    declared: &[Declared],
+    alarm_text: impl Fn(u16) -> Option<AlarmText>,
+) -> Option<String> {
+    let said = own_code(what).and_then(alarm_text);
+    if let Some(said) = said {
+        return Some(of_own_alarm(&said));
+    }
     let is_meant = |one: &&Declared| {
         let name = one.declaration.name.as_deref();
         language::m_number(what) == Some(one.declaration.m)
@@ -166,24 +177,51 @@ fn alarm(what: &str) -> Option<&'static AlarmEntry> {
     ALARMS.iter().copied().find(|entry| entry.number == number)
 }
 
+/// The code that a sequence program has given the alarm of this number.
+fn own_code(what: &str) -> Option<u16> {
+    let code = alarm_number(what)?.checked_sub(USER_ALARM_BASE)?;
+    (code <= USER_ALARM_CODE_MAX).then_some(code)
+}
+
 /// The page of an alarm whose number a sequence program has chosen.
 fn of_sequence_program(what: &str) -> Option<String> {
-    let number = alarm_number(what)?;
-    let own = number
-        .checked_sub(USER_ALARM_BASE)
-        .filter(|own| *own <= USER_ALARM_CODE_MAX)?;
-    let parts = [
-        format!(
-            "A handler or another part of the sequence program has raised it, as its number {own}; its text says why."
-        ),
-        "What to do: Look at what the text says, and at the documentation of the machine.".to_owned(),
-        format!("How it goes on: {}", After::Reset.text()),
-    ];
-    Some(page(
-        &format!("alarm {number}"),
+    let why = "What to do: Look at what the text says, and at the documentation of the machine.";
+    let parts = [why.to_owned()];
+    Some(own_page(
+        own_code(what)?,
         "an alarm of the sequence program",
         &parts,
     ))
+}
+
+/// The same with what the machine says of it.
+fn of_own_alarm(said: &AlarmText) -> String {
+    let in_language = |(tag, words): (&String, &AlarmWords)| {
+        let remedy = words
+            .remedy
+            .as_ref()
+            .map_or(String::new(), |remedy| format!(" {remedy}"));
+        format!("{tag}: {}{remedy}", words.text)
+    };
+    let languages: Vec<String> = said.languages.iter().map(in_language).collect();
+    let remedy = said.remedy.as_ref();
+    let parts = [
+        remedy.map_or(String::new(), |remedy| format!("What to do: {remedy}")),
+        indented(&languages.join("\n")),
+    ];
+    own_page(said.code, &said.text, &parts)
+}
+
+fn own_page(code: u16, title: &str, more: &[String]) -> String {
+    let raised = format!(
+        "A handler or another part of the sequence program has raised it, as its number {code}; its text says why."
+    );
+    let after = format!("How it goes on: {}", After::Reset.text());
+    let mut parts = vec![raised];
+    parts.extend_from_slice(more);
+    parts.push(after);
+    let number = u32::from(USER_ALARM_BASE) + u32::from(code);
+    page(&format!("alarm {number}"), title, &parts)
 }
 
 fn of_alarm(entry: &AlarmEntry) -> String {
@@ -285,6 +323,41 @@ mod tests {
         let begun = std::time::Instant::now();
         nearest(&long, dialects::nj());
         assert!(begun.elapsed().as_secs() < 2, "{:?}", begun.elapsed());
+    }
+
+    #[test]
+    fn an_alarm_of_a_sequence_program_is_explained_by_what_the_machine_says_of_it() {
+        let of_machine = |code| {
+            (code == 12).then(|| AlarmText {
+                code,
+                text: "The clamp does not close".to_owned(),
+                remedy: Some("Look for chips.".to_owned()),
+                languages: [(
+                    "de".to_owned(),
+                    AlarmWords {
+                        text: "Der Spanner klemmt nicht".to_owned(),
+                        remedy: None,
+                    },
+                )]
+                .into(),
+            })
+        };
+        let explained = |what: &str| explain_here(what, dialects::nj(), &[], of_machine).unwrap();
+        let page = explained("alarm 10012");
+        assert_eq!(explained("10012"), page);
+        assert!(
+            page.starts_with("alarm 10012: The clamp does not close\n"),
+            "{page}"
+        );
+        for part in [
+            "as its number 12",
+            "What to do: Look for chips.",
+            "    de: Der Spanner klemmt nicht",
+            After::Reset.text(),
+        ] {
+            assert!(page.contains(part), "{part}: {page}");
+        }
+        assert!(explained("10013").starts_with("alarm 10013: an alarm of the sequence program"));
     }
 
     #[test]

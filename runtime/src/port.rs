@@ -386,7 +386,8 @@ impl RuntimePort {
 
     fn explain(&self, what: String) -> Result<Answer, Refusal> {
         let dialect = self.shared.machine.dialect();
-        let text = explain_here(&what, dialect, &self.shared.declared()).ok_or_else(|| {
+        let alarm_text = |code| self.shared.alarm_text(code);
+        let text = explain_here(&what, dialect, &self.shared.declared(), alarm_text).ok_or_else(|| {
             let text = format!(
                 "nothing here is called {what}; did you mean {}?",
                 nearest(&what, dialect)

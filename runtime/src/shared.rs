@@ -243,16 +243,16 @@ impl Shared {
         }
     }
 
-    /// What the configuration, else a handler that is there, says of an alarm of sequence programs.
-    fn alarm_text(&self, number: u16) -> Option<AlarmText> {
-        let code = number.checked_sub(USER_ALARM_BASE)?;
+    /// What the configuration, else a handler that is there, says of the alarm that sequence programs raise by this code.
+    pub fn alarm_text(&self, code: u16) -> Option<AlarmText> {
         let of_config = self.machine.alarms.get(&code).cloned();
         of_config.or_else(|| self.handlers.lock().alarm_text(code))
     }
 
     /// One that is active already is not raised again: its record is given back.
     fn raise_for(&self, mut record: AlarmRecord, is_active: bool) -> AlarmRecord {
-        if let Some(said) = self.alarm_text(record.number) {
+        let code = record.number.checked_sub(USER_ALARM_BASE);
+        if let Some(said) = code.and_then(|code| self.alarm_text(code)) {
             (record.remedy, record.languages) = (said.remedy, said.languages);
         }
         let mut alarms = self.alarms.lock();

@@ -25,9 +25,14 @@ impl Random {
         i64::try_from(value).unwrap() % bound
     }
 
+    /// A length between two, thousandths.
+    fn thousandths(&mut self, from: i64, to: i64) -> i64 {
+        from * 1000 + self.below((to - from) * 1000 + 1)
+    }
+
     /// A length between two, mm: with a point, or in thousandths without one.
     fn length(&mut self, from: i64, to: i64) -> String {
-        let thousandths = from * 1000 + self.below((to - from) * 1000 + 1);
+        let thousandths = self.thousandths(from, to);
         if self.below(3) == 0 {
             return thousandths.to_string();
         }
@@ -192,7 +197,7 @@ fn what_has_no_equal_is_told_with_its_line_and_reason_and_stays_as_a_comment() {
 
 #[test]
 fn programs_of_fanuc_become_programs_of_nj() {
-    let text = "%\nO1234 (BRACKET)\nN1 G21 G94 G97\nT5 M06 (MILL)\nG54 G90 G00 X-10 Y0 S4000 M03\nG43 H5 Z50. M08\nG01 Z-2 F200\nG02 X0 Y10 R10\nG98 G83 X20. Y20. Z-8. R2. Q3. F100\nX40.\nG80 M09\nM98 P1000 L2\nG28 G91 Z0\nM05\nM30\n%\n";
+    let text = "%\nO1234 (BRACKET)\nN1 G21 G94 G97\nT5 M06 (MILL)\nG54 G90 G00 X-10 Y0 S4000 M03\nG43 H5 Z50. M08\nG01 Z-2 F200\nG02 X0 Y10 R10\nG98 G83 X20. Y20. Z-8. R2. Q3. F100\nX40.\nG80 M09\nM98 P1000 L2\nG49\nG53 G00 X-90\nG28 G91 Z0\nM05\nM30\n%\n";
     let converted = convert(text, Source::Fanuc, &NcOptions::default());
     assert_eq!(converted.left, []);
     for line in [
@@ -206,6 +211,7 @@ fn programs_of_fanuc_become_programs_of_nj() {
         "G02 X0 Y10 R10",
         "G00 X40",
         "M98 P1000 L2",
+        "G53 X-90",
     ] {
         assert!(
             converted.text.lines().any(|one| one.contains(line)),
@@ -217,8 +223,9 @@ fn programs_of_fanuc_become_programs_of_nj() {
     assert!(!check.has_errors(), "{:?}", check.diagnostics);
     for (line, reason) in [
         ("#100 = 5", "`#` is not part"),
-        ("G65 P9000 A1.", "there is no G65"),
-        ("T3", "a tool that is called before its change"),
+        ("G65 P9000 A1.", "G65 has no equal"),
+        ("M06", "M06 has no T"),
+        ("G53 G01 Z0 F100", "G53 moves at rapid speed"),
         ("G84 Z-5. R2. F1.", "G84 has no equal"),
         ("M98 P51000", "the number of a subprogram"),
     ] {
@@ -229,8 +236,97 @@ fn programs_of_fanuc_become_programs_of_nj() {
             .map(|left| (left.line, left.text.as_str()))
             .collect();
         assert_eq!(told, [(1, line)], "{:?}", converted.left);
-        assert!(!reason.is_empty());
+        let why = &converted.left[0].reason;
+        assert!(why.starts_with(reason), "{why}");
     }
+}
+
+/// A few blocks for a FANUC control, and those of dialect dgshape that move as they do.
+fn twins(random: &mut Random) -> (String, String) {
+    #[expect(clippy::cast_precision_loss, reason = "at most 9000")]
+    let mut length = |from, to| format!("{:.3}", random.thousandths(from, to) as f64 / 1000.0);
+    let (x, y, z) = (length(-9, 9), length(-9, 9), length(4, 9));
+    let tool = 1 + random.below(2);
+    match random.below(8) {
+        0 => (
+            format!("G00X{x}Y{y}Z{z}; over (the) part\n"),
+            format!("G00X{x}Y{y}Z{z}\n"),
+        ),
+        1 => (
+            format!("G94G91.1G64G01X{x}F300;\n;\nY{y}(;)\n"),
+            format!("G01X{x}F300.\nY{y}\n"),
+        ),
+        2 => (
+            format!("T{tool}\nG01X{x}F200\nM06\nG43H{tool}Z{z}\nG49Z{z}\n"),
+            format!("G01X{x}F200.\nM06T{tool}\nG43H{tool}Z{z}\nG49Z{z}\n"),
+        ),
+        3 => (
+            format!("T1\nT2 M06\nT{tool}\nM06\nG00X{x}\n"),
+            format!("M06T2\nM06T{tool}\nG00X{x}\n"),
+        ),
+        4 => (
+            format!("G91G28Z0\nG90G28X1.\nG00X{x}Y{y}Z{z}\n"),
+            // the middle point of a G28 there is that of its axes, and of earlier ones
+            format!("G53Z100.\nG00X1.\nG53X-90.\nG00X{x}Y{y}Z{z}\n"),
+        ),
+        5 => (
+            format!("M03S1000\nG00Z9\nG99G81X{x}Y{y}Z-3R2.F100\nY{x}\nG80\nG00X1Z{z}\n"),
+            format!("M03S1000\nG00Z9.\nG99G81X{x}Y{y}Z-3.R2.F100.\nY{x}\nG80\nG00X1.Z{z}\n"),
+        ),
+        6 => (
+            format!("G52X2Y-1\nG00X{x}Y{y}\nG52X0Y0\nG00X{x}Y{y}\n"),
+            format!("G10L2P0X2.Y-1.\nG00X{x}Y{y}\nG10L2P0X0Y0\nG00X{x}Y{y}\n"),
+        ),
+        _ => (
+            "G50G69G91G02X5Y0R4F300G61\nG64G03X-5.I-2.5\nG90G00\n".to_owned(),
+            "G91G02X5.Y0R4.F300.\nG03X-5.I-2.5\nG90G00\n".to_owned(),
+        ),
+    }
+}
+
+#[test]
+fn programs_of_fanuc_made_at_random_move_as_their_twins_of_dgshape() {
+    let mut random = Random(0x0c0d_e000_0000_0002);
+    for _ in 0..300 {
+        let (mut of_fanuc, mut twin) = (String::new(), String::new());
+        for _ in 0..=random.below(6) {
+            let (blocks, moving_equally) = twins(&mut random);
+            of_fanuc += &blocks;
+            twin += &moving_equally;
+        }
+        let head = "%\nO0001(a)\nG21G90\nG54G00X0Y0Z10.\n";
+        // these programs end with their text, too
+        let of_fanuc = format!("{head}{of_fanuc}M05\n%\n");
+        let converted = convert(&of_fanuc, Source::Fanuc, &NcOptions::default());
+        assert_eq!(converted.left, [], "{of_fanuc}");
+        moves_equally(&format!("{head}{twin}M05\nM30\n%\n"), &converted);
+    }
+}
+
+#[test]
+fn a_tool_that_is_called_before_its_change_stands_as_a_comment() {
+    let converted = convert(
+        "G21 T3 ; next\nG00 X1\nM06 T4\nM30\n",
+        Source::Fanuc,
+        &NcOptions::default(),
+    );
+    assert_eq!(converted.left, []);
+    for line in ["G21 // next T3 is called", "G00 X1", "M06 VA4"] {
+        assert!(
+            converted.text.lines().any(|one| one == line),
+            "{}",
+            converted.text
+        );
+    }
+}
+
+#[test]
+fn a_long_program_of_which_nothing_can_be_converted_takes_no_longer_than_another() {
+    let text = "G05 P10000\n".repeat(50_000);
+    let begun = std::time::Instant::now();
+    let converted = convert(&text, Source::Fanuc, &NcOptions::default());
+    assert!(converted.left.len() >= 1000);
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
 }
 
 #[test]

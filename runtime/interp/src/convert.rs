@@ -6,7 +6,11 @@
 
 mod block;
 mod cycles;
+mod fanuc;
 mod state;
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
 
 use tandem_model::Diagnostic;
 use tandem_model::settings::{Calculator, NcOptions};
@@ -47,7 +51,12 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
         options.calculator = Calculator::All;
     }
     let grammar = Grammar::dgshape();
-    let (program, mut found) = parse(source, grammar);
+    let read = match from {
+        Source::Dgshape => Cow::Borrowed(source),
+        Source::Fanuc => Cow::Owned(fanuc::comments_in_parentheses(source)),
+    };
+    let read = read.as_ref();
+    let (program, mut found) = parse(read, grammar);
     if from == Source::Dgshape {
         let context = CheckContext {
             options,
@@ -56,9 +65,10 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
         found.extend(check(&program, dialects::dgshape(), &context).diagnostics);
     }
     let mut writer = Writer {
-        source,
+        source: read,
+        shown: source.lines().map(str::trim).collect(),
         program: &program,
-        wrong: wrong_lines(source, &found, from),
+        wrong: wrong_lines(read, &found, from),
         state: State::new(from, options),
         lines: vec![(0, START.to_owned())],
         left: Vec::new(),
@@ -66,7 +76,7 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
     };
     let mut line = Vec::new();
     let mut number = 1;
-    for token in tokens(source, grammar) {
+    for token in tokens(read, grammar) {
         if token.kind == TokenKind::LineEnd {
             writer.line(number, &line);
             line.clear();
@@ -78,11 +88,14 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
     if !line.is_empty() {
         writer.line(number, &line);
     }
+    if from == Source::Fanuc && !fanuc::has_end(&program) {
+        writer.lines.push((number, "M30 // the text ends".to_owned()));
+    }
     writer.finish()
 }
 
 /// What is wrong with the source, by lines. The mark may be missing in programs of other controls.
-fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> Vec<(u32, String)> {
+fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> BTreeMap<u32, String> {
     let index = LineIndex::new(source);
     let is_told = |one: &&Diagnostic| {
         let is_form = matches!(one.code, "E0024" | "E0026" | "E0115");
@@ -94,13 +107,18 @@ fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> Vec<(u32, St
             format!("{}. {}", one.message, one.help),
         )
     };
-    found.iter().filter(is_told).map(line).collect()
+    let told = found.iter().filter(is_told).map(line);
+    // the first of a line counts
+    told.rev().collect()
 }
 
 struct Writer<'a> {
+    /// The text as it is read.
     source: &'a str,
+    /// Its lines as they are told.
+    shown: Vec<&'a str>,
     program: &'a NcProgram,
-    wrong: Vec<(u32, String)>,
+    wrong: BTreeMap<u32, String>,
     state: State,
     /// Lines of nj, each with that of the source.
     lines: Vec<(u32, String)>,
@@ -117,28 +135,17 @@ impl Writer<'_> {
 
     fn line(&mut self, number: u32, line: &[Token]) {
         let is_comment = |token: &&Token| token.kind == TokenKind::Comment;
-        let comments: Vec<String> = line
+        let mut comments: Vec<String> = line
             .iter()
             .filter(is_comment)
             .map(|token| comment(self.of(token)))
             .collect();
-        let comments = comments.join(" ");
-        let code = line.iter().find(|token| !is_comment(token));
-        let shown = |blocks: &str| match (blocks.is_empty(), comments.is_empty()) {
-            (_, true) => blocks.to_owned(),
-            (true, false) => format!("// {comments}"),
-            (false, false) => format!("{blocks} // {comments}"),
-        };
-        let Some(code) = code else {
-            let text = shown("");
+        let Some(code) = line.iter().find(|token| !is_comment(token)) else {
+            let text = with_comments("", &comments);
             self.lines.push((number, text));
             return;
         };
-        let wrong = self
-            .wrong
-            .iter()
-            .find(|(line, _)| *line == number)
-            .map(|(_, why)| why.clone());
+        let wrong = self.wrong.get(&number).cloned();
         let written = match (wrong, code.kind) {
             (Some(why), _) => Err(why),
             // nj has no marks
@@ -151,18 +158,13 @@ impl Writer<'_> {
         {
             self.leave(number, "what follows the program is not read");
         }
+        comments.extend(self.state.note.take());
         match written {
             Ok(mut blocks) => {
                 let last = blocks.pop().unwrap_or_default();
                 let lines = blocks.into_iter().map(|block| (number, block));
                 self.lines.extend(lines);
-                let is_comment = last.starts_with("//");
-                let text = if is_comment {
-                    format!("{last} {comments}")
-                } else {
-                    shown(&last)
-                };
-                self.lines.push((number, text.trim_end().to_owned()));
+                self.lines.push((number, with_comments(&last, &comments)));
             }
             Err(why) => {
                 self.state.lose_position();
@@ -174,8 +176,8 @@ impl Writer<'_> {
     }
 
     fn raw(&self, number: u32) -> &str {
-        let line = self.source.lines().nth(number.saturating_sub(1) as usize);
-        line.unwrap_or_default().trim()
+        let line = self.shown.get(number.saturating_sub(1) as usize);
+        line.copied().unwrap_or_default()
     }
 
     fn leave(&mut self, line: u32, reason: &str) {
@@ -212,13 +214,14 @@ impl Writer<'_> {
             .collect();
         let (_, found) = check_source(text.as_str(), dialects::nj(), &CheckContext::default());
         let index = LineIndex::new(&text);
+        let mut told: BTreeSet<u32> = self.left.iter().map(|left| left.line).collect();
         for one in found.diagnostics.iter().filter(|one| one.is_error()) {
             let (written, _) = index.locate(one.span.start);
             let line = self
                 .lines
                 .get(written.saturating_sub(1) as usize)
                 .map_or(0, |(line, _)| *line);
-            if self.left.iter().all(|left| left.line != line) {
+            if told.insert(line) {
                 self.leave(line, &format!("{}. {}", one.message, one.help));
             }
         }
@@ -228,6 +231,17 @@ impl Writer<'_> {
             left: self.left,
         }
     }
+}
+
+/// A block, or a comment, with the comments of its line.
+fn with_comments(block: &str, comments: &[String]) -> String {
+    let comments = comments.join(" ");
+    let begin = if comments.is_empty() || block.starts_with("//") {
+        ""
+    } else {
+        "// "
+    };
+    format!("{block} {begin}{comments}").trim().to_owned()
 }
 
 /// The text of a comment in parentheses, for one that ends with its line.

@@ -19,7 +19,7 @@ pub struct Arguments {
     /// NC dialect of codes and words
     #[arg(long, value_parser = dialects::find, default_value = "nj")]
     dialect: &'static Dialect,
-    /// The machine whose M codes are meant: what they are called and take there
+    /// The machine whose M codes and alarms are meant: what they are called and take there, and what is said of them
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }
@@ -37,7 +37,8 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         Some(path) => Some(read_config(Some(path))?.1),
     };
     let declared = machine.as_ref().map_or_else(Vec::new, Machine::declared_anywhere);
-    let Some(page) = explain_here(&what, arguments.dialect, &declared) else {
+    let alarm_text = |code| machine.as_ref()?.alarms.get(&code).cloned();
+    let Some(page) = explain_here(&what, arguments.dialect, &declared, alarm_text) else {
         anyhow::bail!(
             "nothing here is called {what}; did you mean {}? tandem explain lists all diagnostics",
             nearest(&what, arguments.dialect)

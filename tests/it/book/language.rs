@@ -159,7 +159,8 @@ fn the_page_of_the_diagnostics_is_that_of_their_table() {
 fn the_page_of_the_alarms_is_that_of_their_table() {
     let mut page = String::from(
         "# Alarms\n\n`tandem explain alarm 412`, `GET /explain/alarm 412` and a press on the number in the HMI tell the same. Alarms \
-         from 10000 on are those of sequence programs.\n\n",
+         from 10000 on are those of sequence programs: with `--config` they have the words of its `[alarm.N]`, and on the machine \
+         those of its handlers, too.\n\n",
     );
     for entry in ALARMS {
         let _ = writeln!(

@@ -39,6 +39,12 @@ fn dgshape_g04_rests() {
         ["dwell 10", "dwell 10", "dwell 10"]
     );
     assert_eq!(findings("G04X1.0P1000"), ["E0113"]);
+    // 0 to 3600 s
+    assert_eq!(run("G04P3600000\nG04X3600."), ["dwell 3600", "dwell 3600"]);
+    for beyond in ["G04P3600001", "G04X3600001", "G04X3600.001", "G04P-1", "G04X-1."] {
+        assert_eq!(findings(beyond), ["E0109"], "{beyond}");
+    }
+    assert_eq!(findings("G04P1.0"), ["E0110"], "P has no decimal point");
     assert_eq!(findings("G04P1000F1.0").len(), 0, "F is the feedrate here");
 }
 

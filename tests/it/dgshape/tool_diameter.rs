@@ -193,3 +193,93 @@ fn dgshape_a_way_out_by_an_inside_corner_ends_beside_it() {
     let done = run("F60.\nG42D1G01X10.\nY10.\nG40G00X20.Y20.");
     assert_eq!(done, ["line X13 F60", "line X13 Y10 F60", "rapid X20 Y20"]);
 }
+
+#[test]
+fn dgshape_outside_ends_are_of_type_a_or_b() {
+    let done = |start: &str, blocks: &str| {
+        let done = run_with(
+            &format!("F60.\n{blocks}"),
+            &format!("compensation_start = \"{start}\""),
+        );
+        done.unwrap()
+    };
+    // the ways of the starts backwards, on the other side: a turn of 90 degrees
+    let obtuse = "G00X10.Y-40.\nG42D1G01Y-30.\nY0\nG40X0";
+    let head = ["rapid X10 Y-40", "line X13 Y-30 F60"];
+    assert_eq!(
+        done("a", obtuse),
+        [head.as_slice(), &["line X13 F60", "line F60"]].concat()
+    );
+    assert_eq!(
+        done("b", obtuse),
+        [head.as_slice(), &["line X13 Y3 F60", "line F60"]].concat()
+    );
+    // and of 135
+    let r = 3.0 * std::f64::consts::FRAC_1_SQRT_2;
+    let acute = "G00X-10.Y-20.\nG42D1G01X0Y-10.\nX10.Y0\nG40X0";
+    let beside = format!("line X{} Y{} F60", six(10.0 + r), six(-r));
+    assert_eq!(done("a", acute)[2..], [beside.as_str(), "line F60"]);
+    let beyond = format!("line X{} F60", six(10.0 + 2.0 * r));
+    assert_eq!(
+        done("b", acute)[2..],
+        [beyond.as_str(), "line X13 Y3 F60", "line F60"]
+    );
+}
+
+#[test]
+fn dgshape_starts_before_arcs_and_ends_behind_them_are_of_type_a_or_b() {
+    let done = |start: &str, blocks: &str| {
+        let done = run_with(
+            &format!("F60.\n{blocks}"),
+            &format!("compensation_start = \"{start}\""),
+        );
+        done.unwrap()[1..].to_vec()
+    };
+    // up to the top of a circle about (10, -10), with a turn of 90 degrees, and off its side straight on
+    let into_arc = "G00X10.Y-20.\nG41D1G01Y0\nG02X20.Y-10.J-10.\nG40G01Y-30.";
+    let arc = ["line X10 Y3 F60", "cw X23 Y-10 about 10 -10", "line X20 Y-30 F60"];
+    assert_eq!(done("a", into_arc), arc);
+    assert_eq!(
+        done("b", into_arc),
+        [["line X7 Y3 F60"].as_slice(), &arc].concat()
+    );
+    // the same backwards
+    let out_of_arc = "G00X20.Y-30.\nG42D1G01Y-10.\nG03X10.Y0I-10.\nG40G01Y-20.";
+    let arc = ["line X23 Y-10 F60", "ccw X10 Y3 about 10 -10"];
+    let out = "line X10 Y-20 F60";
+    assert_eq!(done("a", out_of_arc), [arc.as_slice(), &[out]].concat());
+    assert_eq!(
+        done("b", out_of_arc),
+        [arc.as_slice(), &["line X7 Y3 F60", out]].concat()
+    );
+}
+
+#[test]
+fn dgshape_outside_corners_of_lines_and_arcs_are_straight() {
+    // turns of 90 degrees onto a circle about (10, -10) and off it
+    let done = run("F60.\nG00X10.Y-30.\nG41D1G01Y-20.\nY0\nG02X20.Y-10.J-10.\nG01X10.\nG40X0");
+    assert_eq!(
+        done[1..],
+        [
+            "line X7 Y-20 F60",
+            "line X7 Y3 F60",
+            "line X10 Y3 F60",
+            "cw X23 Y-10 about 10 -10",
+            "line X23 Y-13 F60",
+            "line X10 Y-13 F60",
+            "line Y-10 F60"
+        ]
+    );
+}
+
+#[test]
+fn dgshape_arcs_whose_offsets_have_no_common_point_are_an_error() {
+    // two circles of radius 5 whose centres are 7 apart; within them by 3 mm, 2 and 2 do not reach, by 1 mm, 4 and 4 do
+    let blocks = |number: u8| {
+        format!(
+            "F60.\nG10P3R1.0\nG00X-1.5Y10.\nG41D{number}G01Y3.571\nG03X0Y0I5.\nX1.5Y3.571I-3.5J3.571\nG40G01Y20."
+        )
+    };
+    assert_eq!(alarm(&blocks(1)), 117);
+    assert_eq!(run(&blocks(3)).last().unwrap(), "line X1.5 Y20 F60");
+}

@@ -8,6 +8,9 @@ use super::state::{Cycle, POSITIONS, Source, State, Words, shown};
 /// M codes that these controls carry out before the motion of their block.
 const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
 
+/// G91.1: I, J and K count from the start of an arc, as they do here.
+const CENTRES_ARE_DISTANCES: f64 = 91.1;
+
 /// S below it is the number of a speed in dialect dgshape.
 const SPEED_MIN: f64 = 100.0;
 
@@ -74,6 +77,7 @@ impl State {
         let action = match codes.action {
             Action::Dwell => vec![self.dwell(words)?],
             Action::Reference => vec![self.reference(words)?],
+            Action::Coordinates(code) => vec![self.coordinates(words, code)?],
             Action::Length(on) => self.length(words, on)?,
             Action::Motion if self.cycle.is_some() => self.holes(words, codes.begins_cycle)?,
             Action::Motion => self.motion(words, codes.names_motion)?,
@@ -103,6 +107,9 @@ impl State {
             begins_cycle: false,
         };
         while let Some(word) = words.take(Address::G) {
+            if self.from == Source::Fanuc && word.number() == Some(CENTRES_ARE_DISTANCES) {
+                continue;
+            }
             let number = word.whole().ok_or_else(|| Self::no_equal(word))?;
             match number {
                 0..=3 => {
@@ -141,6 +148,13 @@ impl State {
                     self.absolute = number == 90;
                     modal.push(format!("G{number}"));
                 }
+                52 if self.from == Source::Fanuc => {
+                    self.is_local = true;
+                    codes.action = Action::Coordinates("G52");
+                }
+                53 if self.from == Source::Fanuc => codes.action = Action::Coordinates("G53"),
+                61 | 64 | 50 | 69 if self.from == Source::Fanuc => modal.push(format!("G{number}")),
+                // feedrates in mm/min, speeds in r/min
                 94 | 97 if self.from == Source::Fanuc => {}
                 98 | 99 => self.to_initial = number == 98,
                 _ => return Err(Self::no_equal(word)),
@@ -174,12 +188,15 @@ impl State {
         behind: &mut Vec<String>,
     ) -> Result<(), String> {
         if let Some(tool) = words.take(Address::T) {
-            self.next_tool = Some(tool.whole().ok_or("T is no whole number")?);
-            if !words.has(&[Address::M]) {
-                return Err(
-                    "a tool that is called before its change has no equal here. Write M06 VA_ at the change."
-                        .to_owned(),
-                );
+            let tool = tool.whole().ok_or("T is no whole number")?;
+            self.next_tool = Some(tool);
+            let changes = |word: &&Word| word.address == Address::M && word.whole() == Some(6);
+            if !words.all.iter().flatten().any(changes) {
+                if self.from == Source::Dgshape {
+                    return Err("T alone changes no tool. Write M06 VA_ at the change.".to_owned());
+                }
+                // the magazine turns meanwhile, and nothing moves
+                self.note = Some(format!("T{tool} is called"));
             }
         }
         while let Some(word) = words.take(Address::M) {
@@ -224,7 +241,8 @@ impl State {
     /// A return to the reference point, of the axes that it names.
     fn reference(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let named: Vec<Address> = POSITIONS.into_iter().filter(|axis| words.has(&[*axis])).collect();
-        if self.returned.iter().any(|axis| !named.contains(axis)) {
+        let remembers = self.from == Source::Dgshape;
+        if remembers && self.returned.iter().any(|axis| !named.contains(axis)) {
             return Err("axes that an earlier G28 has named return, too. Name them in this one.".to_owned());
         }
         if named.is_empty() {
@@ -233,6 +251,17 @@ impl State {
         self.returned.clone_from(&named);
         self.z = None;
         Ok(format!("G28 {}", self.positions(words)?.join(" ")))
+    }
+
+    /// G52 and G53.
+    fn coordinates(&mut self, words: &mut Words<'_>, code: &str) -> Result<String, String> {
+        if code == "G53" && (self.is_local || !self.absolute || self.motion != "G00") {
+            let why = "G53 moves at rapid speed to absolute positions here, and ends G52. Write G90, G00 and G52 with it.";
+            return Err(why.to_owned());
+        }
+        let positions = self.positions(words)?.join(" ");
+        self.z = None;
+        Ok(format!("{code} {positions}").trim_end().to_owned())
     }
 
     /// G43 and G49: without axis words they move Z by the change of the offset.
@@ -301,6 +330,8 @@ enum Action {
     Motion,
     Dwell,
     Reference,
+    /// Local coordinates, or a move to a position of the machine: G52, G53.
+    Coordinates(&'static str),
     /// The tool length offset begins or ends.
     Length(bool),
 }

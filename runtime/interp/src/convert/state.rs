@@ -36,6 +36,10 @@ pub(super) struct State {
     pub offset: Option<u32>,
     /// Axes that an earlier reference point return has named.
     pub returned: Vec<Address>,
+    /// Local coordinates may be in force.
+    pub is_local: bool,
+    /// What is said of the block beside what it becomes.
+    pub note: Option<String>,
 }
 
 /// The words of a block, each taken once.
@@ -80,6 +84,8 @@ impl State {
             next_tool: None,
             offset: None,
             returned: Vec::new(),
+            is_local: false,
+            note: None,
         }
     }
 

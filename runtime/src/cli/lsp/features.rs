@@ -49,7 +49,7 @@ pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
     let declared = machine.map_or_else(Vec::new, Machine::declared_anywhere);
     let names = name.into_iter().chain(found.map(|found| found.code.to_owned()));
     let pages: Vec<String> = names
-        .filter_map(|name| explain_here(&name, document.target.dialect, &declared))
+        .filter_map(|name| explain_here(&name, document.target.dialect, &declared, |_| None))
         .collect();
     (!pages.is_empty()).then(|| Hover {
         contents: HoverContents::Markup(MarkupContent {

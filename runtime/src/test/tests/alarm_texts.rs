@@ -2,6 +2,7 @@
 
 use plc_api::UserAlarm;
 use plc_api::types::machine::AlarmRecord;
+use plc_api::types::request::typed;
 
 use super::*;
 
@@ -11,8 +12,8 @@ const NO_AIR: UserAlarm = UserAlarm::new(12, "the air pressure is low")
     .remedy("Open the main valve.")
     .in_language("de", "der Luftdruck ist zu niedrig", "Hauptventil öffnen.");
 
-/// The alarm of M20 on the demo machine with these tables.
-fn record(tables: &str) -> AlarmRecord {
+/// The alarm of M20 on the demo machine with these tables, and what is explained of it.
+fn told(tables: &str) -> (AlarmRecord, String) {
     let program = SequenceProgram::new()
         .on(20, async |_output: AuxOutput| Err(NO_AIR.with("2.1 bar")))
         .alarms([NO_AIR]);
@@ -26,28 +27,39 @@ fn record(tables: &str) -> AlarmRecord {
             scene.cs(1).load(99).await.unwrap();
             scene.cs(1).start().await.unwrap();
             scene.cs(1).wait_until(Execution::Stopped).await.unwrap();
-            scene.plc().alarms().await.unwrap().remove(0)
+            let record = scene.plc().alarms().await.unwrap().remove(0);
+            let explain = typed::Explain(format!("alarm {}", record.number));
+            let explained = scene.plc().port().ask(explain).await.unwrap();
+            (record, explained.text)
         })
         .unwrap()
 }
 
 #[test]
 fn an_alarm_has_the_remedy_and_the_languages_that_its_handler_says() {
-    let alarm = record("");
+    let (alarm, explained) = told("");
     assert_eq!(alarm.number, 10_012);
     assert_eq!(alarm.text, "the air pressure is low: 2.1 bar");
     assert_eq!(alarm.remedy.as_deref(), Some("Open the main valve."));
     let german = &alarm.languages["de"];
     assert_eq!(german.text, "der Luftdruck ist zu niedrig");
     assert_eq!(german.remedy.as_deref(), Some("Hauptventil öffnen."));
+    for part in [
+        "alarm 10012: the air pressure is low",
+        "Open the main valve.",
+        "de: der Luftdruck",
+    ] {
+        assert!(explained.contains(part), "{part}: {explained}");
+    }
 }
 
 #[test]
 fn what_the_configuration_says_of_an_alarm_counts_first() {
-    let alarm = record("\n[alarm.12]\ntext = \"no air\"\nremedy = \"Call the fitter.\"\n");
+    let (alarm, explained) = told("\n[alarm.12]\ntext = \"no air\"\nremedy = \"Call the fitter.\"\n");
     assert_eq!(alarm.text, "the air pressure is low: 2.1 bar");
     assert_eq!(alarm.remedy.as_deref(), Some("Call the fitter."));
     assert!(alarm.languages.is_empty());
+    assert!(explained.starts_with("alarm 10012: no air\n"), "{explained}");
 }
 
 #[test]
