@@ -84,14 +84,14 @@ export interface CoordinateSystemInfo {
   axes: Record<string, number>; dialect: string; number: number; spindle: number | null; units: string;
 }
 
+/** All coordinate systems with their states. */
+export interface CoordinateSystemList {
+  coordinate_systems: ({ axes: Record<string, number>; dialect: string; number: number; spindle: number | null; state: StateMessage | null; units: string })[];
+}
+
 /** A coordinate system of another machine. */
 export interface CoordinateSystemSeen {
   left_s: number | null; number: number; progress: number | null; state: State | null; waiting_on: PendingOutput | null;
-}
-
-/** All coordinate systems with their states. */
-export interface CoordinateSystems {
-  coordinate_systems: ({ axes: Record<string, number>; dialect: string; number: number; spindle: number | null; state: StateMessage | null; units: string })[];
 }
 
 /** Who asks, and what the asker may do. */
@@ -112,6 +112,8 @@ export interface HandledCode { cs: number; m: number; }
 /** What a `handler/{id}/result` answers. */
 export type HandlerAct = "presence";
 
+export interface HandlerList { handlers: Record<string, HandlerPresence>; }
+
 /** Payload of `handler/{id}/presence`. */
 export interface HandlerPresence {
   alarms?: AlarmText[]; connection?: number; exclusive?: boolean; expires_ms?: number; handles: HandledCode[];
@@ -128,8 +130,6 @@ export interface HandlerResultMessage {
 
 /** What became of a presence. */
 export type HandlerStatus = "accepted" | "refused" | "confirm" | "taken_over";
-
-export interface Handlers { handlers: Record<string, HandlerPresence>; }
 
 /** Payload of `m_code/{m}/result`. */
 export interface HandshakeResult {
@@ -266,14 +266,14 @@ export interface MCodeInfo {
 /** Whether a machine is there. */
 export type MachineLink = "online" | "silent" | "offline";
 
+/** Machines beside this one. */
+export interface MachineList { addresses: string[]; broker: SharedBroker; machines: MachineSeen[]; }
+
 /** A machine as its messages tell. */
 export interface MachineSeen {
   alarm_count: number; alarms: AlarmRecord[]; coordinate_systems: CoordinateSystemSeen[]; link: MachineLink;
   machine: string; url: string | null;
 }
-
-/** Machines beside this one. */
-export interface Machines { addresses: string[]; broker: SharedBroker; machines: MachineSeen[]; }
 
 /** Payload of `modal`. */
 export interface Modal {
@@ -382,13 +382,13 @@ export interface ProgramInfo {
   signature: SignatureState | null; title: string; warnings: number;
 }
 
+export interface ProgramList { programs: ProgramInfo[]; }
+
 /** Payload of `program`. */
 export interface ProgramPlaceMessage {
   block: string; boot_id: BootId; interpreted_line: number; line: number; nest_level: number; number: number | null;
   rev?: number; stack: CallSite[]; ts: string; v: 1;
 }
-
-export interface Programs { programs: ProgramInfo[]; }
 
 /** Progress of a handler, shown while the program waits. */
 export interface Progress { percent?: number; text: string; }
@@ -460,6 +460,9 @@ export type RunEndedHow = "completed" | "stopped" | "aborted" | "reset" | "alarm
 /** What runs. */
 export type RunKind = "program" | "mdi" | "home" | "jog";
 
+/** Runs that have ended, the newest first, and what was produced: of `GET /runs`. */
+export interface RunList { production: Production[]; runs: Run[]; }
+
 /** Payload of `cs/{n}/run`. */
 export interface RunStateMessage { boot_id: BootId; rev?: number; run: Run | null; ts: string; v: 1; }
 
@@ -468,9 +471,6 @@ export interface RunTimeDependence { at_s: number; line: number; program: number
 
 /** The waits of a run for one M code. */
 export interface RunWait { count: number; longest_s: number; m: number; total_s: number; }
-
-/** Runs that have ended, the newest first, and what was produced: of `GET /runs`. */
-export interface Runs { production: Production[]; runs: Run[]; }
 
 /** An M code that is served, and by whom. */
 export interface ServedMCode {

@@ -44,7 +44,7 @@ with Client(base_url=os.environ["API"]) as machine:
     text = File(payload=io.BytesIO(b"G01 X1 F6000\nM30\n"))
     put_programs_number.sync_detailed(77, client=machine, body=text)
     programs = get_programs.sync(client=machine)
-    assert isinstance(programs, models.Programs)
+    assert isinstance(programs, models.ProgramList)
     assert 77 in [program.number for program in programs.programs]
     post_cs_cs_load.sync_detailed(
         1, client=machine, body=models.LoadArgs(program=77), wait=models.PostCsCsLoadWait.VALUE_1
@@ -58,5 +58,5 @@ with Client(base_url=os.environ["API"]) as machine:
     assert isinstance(refused, models.Problem)
     assert refused.code == "not_found"
     assert isinstance(get_machine.sync(client=machine), models.BirthMessage)
-    assert isinstance(get_handlers.sync(client=machine), models.Handlers)
+    assert isinstance(get_handlers.sync(client=machine), models.HandlerList)
 print(f"{len(operations)} operations are there, and a machine was used")

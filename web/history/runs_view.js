@@ -43,7 +43,7 @@ export function runsView(app) {
   const read = async (from, kept) => {
     const mine = ++asked;
     await app.attempt(async () => {
-      /** @type {import("../types.d.ts").Runs} */
+      /** @type {import("../types.d.ts").RunList} */
       const answer = await machine.get(`/runs?from=${from}&count=${PAGE_RUNS}${cs.value === "" ? "" : `&cs=${cs.value}`}`);
       if (mine !== asked) return;
       const all = from === 0 ? [...answer.runs, ...kept] : [...kept, ...answer.runs];

@@ -13,7 +13,7 @@ export class ToldMachines {
   #ask;
   #changed;
 
-  /** @param {() => Promise<import("../types.d.ts").Machines | null>} ask null: this machine does not answer @param {() => void} changed */
+  /** @param {() => Promise<import("../types.d.ts").MachineList | null>} ask null: this machine does not answer @param {() => void} changed */
   constructor(ask, changed) {
     this.#ask = ask;
     this.#changed = changed;
@@ -28,7 +28,7 @@ export class ToldMachines {
     setTimeout(() => void this.#askAgain(), ASK_MS);
   }
 
-  /** @param {import("../types.d.ts").Machines} said */
+  /** @param {import("../types.d.ts").MachineList} said */
   #take({ addresses, broker, machines }) {
     this.addresses = addresses;
     const known = this.machines;

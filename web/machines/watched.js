@@ -77,7 +77,7 @@ export class Watched {
     return (/** @type {string} */ ts) => this.model.ageMs(ts);
   }
 
-  /** What its runtime knows of other machines; null: it does not answer. @returns {Promise<import("../types.d.ts").Machines | null>} */
+  /** What its runtime knows of other machines; null: it does not answer. @returns {Promise<import("../types.d.ts").MachineList | null>} */
   async knows() {
     return this.link === "online" ? this.#tandem.get("/machines").catch(() => null) : null;
   }

@@ -48,7 +48,7 @@ function took(s) {
   return s < 60 ? seconds(s, 1) : duration(s * 1000);
 }
 
-/** @param {number} cs @returns {Promise<import("../types.d.ts").Runs>} */
+/** @param {number} cs @returns {Promise<import("../types.d.ts").RunList>} */
 async function read(cs) {
   return machine.get(`/runs?cs=${cs}&count=${RUNS}`).catch(() => ({ runs: [], production: [] }));
 }

@@ -197,6 +197,7 @@ pub struct RunQuery {
 /// Runs that have ended, the newest first, and what was produced: of `GET /runs`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "RunList"))]
 pub struct Runs {
     /// Runs.
     pub runs: Vec<Run>,

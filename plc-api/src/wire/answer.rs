@@ -122,8 +122,8 @@ macro_rules! in_a_field {
 }
 
 in_a_field! {
-    Programs { programs: Vec<ProgramInfo> }
-    Handlers { handlers: BTreeMap<String, HandlerPresence> }
+    ProgramList { programs: Vec<ProgramInfo> }
+    HandlerList { handlers: BTreeMap<String, HandlerPresence> }
     AlarmHistory { alarms: Vec<AlarmRecord> }
     LastRunAnswer { last_run: Option<LastRun> }
     JournalAnswer { lines: Vec<Value>, schemars(with = "Vec<JournalLine>") }

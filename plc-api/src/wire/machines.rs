@@ -19,6 +19,7 @@ pub const TOPICS: [&str; 5] = [
 /// Machines beside this one.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "MachineList"))]
 pub struct Machines {
     /// Addresses of the configuration, `[hmi] machines`, in their order.
     pub addresses: Vec<String>,

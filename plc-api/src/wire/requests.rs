@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::answer::{
-    Accepted, AlarmHistory, AnswerForm, Handlers, JournalAnswer, LastRunAnswer, Programs, json_of,
+    Accepted, AlarmHistory, AnswerForm, HandlerList, JournalAnswer, LastRunAnswer, ProgramList, json_of,
 };
 use super::io;
 use super::payloads::{
@@ -425,8 +425,8 @@ pub static ROWS: [Row; 52] = [
         ..carried!(Handle, Handler(id: name, presence: json))
     },
     Row {
-        routes: &[Route::get("/handlers", "Handlers of auxiliary function outputs.").gives::<Handlers>()],
-        answer: json_of::<Handlers>,
+        routes: &[Route::get("/handlers", "Handlers of auxiliary function outputs.").gives::<HandlerList>()],
+        answer: json_of::<HandlerList>,
         ..carried!(Read, Handlers)
     },
     Row {
@@ -490,8 +490,8 @@ pub static ROWS: [Row; 52] = [
         )
     },
     Row {
-        routes: &[Route::get("/programs", "Programs of the store.").gives::<Programs>()],
-        answer: json_of::<Programs>,
+        routes: &[Route::get("/programs", "Programs of the store.").gives::<ProgramList>()],
+        answer: json_of::<ProgramList>,
         ..carried!(Read, Programs)
     },
     Row {

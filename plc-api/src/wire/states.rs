@@ -86,6 +86,7 @@ pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
 /// All coordinate systems with their states.
 #[derive(Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "CoordinateSystemList"))]
 pub struct CoordinateSystems {
     /// Ascending by number.
     pub coordinate_systems: Vec<WithState>,

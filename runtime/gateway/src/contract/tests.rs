@@ -63,6 +63,26 @@ fn every_reference_within_the_documents_leads_somewhere() {
     }
 }
 
+/// A name as generators of Python write it: `run_list` of `RunList`.
+fn snake_case(name: &str) -> String {
+    let mut snake = String::new();
+    for letter in name.chars() {
+        if letter.is_uppercase() && !snake.is_empty() {
+            snake.push('_');
+        }
+        snake.extend(letter.to_lowercase());
+    }
+    snake
+}
+
+#[test]
+fn no_schema_has_a_member_of_its_own_name_which_generated_clients_confuse_with_it() {
+    assert_eq!(snake_case("RunList"), "run_list");
+    for (name, schema) in schemas::all() {
+        assert_eq!(schema["properties"].get(snake_case(&name)), None, "{name}");
+    }
+}
+
 #[test]
 fn every_message_has_an_example() {
     let document = asyncapi::document(&schemas::all());
