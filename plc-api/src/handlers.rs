@@ -370,6 +370,15 @@ impl SequenceProgram {
         self
     }
 
+    /// How long [`run_until`](SequenceProgram::run_until) lets handlers go on once it is to stop. Those that are still at work then are
+    /// dropped where they wait, and their outputs are lost: what [`redelivery`](SequenceProgram::redelivery) says becomes of them.
+    /// Where this is not called, they have all the time that they need.
+    #[must_use]
+    pub fn ends_within(mut self, time: Duration) -> Self {
+        self.how.ends_within = Some(time);
+        self
+    }
+
     /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, used by one program at a time: the
     /// machine refuses a second one, unless it is to [`take_over`](SequenceProgram::take_over). Default: the user name of the connection, else a random name.
     #[must_use]
@@ -434,8 +443,8 @@ impl SequenceProgram {
 
     /// Serves the machine as [`SequenceProgram::run`] until `stop` is there, such as Ctrl-C: then it takes no further output, ends when
     /// the handlers that are at work have ended, and so loses no work. The machine is told that it is back within
-    /// [`returns_within`](SequenceProgram::returns_within). What runs beside the handlers goes on until then. To
-    /// wait no longer than some time, drop the future: its handlers are then dropped where they wait.
+    /// [`returns_within`](SequenceProgram::returns_within). What runs beside the handlers goes on until then.
+    /// [`ends_within`](SequenceProgram::ends_within) limits the time that they have.
     ///
     /// ```no_run
     /// # use plc_api::{Plc, SequenceProgram};

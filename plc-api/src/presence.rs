@@ -31,6 +31,9 @@ use crate::types::{BootId, CoordinateSystemNumber};
 /// How often an announcement may be refused. Reason: an earlier program of this name may just be ending.
 const TRIES: u32 = 5;
 
+/// How long a handler that leaves waits until the machine has heard it.
+const TELL_MAX: Duration = Duration::from_secs(1);
+
 /// An M code of one coordinate system, or of all.
 pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
@@ -56,24 +59,42 @@ pub(crate) struct Announced {
 pub(crate) struct Offline {
     pub(crate) plc: Plc,
     pub(crate) by: Identity,
-    /// It comes back within this time.
-    pub(crate) returns_within: Option<Duration>,
+    is_told: bool,
 }
 
-impl Drop for Offline {
-    fn drop(&mut self) {
-        let returns_within_ms = self.returns_within.map(|time| {
-            let ms = u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
-            ms.clamp(*RETURNS_WITHIN_MS.start(), *RETURNS_WITHIN_MS.end())
-        });
+const NOT_TOLD: &str = "the machine was not told that the handlers have gone";
+
+impl Offline {
+    /// Tells it now, and waits until that has arrived: the process may end with what is left to others. Zero: it does not come back.
+    pub(crate) async fn tell(mut self, returns_within: Duration) {
+        self.is_told = true;
+        self.plc.levels().end();
+        let ms = u64::try_from(returns_within.as_millis()).unwrap_or(u64::MAX);
+        let ms = ms.min(*RETURNS_WITHIN_MS.end());
+        let request = self.gone(RETURNS_WITHIN_MS.contains(&ms).then_some(ms));
+        tokio::select! {
+            told = self.plc.port().request(request) => if let Err(refusal) = told {
+                tracing::warn!(%refusal, "{NOT_TOLD}");
+            },
+            () = self.plc.sleep(TELL_MAX) => tracing::warn!("{NOT_TOLD}"),
+        }
+    }
+
+    fn gone(&self, returns_within_ms: Option<u64>) -> Request {
         let gone = HandlerPresence {
             returns_within_ms,
             ..HandlerPresence::gone(Some(self.by.instance()))
         };
-        let request = Request::Handler(self.by.id(), gone);
-        self.plc.levels().end();
-        let what_if_not = "the machine was not told that the handlers have gone";
-        self.plc.send_without_waiting(request, what_if_not);
+        Request::Handler(self.by.id(), gone)
+    }
+}
+
+impl Drop for Offline {
+    fn drop(&mut self) {
+        if !self.is_told {
+            self.plc.levels().end();
+            self.plc.send_without_waiting(self.gone(None), NOT_TOLD);
+        }
     }
 }
 
@@ -191,7 +212,7 @@ impl Presence {
         Offline {
             plc: self.plc.clone(),
             by: self.by.clone(),
-            returns_within: None,
+            is_told: false,
         }
     }
 

@@ -17,7 +17,14 @@ use stage::{Driver, Stage};
 pub struct Behaviour {
     name: String,
     program: String,
+    /// What the driver says of lost outputs; `none`: nothing.
     redelivery: String,
+    /// What the configuration says of M22 when it is lost.
+    configured: Option<String>,
+    /// A driver that is told to leave says that it is back in this time, ms.
+    returns_within_ms: u64,
+    /// A driver that is told to leave gives its handlers this time, ms.
+    ends_within_ms: u64,
     /// True: the machine is at a broker of its own, which dies or outlives it.
     broker: bool,
     /// True: a source `door` of the interlock is on while nobody owns it.
@@ -48,6 +55,9 @@ fn behaviours() -> Vec<Behaviour> {
         name: text(&entry["name"], ""),
         program: text(&entry["program"], ""),
         redelivery: text(&entry["redelivery"], "ask"),
+        configured: entry["configured"].as_str().map(str::to_owned),
+        returns_within_ms: entry["returns_within_ms"].as_u64().unwrap_or(60_000),
+        ends_within_ms: entry["ends_within_ms"].as_u64().unwrap_or(60_000),
         broker: entry["broker"] == true,
         door: entry["door"] == true,
         plant: entry["plant"] == true,

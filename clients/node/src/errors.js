@@ -2,9 +2,9 @@
 
 /** First alarm number of sequence programs: a number is this plus the code. */
 const USER_ALARM_BASE = 10_000;
-const CODE_MAX = 9_999;
+export const CODE_MAX = 9_999;
 /** Characters of an alarm's text; a longer one is cut. */
-const TEXT_MAX = 1_000;
+export const TEXT_MAX = 1_000;
 
 /** Code of the alarm that a `TandemError` in a handler becomes. */
 export const CODE_OF_ERROR = 9_999;

@@ -1,7 +1,7 @@
 // The loop of a sequence program: it reads what the machine says, and starts handlers.
 
 import { Bell, sleep } from "./bell.js";
-import { Alarm, CODE_OF_ERROR, CODE_OF_EXCEPTION, cut, NoAnswer, NotConnected, Refused, sentence, TakenOver, TandemError } from "./errors.js";
+import { Alarm, CODE_OF_ERROR, CODE_OF_EXCEPTION, cut, NoAnswer, NotConnected, ProgramError, Refused, sentence, TakenOver, TandemError } from "./errors.js";
 import { Output } from "./output.js";
 import { Params } from "./params.js";
 import { numberAt } from "./topics.js";
@@ -14,16 +14,23 @@ const RETRY_MS = 500;
 const BEGUN_MAX = 4_096;
 const CLEAN_UP_MS = 5_000;
 const LEAVE_TIMEOUT_MS = 1_000;
+/** How long a program that stops waits until the machine knows that it takes nothing more. */
+const LEAVE_MAX_MS = 2_000;
+export const RETURNS_WITHIN_MS = 60_000;
+const RETURNS_WITHIN_MAX_MS = 3_600_000;
 /** Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s. */
 const REFUSALS_MAX = 10;
 const REFUSAL_RETRY_MS = 1_000;
 const INSTANCE_TRIES = 4;
 const CHECK_TEXT_MAX = 1_000;
+/** @type {Redelivery[]} */
+const STRICTEST_FIRST = ["ask", "verify", "redo"];
 
 /** @typedef {import("./messages.d.ts").PendingOutput} PendingOutput */
 /** @typedef {import("./messages.d.ts").PendingMessage} PendingMessage */
 /** @typedef {import("./messages.d.ts").CancelReason} CancelReason */
 /** @typedef {import("./messages.d.ts").HandshakeResultMessage} Result */
+/** @typedef {import("./messages.d.ts").Redelivery} Redelivery */
 
 /**
  * A handler of the table.
@@ -31,7 +38,7 @@ const CHECK_TEXT_MAX = 1_000;
  * @property {number} m
  * @property {number | undefined} cs undefined: all that have no handler of their own for the M code
  * @property {(output: Output, plc: import("./plc.js").Plc) => unknown} call
- * @property {import("./messages.d.ts").Redelivery} redelivery
+ * @property {Redelivery | undefined} redelivery undefined: the machine's configuration says it
  * @property {import("./declared.js").Declared} declared
  */
 
@@ -49,10 +56,21 @@ export function place(cs, m) {
   return `${cs ?? "all"}/${m}`;
 }
 
+/** Throws a `ProgramError` where a program cannot be back in this time. @param {number} ms */
+export function checkReturnsWithin(ms) {
+  if (!(ms >= 0 && ms <= RETURNS_WITHIN_MAX_MS)) throw new ProgramError(`returnsWithinMs ${ms}: write 0 to ${RETURNS_WITHIN_MAX_MS}`);
+}
+
 /** Presence, claims, handlers and resets of one handler id. */
 export class Runner {
   /** Rung once the machine knows these handlers. */
   announced = new Bell();
+  /** Said to the machine at the end; 0: the program does not come back. */
+  returnsWithinMs = 0;
+  #isStopping = false;
+  /** Rung once the machine knows that this takes nothing more. */
+  #isKnownToStop = new Bell();
+  #alarms;
   #connection;
   #plc;
   #handlerId;
@@ -76,13 +94,15 @@ export class Runner {
 
   /**
    * @param {string} handlerId @param {Map<string, Entry>} handlers @param {Map<string, (params: Params) => unknown>} checks
-   * @param {import("./plc.js").Plc} plc @param {import("./connection.js").Connection} connection @param {boolean} takeOver
+   * @param {import("./alarms.js").UserAlarm[]} alarms @param {import("./plc.js").Plc} plc
+   * @param {import("./connection.js").Connection} connection @param {boolean} takeOver
    */
-  constructor(handlerId, handlers, checks, plc, connection, takeOver) {
+  constructor(handlerId, handlers, checks, alarms, plc, connection, takeOver) {
     this.#handlerId = handlerId;
     this.#identity = { handler_id: handlerId, instance: connection.instance };
     this.#handlers = handlers;
     this.#checks = checks;
+    this.#alarms = alarms;
     this.#plc = plc;
     this.#connection = connection;
     this.#takeOver = takeOver;
@@ -119,13 +139,29 @@ export class Runner {
     }
   }
 
+  /** Takes nothing more, and waits until the handlers that are at work have ended, or the time is over. @param {number | undefined} withinMs */
+  async finish(withinMs) {
+    this.#isStopping = true;
+    this.#mustAnnounce.ring();
+    const late = new AbortController();
+    const timer = withinMs === undefined ? undefined : setTimeout(() => late.abort(), withinMs);
+    // what the machine has claimed for this program before it knew is still done
+    await this.#isKnownToStop.rung({ timeoutMs: LEAVE_MAX_MS, signal: late.signal });
+    while (this.#running.size > 0 && !late.signal.aborted && !this.#left.signal.aborted) {
+      await Promise.race([Promise.all([...this.#running.values()].map(({ ended }) => ended)), new Bell().rung({ signal: late.signal })]);
+    }
+    clearTimeout(timer);
+    if (this.#running.size > 0) this.#connection.log.warn(`${this.#running.size} handlers had not ended within ${withinMs} ms`);
+  }
+
   /** Ends all handlers, and tells the machine that they have gone. */
   async leave() {
     this.#left.abort();
     this.#cancel(() => true, "shutdown");
     await Promise.race([Promise.all([...this.#running.values()].map(({ ended }) => ended)), sleep(CLEAN_UP_MS, this.#connection.stopped)]);
     if (!this.#connection.isConnected) return;
-    await this.#connection.request(this.#presencePath, this.#offline(), { retain: true, timeoutMs: LEAVE_TIMEOUT_MS }).catch((error) => {
+    const gone = { ...this.#offline(), ...(this.returnsWithinMs > 0 ? { returns_within_ms: this.returnsWithinMs } : {}) };
+    await this.#connection.request(this.#presencePath, gone, { retain: true, timeoutMs: LEAVE_TIMEOUT_MS }).catch((error) => {
       this.#connection.log.warn(`the machine was not told that the handlers have gone: ${error.message}`);
     });
   }
@@ -153,10 +189,11 @@ export class Runner {
       online: true,
       handles: [...new Set(served)].map((of) => ({ cs: numberAt(of, 0), m: numberAt(of, 1) })),
       validates: this.#checks.size > 0,
-      m_codes: entries.map(({ cs, m, declared, redelivery }) => ({ ...declared.toJson(m, cs), redelivery })),
+      m_codes: entries.map(({ cs, m, declared, redelivery }) => ({ ...declared.toJson(m, cs), ...(redelivery ? { redelivery } : {}) })),
+      alarms: this.#alarms.map((alarm) => alarm.toJSON()),
       instance: this.#connection.instance,
       take_over: this.#takeOver,
-      exclusive: true,
+      exclusive: !this.#isStopping,
       expires_ms: PRESENCE_EXPIRES_MS,
       connection: this.#connection.connections,
     };
@@ -197,6 +234,7 @@ export class Runner {
     if (status === "accepted") {
       this.#refusals = 0;
       this.#takeOver = false;
+      if (this.#isStopping) this.#isKnownToStop.ring();
     } else if (status === "confirm") {
       // another process has come, and the machine asks whether this one is still there
       this.#mustAnnounce.ring();
@@ -279,8 +317,8 @@ export class Runner {
       return;
     }
     const entry = this.#find(cs, pending.m);
-    if (entry === undefined) return;
-    const how = pending.how ?? (pending.lost ? entry.redelivery : "redo");
+    if (entry === undefined || (this.#isStopping && !isClaimed)) return;
+    const how = howOf(pending, entry.redelivery);
     if (how === "ask") return;
     const output = new Output(this.#connection, this.#identity, { bootId: boot, cs }, pending, how === "verify");
     /** @type {Running} */
@@ -387,6 +425,13 @@ export class Runner {
     };
     claim().catch((error) => this.#connection.log.error(`the claim of ${output} has failed:`, error));
   }
+}
+
+/** How an output is taken up, as the machine decides at the claim: of a lost one the strictest counts. @param {PendingOutput} pending @param {Redelivery | undefined} own */
+function howOf({ lost, how, redelivery }, own) {
+  if (!lost) return "redo";
+  const said = [own, redelivery];
+  return how ?? STRICTEST_FIRST.find((one) => said.includes(one)) ?? "ask";
 }
 
 /** @param {string} boot @param {number} cs @param {number} seq */

@@ -1,13 +1,17 @@
 // What needs no machine: addresses, parameters, mistakes, and data that is not right.
 
 import assert from "node:assert/strict";
-import { readFile } from "node:fs/promises";
+import { spawnSync } from "node:child_process";
+import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
 import { test } from "node:test";
 
 import { parseAddress } from "../src/address.js";
 import { Declared } from "../src/declared.js";
 import { BACKLOG_MAX, Hub, TOPICS_MAX } from "../src/hub.js";
-import { AddressError, Alarm, Params, ProgramError, SequenceProgram } from "../src/index.js";
+import { AddressError, Alarm, Params, ProgramError, SequenceProgram, UserAlarm } from "../src/index.js";
+import { DEFAULT_CONFIG } from "../src/testing.js";
 import { FILTERS, patternOf, whatIsWrong } from "../src/topics.js";
 
 test("an address names brokers, user, prefix and machine", () => {
@@ -46,6 +50,42 @@ test("an alarm has number 10000 + code, and at most 1000 characters", () => {
   for (const [code, text] of /** @type {[number, string][]} */ ([[-1, "x"], [10_000, "x"], [0.5, "x"], [1, ""]])) {
     assert.throws(() => new Alarm(code, text), RangeError);
   }
+});
+
+test("what is said of alarms is checked where it is written", () => {
+  const words = { text: "y" };
+  const many = Object.fromEntries([...Array(9).keys()].map((n) => [`d${n}`, words]));
+  const alarms = [...Array(257).keys()].map((n) => new UserAlarm(n, "x"));
+  /** @type {[() => unknown, RegExp][]} */
+  const mistakes = [
+    [() => new UserAlarm(10_000, "x"), /alarm 10000: write 0 to 9999/],
+    [() => new UserAlarm(1, ""), /alarm 1: text and remedy: write 1 to 1000 characters/],
+    [() => new UserAlarm(1, "x", { remedy: "" }), /alarm 1: text and remedy/],
+    [() => new UserAlarm(1, "x", { languages: { d: words } }), /language "d": write a tag/],
+    [() => new UserAlarm(1, "x", { languages: many }), /9 languages: write up to 8/],
+    [() => new SequenceProgram("p").alarms(new UserAlarm(1, "x"), new UserAlarm(1, "y")), /alarm 1 has two texts: "x" and "y"/],
+    [() => new SequenceProgram("p").alarms(...alarms), /257 alarms: write up to 256/],
+    // @ts-expect-error: there is no such redelivery
+    [() => new SequenceProgram("p", { redelivery: "twice" }), /write ask, redo, verify/],
+  ];
+  for (const [make, message] of mistakes) assert.throws(make, (error) => error instanceof ProgramError && message.test(error.message));
+});
+
+test("what a program serves is known without it by its file", async () => {
+  const program = new SequenceProgram("clamp")
+    .on(13, () => {}, { cs: 1 })
+    .on(12, () => {}, { name: "clamp", params: { A: { name: "force", unit: "kN", min: 1, max: 20 } } });
+  const folder = await mkdtemp(join(tmpdir(), "tandem-served-"));
+  const write = (/** @type {string} */ name, /** @type {string} */ text) => writeFile(join(folder, name), text);
+  await write("served.json", program.served());
+  await write("tandem.toml", DEFAULT_CONFIG.replace("[machine]", '[machine]\nserved = "served.json"'));
+  await write("1.nc", "M12 VA50\nM13\nM14\nM30\n");
+  const command = resolve(process.env.TANDEM_BIN ?? "tandem");
+  const { stdout, stderr } = spawnSync(command, ["check", "--config", "tandem.toml", "1.nc"], { cwd: folder, encoding: "utf8" });
+  const said = stdout + stderr;
+  assert.match(said, /M12 clamp: VA \(force\) is 50 kN; write 1 to 20 kN/);
+  assert.deepEqual(said.match(/no handler serves M\d+/g), ["no handler serves M14"]);
+  await rm(folder, { recursive: true });
 });
 
 test("mistakes of a program are said in a sentence", () => {

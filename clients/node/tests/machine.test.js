@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, before, beforeEach, test } from "node:test";
 import { setTimeout as delay } from "node:timers/promises";
 
-import { Alarm, CommandFailed, ConnectError, Ended, NoAnswer, NotConnected, Plc, Refused, SequenceProgram, TakenOver } from "../src/index.js";
+import { Alarm, CommandFailed, ConnectError, Ended, NoAnswer, NotConnected, Plc, Refused, SequenceProgram, stopSignal, TakenOver, UserAlarm } from "../src/index.js";
 import { Machine } from "../src/testing.js";
 
 /** @typedef {import("../src/index.js").Output} Output */
@@ -29,6 +29,11 @@ async function serving(program, work) {
     await served.close();
   }
   await served.ended;
+}
+
+/** Waits until something holds. @param {() => Promise<unknown>} holds */
+async function until(holds) {
+  while (!(await holds())) await delay(10);
 }
 
 /** A connection while something is done. @param {(plc: Plc) => Promise<unknown>} work */
@@ -194,6 +199,82 @@ test("a program runs until its signal, and the machine is told", async () => {
   const program = new SequenceProgram("cell").on(9, () => {}).task(() => stop.abort());
   await program.run(machine.mqtt, { signal: stop.signal, log: quiet });
   assert.equal((await machine.rest("GET", "/handlers")).handlers.cell.online, false);
+});
+
+test("a program that is stopped lets its handlers end and says when it is back", async () => {
+  const stop = new AbortController();
+  /** @type {unknown[]} */
+  const ends = [];
+  const program = new SequenceProgram("cell").on(20, async (output) => {
+    stop.abort();
+    await delay(300, undefined, { signal: output.signal });
+    ends.push(output.cancelled);
+  });
+  const runs = program.runUntil(machine.mqtt, stop.signal, { returnsWithinMs: 30_000, log: quiet });
+  await until(async () => (await machine.rest("GET", "/handlers")).handlers.cell?.online);
+  await machine.load("M20\nM20\nM30");
+  const end = await machine.started();
+  await runs;
+  assert.deepEqual(ends, [false]);
+  const said = (await machine.rest("GET", "/handlers")).handlers.cell;
+  assert.deepEqual([said.online, said.returns_within_ms], [false, 30_000]);
+  assert.equal((await machine.state()).execution, "WAIT", "the second M20 waits");
+  await serving(program, async () => assert.ok((await end()).completed));
+  assert.deepEqual(ends, [false, false]);
+});
+
+test("a program that is stopped aborts what does not end in its time", async () => {
+  /** @type {unknown[]} */
+  const ends = [];
+  const program = new SequenceProgram("cell", { redelivery: "redo" }).on(20, async (output) => {
+    await delay(ends.length > 0 ? 0 : 1_000_000, undefined, { signal: output.signal }).finally(() => ends.push(output.cancelReason));
+  });
+  const served = await program.serve(machine.mqtt, { log: quiet });
+  await machine.load("M20\nM30");
+  const end = await machine.started();
+  await served.leave({ endsWithinMs: 100 });
+  assert.deepEqual(ends, ["shutdown"]);
+  await serving(program, async () => assert.ok((await end()).completed));
+});
+
+test("a task that fails while the program is stopped ends it", async () => {
+  const stop = new AbortController();
+  const program = new SequenceProgram("cell").on(20, ({ signal }) => delay(1_000_000, undefined, { signal })).task(async () => {
+    await machine.load("M20\nM30");
+    await machine.started();
+    stop.abort();
+    throw new TypeError("a mistake");
+  });
+  await assert.rejects(program.runUntil(machine.mqtt, stop.signal, { log: quiet }), /a mistake/);
+});
+
+test("a time in which no program comes back is a mistake", async () => {
+  for (const returnsWithinMs of [-1, 3_600_001, NaN]) {
+    const runs = new SequenceProgram("cell").runUntil("mqtt://127.0.0.1:9/none", AbortSignal.abort(), { returnsWithinMs });
+    await assert.rejects(runs, /returnsWithinMs .*: write 0 to 3600000/);
+  }
+});
+
+test("a signal of the system stops a program, and the next one ends it", async () => {
+  const before = process.listenerCount("SIGTERM");
+  const stop = stopSignal();
+  process.kill(process.pid, "SIGTERM");
+  await until(async () => stop.aborted);
+  assert.equal(process.listenerCount("SIGTERM"), before);
+});
+
+test("an alarm is shown with its remedy and languages", async () => {
+  const languages = { de: { text: "der Luftdruck ist zu niedrig", remedy: "Hauptventil öffnen." } };
+  const air = new UserAlarm(12, "the air pressure is low", { remedy: "Open the main valve.", languages });
+  const program = new SequenceProgram("clamp").alarms(air).on(10, () => {
+    throw air.alarm("2.1 bar");
+  });
+  await serving(program, async (plc) => {
+    assert.deepEqual((await machine.run("M10\nM30")).alarms, ["the air pressure is low: 2.1 bar"]);
+    await plc.until(() => plc.alarms.length > 0);
+    const [shown] = plc.alarms;
+    assert.deepEqual([shown?.number, shown?.remedy, shown?.languages], [10_012, "Open the main valve.", languages]);
+  });
 });
 
 test("a process that takes the place of another ends it", async () => {

@@ -3,11 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import re
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
-from tandem_plc import Alarm, CancelReason, Output, Param, Params, Plc, ProgramError, Refused, SequenceProgram
-from tandem_plc.testing import Machine
+from tandem_plc import (
+    Alarm,
+    AlarmWords,
+    CancelReason,
+    Output,
+    Param,
+    Params,
+    Plc,
+    ProgramError,
+    Redelivery,
+    Refused,
+    SequenceProgram,
+    UserAlarm,
+    stop_signal,
+)
+from tandem_plc.testing import DEFAULT_CONFIG, Machine, find_tandem
 
 
 def pocket(params: Params) -> int:
@@ -70,6 +90,20 @@ def test_a_program_with_parameters_that_are_not_declared_is_not_loaded(tandem_ma
     assert [one for one in serves if one["handler_id"] == "clamp"] == [expected]
 
 
+def test_what_a_program_serves_is_known_without_it_by_its_file(tmp_path: Path) -> None:
+    program = SequenceProgram("clamp")
+    program.on(12, name="clamp", params={"A": Param(name="force", unit="kN", min=1, max=20)})(_nothing)
+    program.on(13, cs=1)(_nothing)
+    (tmp_path / "served.json").write_text(program.served())
+    (tmp_path / "tandem.toml").write_text(DEFAULT_CONFIG.replace("[machine]", '[machine]\nserved = "served.json"', 1))
+    (tmp_path / "1.nc").write_text("M12 VA50\nM13\nM14\nM30\n")
+    command = [find_tandem(), "check", "--config", "tandem.toml", "1.nc"]
+    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=30)
+    text = said.stdout + said.stderr
+    assert "M12 clamp: VA (force) is 50 kN; write 1 to 20 kN" in text
+    assert re.findall("no handler serves (M[0-9]+)", text) == ["M14"]
+
+
 def test_a_declaration_of_what_cannot_be_is_a_mistake() -> None:
     program = SequenceProgram("clamp")
     for params, message in [
@@ -112,6 +146,141 @@ def test_an_alarm_stops_the_program_with_its_text(tandem_machine: Machine) -> No
         numbers = [alarm["number"] for alarm in tandem_machine.rest("GET", "/alarms")["alarms"]]
     assert (run.execution, run.reason, run.alarms) == ("STOPPED", "ALARM", ["the tank is empty"])
     assert numbers == [10_007]
+
+
+NO_AIR = UserAlarm(
+    12,
+    "the air pressure is low",
+    remedy="Open the main valve.",
+    languages={"de": AlarmWords("der Luftdruck ist zu niedrig", "Hauptventil öffnen.")},
+)
+
+
+def test_an_alarm_is_shown_with_its_remedy_and_languages(tandem_machine: Machine) -> None:
+    program = SequenceProgram("clamp")
+    program.alarms(NO_AIR)
+
+    @program.on(10)
+    async def clamp(_output: Output) -> None:
+        raise NO_AIR.alarm("2.1 bar")
+
+    with tandem_machine.serve(program) as serving:
+        assert tandem_machine.run("M10\nM30").alarms == ["the air pressure is low: 2.1 bar"]
+        tandem_machine.wait_for(lambda _state: bool(serving.plc.alarms))
+        shown = serving.plc.alarms[0]
+    assert (shown.number, shown.remedy, shown.languages) == (10_012, NO_AIR.remedy, NO_AIR.languages)
+
+
+def test_what_is_said_of_alarms_is_checked_where_it_is_written() -> None:
+    wrong: list[tuple[Callable[[], object], str]] = [
+        (lambda: UserAlarm(10_000, "x"), "alarm 10000: write 0 to 9999"),
+        (lambda: UserAlarm(1, ""), "alarm 1: text and remedy: write 1 to 1000 characters"),
+        (lambda: UserAlarm(1, "x", remedy=""), "alarm 1: text and remedy"),
+        (lambda: UserAlarm(1, "x", languages={"d": AlarmWords("y")}), "language 'd': write a tag"),
+        (
+            lambda: UserAlarm(1, "x", languages={f"d{n}": AlarmWords("y") for n in range(9)}),
+            "9 languages: write up to 8",
+        ),
+        (
+            lambda: SequenceProgram("p").alarms(UserAlarm(1, "x"), UserAlarm(1, "y")),
+            "alarm 1 has two texts: 'x' and 'y'",
+        ),
+        (lambda: SequenceProgram("p").alarms(*(UserAlarm(n, "x") for n in range(257))), "257 alarms: write up to 256"),
+    ]
+    for make, message in wrong:
+        with pytest.raises(ProgramError, match=message):
+            make()
+
+
+def test_a_program_that_is_stopped_lets_its_handlers_end_and_says_when_it_is_back(tandem_machine: Machine) -> None:
+    program, ends = SequenceProgram("cell"), []
+
+    @program.on(20)
+    async def rinse(output: Output) -> None:
+        output.progress("it rinses")
+        await asyncio.sleep(0.3)
+        ends.append(output.cancelled)
+
+    async def at_work() -> None:
+        await asyncio.to_thread(tandem_machine.load, "M20\nM20\nM30")
+        await asyncio.to_thread(tandem_machine.started)
+        await asyncio.to_thread(
+            tandem_machine.wait_for, lambda state: bool((state["waiting_on"] or {}).get("progress"))
+        )
+
+    asyncio.run(program.run_until(tandem_machine.mqtt, at_work(), returns_within_s=30))
+    assert ends == [False]
+    said = tandem_machine.rest("GET", "/handlers")["handlers"]["cell"]
+    assert (said["online"], said["returns_within_ms"]) == (False, 30_000)
+    # the second M20 waits
+    assert tandem_machine.state()["execution"] == "WAIT"
+    with tandem_machine.serve(program):
+        tandem_machine.wait_for(lambda state: state["execution"] == "PROGRAM_COMPLETED")
+    assert ends == [False, False]
+
+
+def test_a_program_that_is_stopped_cancels_what_does_not_end_in_its_time(tandem_machine: Machine) -> None:
+    program = SequenceProgram("cell", redelivery=Redelivery.REDO)
+    ends: list[object] = []
+
+    @program.on(20)
+    async def rinse(output: Output) -> None:
+        try:
+            await asyncio.sleep(0 if ends else 1_000)
+        finally:
+            ends.append(output.cancel_reason)
+
+    with tandem_machine.serve(program) as serving:
+        tandem_machine.load("M20\nM30")
+        run = tandem_machine.started()
+        leaving = asyncio.run_coroutine_threadsafe(serving.leave(ends_within_s=0.1), serving.ended.get_loop())
+        leaving.result(10)
+    assert ends == [CancelReason.SHUTDOWN]
+    with tandem_machine.serve(program):
+        assert run.end().completed
+
+
+def test_a_task_that_fails_while_the_program_is_stopped_ends_it(tandem_machine: Machine) -> None:
+    program, stop = SequenceProgram("cell"), asyncio.Event()
+
+    @program.on(20)
+    async def rinse(_output: Output) -> None:
+        stop.set()
+        await asyncio.sleep(1_000)
+
+    @program.task
+    async def watch(_plc: Plc) -> None:
+        await asyncio.to_thread(tandem_machine.load, "M20\nM30")
+        await asyncio.to_thread(tandem_machine.started)
+        await stop.wait()
+        raise ZeroDivisionError("a mistake")
+
+    async def run() -> None:
+        await asyncio.wait_for(program.run_until(tandem_machine.mqtt, stop.wait()), 20)
+
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(run())
+
+
+@pytest.mark.parametrize("wrong", [-1, 3_600.1, float("nan")])
+def test_a_time_in_which_no_program_comes_back_is_a_mistake(wrong: float) -> None:
+    async def run() -> None:
+        await SequenceProgram("cell").run_until("mqtt://127.0.0.1:9/none", asyncio.sleep(0), returns_within_s=wrong)
+
+    with pytest.raises(ProgramError, match="write 0 to 3600"):
+        asyncio.run(run())
+
+
+def test_a_signal_of_the_system_stops_a_program_and_the_next_one_ends_it() -> None:
+    async def run() -> None:
+        before = signal.getsignal(signal.SIGTERM)
+        stopped = asyncio.ensure_future(stop_signal())
+        await asyncio.sleep(0)
+        os.kill(os.getpid(), signal.SIGTERM)
+        await asyncio.wait_for(stopped, 5)
+        assert signal.getsignal(signal.SIGTERM) is before
+
+    asyncio.run(run())
 
 
 def test_an_exception_stops_the_program_and_no_other_handler(tandem_machine: Machine) -> None:

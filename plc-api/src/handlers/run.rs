@@ -62,6 +62,8 @@ pub(super) struct How {
     pub(super) takes_over: bool,
     /// Once it has been stopped; zero: it does not come back.
     pub(super) returns_within: Duration,
+    /// Once it is to stop; `None`: its handlers have all the time that they need.
+    pub(super) ends_within: Option<Duration>,
 }
 
 impl How {
@@ -70,6 +72,7 @@ impl How {
             on_redelivery: None,
             takes_over: false,
             returns_within: Duration::from_mins(1),
+            ends_within: None,
         }
     }
 }
@@ -92,7 +95,7 @@ pub(super) async fn run<T>(
     };
     let presence = Presence::new(plc, handler_id, said);
     // dropped after the runner, thus after the handlers
-    let mut offline = presence.offline_on_drop();
+    let offline = presence.offline_on_drop();
     let mut runner = Runner {
         table,
         on_redelivery: how.on_redelivery,
@@ -104,6 +107,7 @@ pub(super) async fn run<T>(
         is_stopping: false,
     };
     let mut stop = std::pin::pin!(stop);
+    let mut late: BoxFuture<'static, ()> = Box::pin(std::future::pending());
     while !(runner.has_ended() && runner.presence.is_settled()) {
         tokio::select! {
             // messages first: a cancel reaches a handler before it is polled again
@@ -113,12 +117,23 @@ pub(super) async fn run<T>(
                 None => return Ok(()),
             },
             Some(id) = runner.work.next() => runner.on_end(&id),
-            _ = &mut stop, if !runner.is_stopping => runner.on_stop(),
+            _ = &mut stop, if !runner.is_stopping => {
+                runner.on_stop();
+                if let Some(limit) = how.ends_within {
+                    let plc = plc.clone();
+                    late = Box::pin(async move { plc.sleep(limit).await });
+                }
+            }
+            () = &mut late => {
+                tracing::warn!("{} handlers had not ended in time", runner.running.len());
+                break;
+            }
             // a machine that does not answer learns from the end of the connection
             () = plc.sleep(LEAVE_MAX), if runner.has_ended() => break,
         }
     }
-    offline.returns_within = Some(how.returns_within).filter(|time| !time.is_zero());
+    drop(runner);
+    offline.tell(how.returns_within).await;
     Ok(())
 }
 

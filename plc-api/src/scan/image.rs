@@ -352,6 +352,29 @@ impl Image {
         self.set_input(cs, Input::StartLock(LockSet::new(value, text)));
     }
 
+    /// Sets a source of the interlock, such as one of `[input.interlock.source.NAME]`, beside [`Image::set_interlock`], which is the
+    /// source `default`.
+    pub fn set_interlock_source(
+        &mut self,
+        cs: CoordinateSystemNumber,
+        source: impl Into<String>,
+        value: bool,
+        text: impl Into<String>,
+    ) {
+        self.set_input(cs, Input::Interlock(LockSet::new(value, text).of_source(source)));
+    }
+
+    /// Sets a source of the start lock, as [`Image::set_interlock_source`].
+    pub fn set_start_lock_source(
+        &mut self,
+        cs: CoordinateSystemNumber,
+        source: impl Into<String>,
+        value: bool,
+        text: impl Into<String>,
+    ) {
+        self.set_input(cs, Input::StartLock(LockSet::new(value, text).of_source(source)));
+    }
+
     /// Sets overrides, percent; `None` leaves one unchanged.
     pub fn set_overrides(&mut self, cs: CoordinateSystemNumber, change: OverrideChange) {
         self.set_input(cs, Input::Override(change));

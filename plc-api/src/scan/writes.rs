@@ -40,6 +40,8 @@ fn is_same_flag(one: &Request, other: &Request) -> bool {
             cs == other_cs
                 && match (one, other) {
                     (Input::OptionalSkip(one), Input::OptionalSkip(other)) => one.keys().eq(other.keys()),
+                    (Input::Interlock(one), Input::Interlock(other))
+                    | (Input::StartLock(one), Input::StartLock(other)) => one.source() == other.source(),
                     _ => discriminant(one) == discriminant(other),
                 }
         }

@@ -11,7 +11,7 @@ use plc_api::types::io::{IoDeclaration, IoPoint, IoState};
 use plc_api::types::message::Payload;
 use plc_api::types::output::OutputState;
 use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
-use plc_api::types::state::{Captured, LockSet, Position, SpindleDirection};
+use plc_api::types::state::{Captured, Lock, LockSet, Position, SpindleDirection};
 use plc_api::types::topic::CsTopic;
 use plc_api::{Alarm, CancelReason, Params, Redelivery, SequenceProgram};
 
@@ -364,6 +364,35 @@ async fn a_flag_is_off_for_a_scan_between_two_outputs_of_one_number() {
     assert_eq!(scans.last().unwrap().0, 3, "{scans:?}");
     let on: String = scans.iter().map(|(_, on)| if *on { '1' } else { '0' }).collect();
     assert!(on.contains("10101"), "{on}");
+}
+
+#[tokio::test]
+async fn a_scan_sets_sources_of_the_locks_which_are_its_own() {
+    let fake = FakePort::new([1]);
+    let scan = |image: &mut Image| {
+        image.set_interlock(1, image.scans() < 10, "the air is low");
+        image.set_interlock_source(1, "door", image.scans() < 20, "the door is open");
+        image.set_start_lock_source(1, "pallet", true, "the pallet moves");
+    };
+    let program = SequenceProgram::new().handler_id("cell");
+    let program = program.scan(80, ms(10), scan);
+    let plc = fake.plc();
+    tokio::spawn(async move { program.run(&plc).await });
+    fake.advance(ms(50)).await;
+    let mill = fake.plc().coordinate_system(1);
+    let on = |lock: Lock| {
+        let sources = lock.sources.into_iter().filter(|source| source.value);
+        sources
+            .map(|one| (one.source, one.handler_id))
+            .collect::<Vec<_>>()
+    };
+    let of = |source: &str| (source.to_owned(), Some("cell".to_owned()));
+    assert_eq!(on(mill.interlock().await.unwrap()), [of("default"), of("door")]);
+    assert_eq!(on(mill.start_lock().await.unwrap()), [of("pallet")]);
+    fake.advance(ms(100)).await;
+    assert_eq!(on(mill.interlock().await.unwrap()), [of("door")]);
+    fake.advance(ms(100)).await;
+    assert_eq!(on(mill.interlock().await.unwrap()), []);
 }
 
 fn plant() -> FakePort {

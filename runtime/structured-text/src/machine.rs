@@ -26,23 +26,26 @@ pub(crate) enum LockKind {
     StartLock,
 }
 
+/// The level of a function block for one source of a lock.
+#[derive(Debug)]
+pub(crate) struct Lock {
+    pub is_on: bool,
+    pub text: String,
+    /// Empty: the source `default`.
+    pub source: String,
+}
+
 /// Levels of function blocks. One that is not called keeps its level, as each output of a function block; of several for the
 /// same input it is on while any of them is.
 #[derive(Debug, Default)]
 pub(crate) struct Levels {
     /// By the address of the instance.
-    locks: BTreeMap<(LockKind, CoordinateSystemNumber, usize), (bool, String)>,
+    locks: BTreeMap<(LockKind, CoordinateSystemNumber, usize), Lock>,
     alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16, usize), (bool, String)>,
 }
 
 impl Levels {
-    pub fn lock(
-        &mut self,
-        kind: LockKind,
-        cs: CoordinateSystemNumber,
-        instance: usize,
-        level: (bool, String),
-    ) {
+    pub fn lock(&mut self, kind: LockKind, cs: CoordinateSystemNumber, instance: usize, level: Lock) {
         self.locks.insert((kind, cs, instance), level);
     }
 
@@ -58,22 +61,25 @@ impl Levels {
 
     /// Writes all of them.
     pub fn write(&self, image: &mut Image) {
-        let mut locks: BTreeMap<(LockKind, CoordinateSystemNumber), (bool, Vec<&str>)> = BTreeMap::new();
-        for ((kind, cs, _), (is_on, text)) in &self.locks {
-            let lock = locks.entry((*kind, *cs)).or_default();
-            if *is_on {
+        let mut locks: BTreeMap<(LockKind, CoordinateSystemNumber, &str), (bool, Vec<&str>)> =
+            BTreeMap::new();
+        for ((kind, cs, _), level) in &self.locks {
+            let lock = locks.entry((*kind, *cs, &level.source)).or_default();
+            if level.is_on {
                 lock.0 = true;
-                lock.1.push(text);
+                lock.1.push(&level.text);
             }
         }
-        for ((kind, cs), (is_on, texts)) in locks {
+        for ((kind, cs, source), (is_on, texts)) in locks {
             let mut text = texts.join("; ");
             if let Some((end, _)) = text.char_indices().nth(plc_api::types::lock::LOCK_TEXT_MAX) {
                 text.truncate(end);
             }
-            match kind {
-                LockKind::Interlock => image.set_interlock(cs, is_on, text),
-                LockKind::StartLock => image.set_start_lock(cs, is_on, text),
+            match (kind, source) {
+                (LockKind::Interlock, "") => image.set_interlock(cs, is_on, text),
+                (LockKind::Interlock, _) => image.set_interlock_source(cs, source, is_on, text),
+                (LockKind::StartLock, "") => image.set_start_lock(cs, is_on, text),
+                (LockKind::StartLock, _) => image.set_start_lock_source(cs, source, is_on, text),
             }
         }
         let mut alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), Option<&str>> = BTreeMap::new();

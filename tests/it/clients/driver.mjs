@@ -1,10 +1,15 @@
-// What `behaviours.toml` says that a driver does, by tandem-plc: `node driver.mjs ADDRESS REDELIVERY`.
+// What `behaviours.toml` says that a driver does, by tandem-plc: `node driver.mjs ADDRESS REDELIVERY RETURNS_WITHIN_MS
+// ENDS_WITHIN_MS`.
 
 import { createInterface } from "node:readline";
 
-import { Alarm, Ended, Refused, SequenceProgram, TandemError } from "../../../clients/node/src/index.js";
+import { Ended, Refused, SequenceProgram, TandemError, UserAlarm } from "../../../clients/node/src/index.js";
 
-const [address, redelivery] = process.argv.slice(2);
+const [address, redelivery, returnsWithinMs, endsWithinMs] = process.argv.slice(2);
+const EMPTY = new UserAlarm(23, "the tank is empty", {
+  remedy: "Fill the tank.",
+  languages: { de: { text: "der Tank ist leer", remedy: "Tank füllen." } },
+});
 const say = (text) => process.stdout.write(`> ${text}\n`);
 const pocket = (params) => params.real("A", 1, 24, "the pocket");
 
@@ -53,29 +58,18 @@ async function wash(output) {
   say("done M25");
 }
 
-const program = new SequenceProgram("driver")
-  .on(
-    20,
-    ({ params }) => say(`work M20 VA${pocket(params)}${params.B === undefined ? "" : ` VB${params.B}`}`),
-    { validate: pocket, redelivery },
-  )
-  .on(21, async (output) => say(`answer ${await output.ask("Shall it go on?", ["yes", "no"])}`), { redelivery })
-  .on(22, work, { redelivery })
+const program = new SequenceProgram("driver", redelivery === "none" ? {} : { redelivery })
+  .on(20, ({ params }) => say(`work M20 VA${pocket(params)}${params.B === undefined ? "" : ` VB${params.B}`}`), { validate: pocket })
+  .on(21, async (output) => say(`answer ${await output.ask("Shall it go on?", ["yes", "no"])}`))
+  .on(22, work)
   .on(25, wash, { redelivery: "redo" })
-  .on(
-    23,
-    () => {
-      throw new Alarm(23, "the tank is empty");
-    },
-    { redelivery },
-  )
-  .on(
-    24,
-    () => {
-      throw new TypeError("a mistake of the handler");
-    },
-    { redelivery },
-  );
+  .on(23, () => {
+    throw EMPTY.alarm();
+  })
+  .on(24, () => {
+    throw new TypeError("a mistake of the handler");
+  })
+  .alarms(EMPTY);
 
 async function carryOut(mill, verb, rest) {
   if (verb === "load") return mill.load(Number(rest));
@@ -120,9 +114,15 @@ async function hear(plc, line) {
 }
 
 const serving = await program.serve(address);
-for await (const line of createInterface({ input: process.stdin })) {
-  if (line === "end") break;
-  void hear(serving.plc, line);
-}
+const lines = createInterface({ input: process.stdin });
+await new Promise((resolve, reject) => {
+  const times = { returnsWithinMs: Number(returnsWithinMs), endsWithinMs: Number(endsWithinMs) };
+  lines.on("line", (line) => {
+    if (line === "end") resolve(undefined);
+    else if (line === "leave") serving.leave(times).then(resolve, reject);
+    else void hear(serving.plc, line);
+  });
+});
+lines.close();
 await serving.close();
 say("ended");

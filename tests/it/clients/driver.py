@@ -1,4 +1,7 @@
-"""What ``behaviours.toml`` says that a driver does, by tandem-plc: ``driver.py ADDRESS REDELIVERY``."""
+"""What ``behaviours.toml`` says that a driver does, by tandem-plc.
+
+``driver.py ADDRESS REDELIVERY RETURNS_WITHIN_MS ENDS_WITHIN_MS``
+"""
 
 from __future__ import annotations
 
@@ -6,18 +9,26 @@ import asyncio
 import sys
 
 from tandem_plc import (
-    Alarm,
+    AlarmWords,
     Output,
     Params,
     Plc,
     Redelivery,
     Refused,
     SequenceProgram,
+    Serving,
     TandemError,
+    UserAlarm,
 )
 
-program = SequenceProgram("driver")
-redelivery = Redelivery(sys.argv[2])
+ADDRESS, REDELIVERY = sys.argv[1:3]
+RETURNS_WITHIN_S, ENDS_WITHIN_S = (int(ms) / 1000 for ms in sys.argv[3:])
+EMPTY = UserAlarm(
+    23, "the tank is empty", remedy="Fill the tank.", languages={"de": AlarmWords("der Tank ist leer", "Tank füllen.")}
+)
+
+program = SequenceProgram("driver", redelivery=None if REDELIVERY == "none" else Redelivery(REDELIVERY))
+program.alarms(EMPTY)
 go = asyncio.Semaphore(0)
 
 
@@ -29,18 +40,18 @@ def pocket(params: Params) -> float:
     return params.real("A", 1, 24, "the pocket")
 
 
-@program.on(20, validate=pocket, redelivery=redelivery)
+@program.on(20, validate=pocket)
 async def change(output: Output) -> None:
     b = "" if output.b is None else f" VB{output.b:g}"
     say(f"work M20 VA{pocket(output.params):g}{b}")
 
 
-@program.on(21, redelivery=redelivery)
+@program.on(21)
 async def inspect(output: Output) -> None:
     say(f"answer {await output.ask('Shall it go on?', ['yes', 'no'])}")
 
 
-@program.on(22, redelivery=redelivery)
+@program.on(22)
 async def work(output: Output) -> None:
     output.progress("it works", 50)
     say("work M22 verify" if output.redelivered else "work M22")
@@ -62,12 +73,12 @@ async def wash(output: Output) -> None:
     say("done M25")
 
 
-@program.on(23, redelivery=redelivery)
+@program.on(23)
 async def no_coolant(_output: Output) -> None:
-    raise Alarm(23, "the tank is empty")
+    raise EMPTY.alarm()
 
 
-@program.on(24, redelivery=redelivery)
+@program.on(24)
 async def fails(_output: Output) -> None:
     raise ZeroDivisionError("a mistake of the handler")
 
@@ -114,13 +125,26 @@ async def told(plc: Plc, line: str) -> None:
         say(f"{verb} failed {error}")
 
 
+async def leave(serving: Serving, ended: asyncio.Event) -> None:
+    await serving.leave(returns_within_s=RETURNS_WITHIN_S, ends_within_s=ENDS_WITHIN_S)
+    ended.set()
+
+
+async def listen(reader: asyncio.StreamReader, serving: Serving, ended: asyncio.Event) -> None:
+    jobs = set()
+    while (line := (await reader.readline()).decode().strip()) != "end":
+        jobs.add(asyncio.create_task(leave(serving, ended) if line == "leave" else told(serving.plc, line)))
+    ended.set()
+
+
 async def main() -> None:
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
-    jobs = set()
-    async with program.serving(sys.argv[1]) as serving:
-        while (line := (await reader.readline()).decode().strip()) != "end":
-            jobs.add(asyncio.create_task(told(serving.plc, line)))
+    ended = asyncio.Event()
+    async with program.serving(ADDRESS) as serving:
+        listening = asyncio.create_task(listen(reader, serving, ended))
+        await ended.wait()
+    listening.cancel()
     say("ended")
 
 

@@ -1,13 +1,19 @@
-//! What `behaviours.toml` says that a driver does, by plc-api: `client_driver ADDRESS REDELIVERY`.
+//! What `behaviours.toml` says that a driver does, by plc-api: `client_driver ADDRESS REDELIVERY RETURNS_WITHIN_MS
+//! ENDS_WITHIN_MS`.
 #![allow(clippy::print_stdout, reason = "the test reads it")]
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::io::IoValue;
 use plc_api::types::request::typed;
-use plc_api::{Alarm, AuxOutput, Cancellation, Error, Params, Plc, Redelivery, SequenceProgram};
+use plc_api::{Alarm, AuxOutput, Cancellation, Error, Params, Plc, Redelivery, SequenceProgram, UserAlarm};
 use tokio::sync::Notify;
+
+const EMPTY: UserAlarm = UserAlarm::new(23, "the tank is empty")
+    .remedy("Fill the tank.")
+    .in_language("de", "der Tank ist leer", "Tank füllen.");
 
 fn say(text: &str) {
     println!("> {text}");
@@ -83,7 +89,7 @@ async fn wash(output: AuxOutput, _plc: Plc, go: Arc<Notify>) -> Result<(), Alarm
 }
 
 async fn no_coolant(_output: AuxOutput) -> Result<(), Alarm> {
-    Err(Alarm::user(23, "the tank is empty"))
+    Err(EMPTY.into())
 }
 
 async fn fails(_output: AuxOutput) -> Result<(), Alarm> {
@@ -165,25 +171,37 @@ async fn told(plc: &Plc, go: &Notify, line: &str) -> Option<String> {
     })
 }
 
-#[tokio::main]
-async fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let address = arguments.next().ok_or("an address")?;
-    let redelivery: Redelivery =
-        serde_json::from_value(arguments.next().ok_or("ask, redo or verify")?.into())?;
-    let plc = Plc::connect(&address).await?;
-    let go = Arc::new(Notify::new());
-    let program = SequenceProgram::new()
+fn program(go: &Arc<Notify>) -> SequenceProgram {
+    SequenceProgram::new()
         .handler_id("driver")
-        .on_redelivery(redelivery)
+        .alarms([EMPTY])
         .on(20, change)
         .validate(20, pocket)
         .on(21, inspect)
-        .on(22, plc_api::handlers::with(Arc::clone(&go), work))
-        .on(25, plc_api::handlers::with(Arc::clone(&go), wash))
+        .on(22, plc_api::handlers::with(Arc::clone(go), work))
+        .on(25, plc_api::handlers::with(Arc::clone(go), wash))
         .redelivery(25, Redelivery::Redo)
         .on(23, no_coolant)
-        .on(24, fails);
+        .on(24, fails)
+}
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let mut next = |what| arguments.next().ok_or(what);
+    let (address, redelivery) = (next("an address")?, next("ask, redo, verify or none")?);
+    let returns_within = Duration::from_millis(next("a time to return")?.parse()?);
+    let ends_within = Duration::from_millis(next("a time to end")?.parse()?);
+    let plc = Plc::connect(&address).await?;
+    let go = Arc::new(Notify::new());
+    let mut program = program(&go)
+        .returns_within(returns_within)
+        .ends_within(ends_within);
+    if redelivery != "none" {
+        program = program.on_redelivery(serde_json::from_value(redelivery.into())?);
+    }
+    let leave = Arc::new(Notify::new());
+    let told_to_leave = Arc::clone(&leave);
     let (lines, mut heard) = tokio::sync::mpsc::channel(16);
     std::thread::spawn(move || {
         for line in std::io::stdin().lines().map_while(Result::ok) {
@@ -195,6 +213,10 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
     let commands = plc.clone();
     let listen = async move {
         while let Some(line) = heard.recv().await.filter(|line| line != "end") {
+            if line == "leave" {
+                leave.notify_one();
+                continue;
+            }
             let (plc, go) = (commands.clone(), Arc::clone(&go));
             tokio::spawn(async move {
                 if let Some(said) = told(&plc, &go, &line).await {
@@ -204,7 +226,7 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     };
     tokio::select! {
-        ended = program.run(&plc) => ended?,
+        ended = program.run_until(&plc, told_to_leave.notified()) => ended?,
         () = listen => {}
     }
     say("ended");

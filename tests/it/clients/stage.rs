@@ -31,11 +31,11 @@ const M_CODES: &str = r#"
 unhandled = "wait"
 [m_code.21]
 unhandled = "wait"
-[m_code.22]
-unhandled = "wait"
 [m_code.23]
 unhandled = "wait"
 [m_code.24]
+unhandled = "wait"
+[m_code.22]
 unhandled = "wait"
 "#;
 
@@ -53,13 +53,12 @@ pub struct Stage {
     wire: Wire,
     driver: Driver,
     running: Option<Process>,
-    redelivery: String,
     /// What drivers before the one that runs have said.
     said_before: Vec<String>,
 }
 
 impl Stage {
-    pub async fn set(behaviour: &Behaviour, driver: Driver) -> Self {
+    pub async fn set(behaviour: &Behaviour, mut driver: Driver) -> Self {
         let broker = behaviour.broker.then(Mosquitto::start);
         let mqtt = match &broker {
             Some(broker) => super::super::transports::broker_at(&broker.address()),
@@ -67,9 +66,19 @@ impl Stage {
         };
         let door = if behaviour.door { DOOR } else { "" };
         let plant = if behaviour.plant { LAMP } else { "" };
-        let machine = Machine::new(&format!("{door}{plant}{M_CODES}{mqtt}"));
+        let configured = behaviour.configured.iter();
+        let configured: String = configured
+            .map(|how| format!("redelivery = \"{how}\"\n"))
+            .collect();
+        let machine = Machine::new(&format!("{door}{plant}{M_CODES}{configured}{mqtt}"));
         let served = Served::start(&machine);
         let wire = Wire::to(&served.broker).await;
+        driver.arguments.extend([
+            format!("mqtt://{}/test-1", wire.address()),
+            behaviour.redelivery.clone(),
+            behaviour.returns_within_ms.to_string(),
+            behaviour.ends_within_ms.to_string(),
+        ]);
         let mut stage = Self {
             machine,
             served: Some(served),
@@ -77,7 +86,6 @@ impl Stage {
             wire,
             driver,
             running: None,
-            redelivery: behaviour.redelivery.clone(),
             said_before: Vec::new(),
         };
         stage.start_driver().await;
@@ -89,9 +97,7 @@ impl Stage {
     }
 
     async fn start_driver(&mut self) {
-        let address = format!("mqtt://{}/test-1", self.wire.address());
-        let mut arguments: Vec<&str> = self.driver.arguments.iter().map(String::as_str).collect();
-        arguments.extend([address.as_str(), self.redelivery.as_str()]);
+        let arguments: Vec<&str> = self.driver.arguments.iter().map(String::as_str).collect();
         let folder = self.machine.folder();
         self.running = Some(Process::start_listening(&self.driver.program, folder, &arguments));
         until("the driver serves the machine", async || {
@@ -132,10 +138,10 @@ impl Stage {
             }
             "refused" => self.is_refused(rest).await,
             "say" => self.running().say(rest),
-            "see" => {
-                let line = format!("> {rest}");
-                self.running().line(rest, |said| said == line);
-            }
+            "see" => self.see(rest),
+            "leaving" => self.is_leaving().await,
+            "gone" => self.said_before_its_end(),
+            "remedy" | "in" => self.alarm_says(verb, rest).await,
             "state" => {
                 let (word, reason) = rest.split_once(' ').unwrap_or((rest, ""));
                 let fits = |state: &Value| {
@@ -185,6 +191,29 @@ impl Stage {
 
     fn running(&mut self) -> &mut Process {
         self.running.as_mut().expect("a driver that runs")
+    }
+
+    fn see(&mut self, said: &str) {
+        let line = format!("> {said}");
+        self.running().line(said, |said| said == line);
+    }
+
+    /// The machine claims nothing more for the driver by itself.
+    async fn is_leaving(&self) {
+        until("the machine knows that the driver leaves", async || {
+            let handlers = self.served().get("/handlers").await.expect(200).json();
+            (handlers["handlers"]["driver"]["exclusive"] != true).then_some(())
+        })
+        .await;
+    }
+
+    async fn alarm_says(&self, what: &str, said: &str) {
+        let alarms = self.served().get("/alarms").await.expect(200).json();
+        let alarm = &alarms["alarms"][0];
+        match said.split_once(' ').filter(|_| what == "in") {
+            Some((language, text)) => assert_eq!(alarm["languages"][language]["text"], text, "{alarm}"),
+            None => assert_eq!(alarm["remedy"], said, "{alarm}"),
+        }
     }
 
     async fn load(&self) -> crate::support::http::Answer {
@@ -269,14 +298,20 @@ impl Stage {
 
     /// Ends the driver, and gives all that was said.
     fn end(&mut self) -> Vec<String> {
-        let mut said = std::mem::take(&mut self.said_before);
-        if let Some(mut process) = self.running.take() {
+        if let Some(process) = &mut self.running {
             process.say("end");
-            process.line("the end of the driver", |line| line == "> ended");
-            said.extend(lines(&process.killed()));
+            self.said_before_its_end();
         }
+        let mut said = std::mem::take(&mut self.said_before);
         said.retain(|line| line != "ended");
         said
+    }
+
+    /// Waits until the driver has ended.
+    fn said_before_its_end(&mut self) {
+        self.see("ended");
+        let process = self.running.take().expect("a driver");
+        self.said_before.extend(lines(&process.killed()));
     }
 
     async fn journal(&self) -> Vec<Value> {

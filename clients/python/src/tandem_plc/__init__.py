@@ -15,6 +15,7 @@ A handler is an async function that serves an M code: the NC program waits until
     asyncio.run(program.run("mqtt://127.0.0.1:1883/mill-1"))
 """
 
+from .alarms import UserAlarm
 from .connection import Credentials
 from .coordinate_system import CoordinateSystem
 from .declared import Param
@@ -34,6 +35,7 @@ from .errors import (
 from .io import Io
 from .messages import (
     AlarmRecord,
+    AlarmWords,
     Birth,
     CancelReason,
     Captured,
@@ -63,12 +65,13 @@ from .messages import (
 from .output import Output
 from .params import Params
 from .plc import Plc
-from .program import Level, SequenceProgram, Serving
+from .program import Level, SequenceProgram, Serving, stop_signal
 
 __all__ = [
     "AddressError",
     "Alarm",
     "AlarmRecord",
+    "AlarmWords",
     "Birth",
     "CancelReason",
     "Captured",
@@ -112,5 +115,7 @@ __all__ = [
     "State",
     "TakenOver",
     "TandemError",
+    "UserAlarm",
     "WaitingOn",
+    "stop_signal",
 ]

@@ -135,6 +135,7 @@ class PendingOutput:
     progress: Progress | None = None
     checkpoint: Any = None
     how: Redelivery | None = None
+    redelivery: Redelivery | None = None
     question: Question | None = None
 
 
@@ -451,6 +452,18 @@ class Overrides:
     spindle: float
 
 
+@dataclass(frozen=True)
+class AlarmWords:
+    """What happened, and what to do, in one language: 1 to 1000 characters each."""
+
+    text: str
+    remedy: str | None = None
+
+    def to_json(self) -> dict[str, str]:
+        """Its form in the presence."""
+        return {"text": self.text} if self.remedy is None else {"text": self.text, "remedy": self.remedy}
+
+
 @dataclass(frozen=True, kw_only=True)
 class AlarmRecord:
     """One alarm."""
@@ -468,6 +481,9 @@ class AlarmRecord:
     cleared_at: str | None
     acknowledged_by: str | None
     remedy: str | None = None
+    """What to do."""
+    languages: dict[str, AlarmWords] = field(default_factory=dict)
+    """The same in other languages, by their tags."""
     column: int | None = None
 
 

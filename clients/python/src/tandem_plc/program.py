@@ -5,10 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
+import json
+import signal
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from .alarms import ALARMS_MAX, UserAlarm
 from .connection import PRESENT_TIMEOUT_S, Connection, Credentials
 from .declared import Declared, Param
 from .errors import ProgramError
@@ -17,7 +20,7 @@ from .messages import Redelivery
 from .output import Output
 from .params import Params
 from .plc import Plc
-from .runner import Runner
+from .runner import RETURNS_WITHIN_S, Runner, check_returns_within
 
 M_CODE_MAX = 191
 RUNTIME_M_CODES = frozenset({0, 1, 2, 30, 98, 99})
@@ -40,7 +43,7 @@ class Entry:
     """A handler of the table."""
 
     call: Callable[[Output, Plc], Awaitable[None]]
-    redelivery: Redelivery
+    redelivery: Redelivery | None
     declared: Declared
 
 
@@ -83,13 +86,22 @@ class SequenceProgram:
     text, and so does any other exception.
     """
 
-    def __init__(self, handler_id: str) -> None:
-        """Name it: 1 to 64 characters without ``/ + #``, always the same, so that the machine knows it again."""
+    def __init__(self, handler_id: str, *, redelivery: Redelivery | None = None) -> None:
+        """Name it: 1 to 64 characters without ``/ + #``, always the same, so that the machine knows it again.
+
+        Args:
+            handler_id: its name.
+            redelivery: what is done with outputs on which this program may have worked before it was lost, where
+                :meth:`on` says nothing else of them. The strictest counts of this and of the configuration; where
+                neither says anything, an operator decides.
+        """
         if not 1 <= len(handler_id) <= 64 or any(char in handler_id for char in "/+#\0"):
             raise ProgramError(f"handler_id {handler_id!r}: write 1 to 64 characters without / + #")
         self.handler_id = handler_id
+        self.redelivery = redelivery
         self.handlers: dict[tuple[int | None, int], Entry] = {}
         self.checks: dict[tuple[int | None, int], Check] = {}
+        self._alarms: dict[int, UserAlarm] = {}
         self._levels: list[Level] = []
         self._tasks: list[Task] = []
 
@@ -100,7 +112,7 @@ class SequenceProgram:
         *codes: int | Iterable[int],
         cs: int | None = None,
         validate: Check | None = None,
-        redelivery: Redelivery = Redelivery.ASK,
+        redelivery: Redelivery | None = None,
         name: str | None = None,
         params: Mapping[str, Param] | None = None,
     ) -> Callable[[H], H]:
@@ -110,7 +122,8 @@ class SequenceProgram:
             codes: M numbers, and ranges such as ``range(20, 30)``.
             cs: its coordinate system; ``None``: all that have no handler of their own for the M code.
             validate: checks parameters when a program is loaded: one that raises ``Alarm`` is not loaded.
-            redelivery: what is done with an output on which this program may have worked before it was lost.
+            redelivery: what is done with an output on which this program may have worked before it was lost, in place
+                of what the program says of all.
             name: what the M codes do, such as ``"clamp"``, for alarms and panels.
             params: what their parameters are, by letter: ``{"A": Param(name="force", unit="kN", min=1, max=20)}``. A
                 program with others is not loaded, and the handler is not begun with others. ``{}``: they take none.
@@ -121,7 +134,7 @@ class SequenceProgram:
         """
 
         def register(handler: H) -> H:
-            entry = Entry(_two_arguments(handler), redelivery, Declared(name, params))
+            entry = Entry(_two_arguments(handler), redelivery or self.redelivery, Declared(name, params))
             for m in _numbers(codes):
                 if (cs, m) in self.handlers:
                     raise ProgramError(f"M{m}{_of(cs)} has two handlers")
@@ -150,6 +163,21 @@ class SequenceProgram:
         if (cs, m) in self.checks:
             raise ProgramError(f"M{m}{_of(cs)} is validated twice")
         self.checks[cs, m] = check
+
+    def alarms(self, *alarms: UserAlarm) -> None:
+        """Say what to do about alarms, and what they are in other languages; the machine shows it where one is raised.
+
+        Its configuration may say the same in ``[alarm.N]``, which counts first.
+
+        Raises:
+            ProgramError: two different alarms have one code, or there are more than 256.
+        """
+        for alarm in alarms:
+            other = self._alarms.setdefault(alarm.code, alarm)
+            if other != alarm:
+                raise ProgramError(f"alarm {alarm.code} has two texts: {other.text!r} and {alarm.text!r}")
+        if len(self._alarms) > ALARMS_MAX:
+            raise ProgramError(f"{len(self._alarms)} alarms: write up to {ALARMS_MAX}")
 
     def interlock(self, cs: int, source: str, text: str, *, value: bool = True) -> Level:
         """Own a source of the interlock, which holds motion: a door, the air pressure.
@@ -181,6 +209,18 @@ class SequenceProgram:
         self._tasks.append(task)
         return task
 
+    def served(self) -> str:
+        """What it serves, as a file for ``[machine] served`` of a configuration.
+
+        With it ``tandem check``, ``tandem explain`` and editors know its M codes without it:
+        ``Path("served.json").write_text(program.served())``
+        """
+        serves = []
+        for (cs, m), entry in sorted(self.handlers.items(), key=lambda item: (item[0][1], item[0][0] or 0)):
+            said = {**entry.declared.to_json(m, None), "cs": [] if cs is None else [cs], "handler_id": self.handler_id}
+            serves.append(said)
+        return json.dumps({"serves": serves}, indent=2) + "\n"
+
     # --- what it does
 
     async def run(self, address: str, *, credentials: Credentials | None = None, take_over: bool = False) -> None:
@@ -201,6 +241,42 @@ class SequenceProgram:
         async with self.serving(address, credentials=credentials, take_over=take_over) as serving:
             await serving.ended
 
+    async def run_until(
+        self,
+        address: str,
+        stop: Awaitable[object],
+        *,
+        credentials: Credentials | None = None,
+        take_over: bool = False,
+        returns_within_s: float = RETURNS_WITHIN_S,
+        ends_within_s: float | None = None,
+    ) -> None:
+        """Serve as :meth:`run` until ``stop`` is there, and lose no work: see :meth:`Serving.leave`.
+
+        ``asyncio.run(program.run_until("mqtt://127.0.0.1:1883/mill-1", stop_signal()))``
+
+        Args:
+            address: as :meth:`tandem_plc.Plc.connect` takes it.
+            stop: what is waited for, such as :func:`tandem_plc.stop_signal`.
+            credentials: user, password and TLS.
+            take_over: as of :meth:`run`.
+            returns_within_s: as of :meth:`Serving.leave`.
+            ends_within_s: as of :meth:`Serving.leave`.
+
+        Raises:
+            Exception: what ``stop`` raises, and what :meth:`run` does.
+        """
+        stopped: asyncio.Future[Any] = asyncio.ensure_future(stop)
+        try:
+            check_returns_within(returns_within_s)
+            async with self.serving(address, credentials=credentials, take_over=take_over) as serving:
+                await asyncio.wait({stopped, serving.ended}, return_when=asyncio.FIRST_COMPLETED)
+                if stopped.done():
+                    stopped.result()
+                await serving.leave(returns_within_s=returns_within_s, ends_within_s=ends_within_s)
+        finally:
+            stopped.cancel()
+
     @contextlib.asynccontextmanager
     async def serving(
         self,
@@ -214,7 +290,15 @@ class SequenceProgram:
         self._check()
         connection = Connection(address, credentials, self.handler_id)
         plc = Plc(connection)
-        runner = Runner(self.handler_id, self.handlers, self.checks, connection, plc, take_over=take_over)
+        runner = Runner(
+            self.handler_id,
+            self.handlers,
+            self.checks,
+            list(self._alarms.values()),
+            connection,
+            plc,
+            take_over=take_over,
+        )
         jobs: list[asyncio.Future[Any]] = []
         try:
             for level in self._levels:
@@ -230,7 +314,7 @@ class SequenceProgram:
             await asyncio.wait({announced, *jobs}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
             announced.cancel()
             jobs.extend(asyncio.ensure_future(_forever(task, plc)) for task in self._tasks)
-            yield Serving(plc, asyncio.ensure_future(_first_failure(jobs)))
+            yield Serving(plc, asyncio.ensure_future(_first_failure(jobs)), runner)
         finally:
             for job in jobs:
                 job.cancel()
@@ -253,6 +337,44 @@ class Serving:
     """The machine."""
     ended: asyncio.Future[None]
     """Ends when a task of the program fails, or the machine refuses it."""
+    _runner: Runner = field(repr=False)
+
+    async def leave(self, *, returns_within_s: float = RETURNS_WITHIN_S, ends_within_s: float | None = None) -> None:
+        """Take no further output, and return when the handlers that are at work have ended; then end the block.
+
+        What runs beside the handlers goes on until then. At the end of the block the machine is told that the program
+        comes back: until then its M codes count as served, and NC programs wait at them.
+
+        Args:
+            returns_within_s: time in which it is back, up to 1 h. 0: it does not come back.
+            ends_within_s: how long handlers may go on. Those that are still at work then are cancelled, and their
+                outputs are lost: ``redelivery`` says what becomes of them. ``None``: as long as they need.
+
+        Raises:
+            ProgramError: ``returns_within_s`` is none.
+            Exception: what has ended the program meanwhile.
+        """
+        self._runner.returns_within_ms = check_returns_within(returns_within_s)
+        finishing = asyncio.ensure_future(self._runner.finish(ends_within_s))
+        try:
+            await asyncio.wait({finishing, self.ended}, return_when=asyncio.FIRST_COMPLETED)
+            if self.ended.done():
+                self.ended.result()
+        finally:
+            finishing.cancel()
+
+
+async def stop_signal() -> None:
+    """Wait for Ctrl-C, or for SIGTERM, by which systemd and others end a program. The next one ends it at once."""
+    loop, told = asyncio.get_running_loop(), asyncio.Event()
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in before:
+        signal.signal(number, lambda _number, _frame: loop.call_soon_threadsafe(told.set))
+    try:
+        await told.wait()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 async def _first_failure(jobs: list[asyncio.Future[Any]]) -> None:

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
+from .alarms import UserAlarm
 from .connection import PRESENCE_EXPIRES_S, Connection
 from .declared import Declared
-from .errors import CODE_OF_ERROR, CODE_OF_EXCEPTION, Alarm, NoAnswer, NotConnected, Refused, TakenOver, TandemError
+from .errors import (
+    CODE_OF_ERROR,
+    CODE_OF_EXCEPTION,
+    Alarm,
+    NoAnswer,
+    NotConnected,
+    ProgramError,
+    Refused,
+    TakenOver,
+    TandemError,
+)
 from .messages import (
     Birth,
     Cancel,
@@ -41,6 +53,10 @@ _CLEAN_UP_S = 5.0
 _REFUSALS_MAX = 10
 """Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s."""
 _INSTANCE_TRIES = 4
+_LEAVE_MAX_S = 2.0
+"""How long a program that stops waits until the machine knows that it takes nothing more."""
+RETURNS_WITHIN_S = 60.0
+_RETURNS_WITHIN_MAX_S = 3_600.0
 _REFRESHES = 3
 """Presences within the time of one, so that two may be lost."""
 
@@ -56,12 +72,23 @@ class Entry(Protocol):
         """Does the work."""
 
     @property
-    def redelivery(self) -> Redelivery:
-        """What is done with work that may have been begun."""
+    def redelivery(self) -> Redelivery | None:
+        """What is done with work that may have been begun; ``None``: the machine's configuration says it."""
 
     @property
     def declared(self) -> Declared:
         """What is declared of its M codes."""
+
+
+def check_returns_within(seconds: float) -> int:
+    """Give the time in which a program is back in ms; 0: it does not come back.
+
+    Raises:
+        ProgramError: there is no such time.
+    """
+    if not 0 <= seconds <= _RETURNS_WITHIN_MAX_S:
+        raise ProgramError(f"returns_within_s {seconds:g}: write 0 to {_RETURNS_WITHIN_MAX_S:g}")
+    return round(seconds * 1000)
 
 
 class _Running:
@@ -80,6 +107,21 @@ class _Running:
             self.task.cancel()
 
 
+def _m_code(m: int, cs: int | None, entry: Entry) -> dict[str, Any]:
+    said = entry.declared.to_json(m, cs)
+    return said if entry.redelivery is None else {**said, "redelivery": entry.redelivery.value}
+
+
+def _how(pending: PendingOutput, own: Redelivery | None) -> Redelivery:
+    """Say how an output is taken up, as the machine decides at the claim: of a lost one the strictest counts."""
+    if not pending.lost:
+        return Redelivery.REDO
+    if pending.how is not None:
+        return pending.how
+    said = {own, pending.redelivery}
+    return next((how for how in (Redelivery.ASK, Redelivery.VERIFY, Redelivery.REDO) if how in said), Redelivery.ASK)
+
+
 class Runner:
     """Presence, claims, handlers and resets of one handler id."""
 
@@ -88,6 +130,7 @@ class Runner:
         handler_id: str,
         handlers: Mapping[tuple[int | None, int], Entry],
         checks: Mapping[tuple[int | None, int], Callable[[Params], object]],
+        alarms: Sequence[UserAlarm],
         connection: Connection,
         plc: Plc,
         *,
@@ -100,6 +143,11 @@ class Runner:
         self._handler_id = handler_id
         self._handlers = handlers
         self._checks = checks
+        self._alarms = alarms
+        self.returns_within_ms = 0
+        """Said to the machine at the end; 0: the program does not come back."""
+        self._is_stopping = False
+        self._is_known_to_stop = asyncio.Event()
         self._connection = connection
         self._plc = plc
         self._running: dict[OutputId, _Running] = {}
@@ -125,10 +173,12 @@ class Runner:
         while not self._ended.done():
             changed: asyncio.Future[Any] = asyncio.ensure_future(self._must_announce.wait())
             either: set[asyncio.Future[Any]] = {changed, self._ended}
-            done, _ = await asyncio.wait(
-                either, timeout=PRESENCE_EXPIRES_S / _REFRESHES, return_when=asyncio.FIRST_COMPLETED
-            )
-            changed.cancel()
+            try:
+                done, _ = await asyncio.wait(
+                    either, timeout=PRESENCE_EXPIRES_S / _REFRESHES, return_when=asyncio.FIRST_COMPLETED
+                )
+            finally:
+                changed.cancel()
             if self._ended.done():
                 break
             if not done:
@@ -144,6 +194,23 @@ class Runner:
                 self._must_announce.set()
         raise self._ended.result()
 
+    async def finish(self, within_s: float | None) -> None:
+        """Take nothing more, and wait until the handlers that are at work have ended, or the time is over."""
+        self._is_stopping = True
+        self._must_announce.set()
+        try:
+            await asyncio.wait_for(self._until_idle(), within_s)
+        except asyncio.TimeoutError:
+            log.warning("%d handlers had not ended within %g s", len(self._running), within_s)
+
+    async def _until_idle(self) -> None:
+        # what the machine has claimed for this program before it knew is still done
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._is_known_to_stop.wait(), _LEAVE_MAX_S)
+        while tasks := [running.task for running in self._running.values() if running.task is not None]:
+            await asyncio.wait(tasks)
+            await asyncio.sleep(0)  # each takes itself out of the table
+
     async def leave(self) -> None:
         """End all handlers, and tell the machine that they have gone."""
         self._cancel(lambda _id: True, CancelReason.SHUTDOWN)
@@ -154,7 +221,10 @@ class Runner:
             job.cancel()
         if self._connection.is_connected:
             try:
-                await self._connection.request(self._presence_path(), self._offline(), retain=True, timeout_s=1.0)
+                gone = self._offline()
+                if self.returns_within_ms > 0:
+                    gone["returns_within_ms"] = self.returns_within_ms
+                await self._connection.request(self._presence_path(), gone, retain=True, timeout_s=1.0)
             except TandemError as error:
                 log.warning("the machine was not told that the handlers have gone: %s", error)
 
@@ -176,13 +246,11 @@ class Runner:
             "online": True,
             "handles": [{"cs": cs, "m": m} for cs, m in sorted(served)],
             "validates": bool(self._checks),
-            "m_codes": [
-                {**entry.declared.to_json(m, cs), "redelivery": entry.redelivery.value}
-                for (cs, m), entry in self._handlers.items()
-            ],
+            "m_codes": [_m_code(m, cs, entry) for (cs, m), entry in self._handlers.items()],
+            "alarms": [alarm.to_json() for alarm in self._alarms],
             "instance": self._connection.instance,
             "take_over": self._take_over,
-            "exclusive": True,
+            "exclusive": not self._is_stopping,
             "expires_ms": round(PRESENCE_EXPIRES_S * 1000),
             "connection": self._connection.connections,
         }
@@ -229,6 +297,8 @@ class Runner:
         """Hear what became of the presence."""
         if result.status == "accepted":
             self._refusals, self._take_over = 0, False
+            if self._is_stopping:
+                self._is_known_to_stop.set()
             return
         if result.status == "confirm":
             # another process has come, and the machine asks whether this one is still there
@@ -310,9 +380,9 @@ class Runner:
                 self._reclaim(running)
             return
         entry = self._find(id_[1], pending.m)
-        if entry is None:
+        if entry is None or (self._is_stopping and not is_claimed):
             return
-        how = pending.how or (entry.redelivery if pending.lost else Redelivery.REDO)
+        how = _how(pending, entry.redelivery)
         if how is Redelivery.ASK:
             return
         output = Output(self._connection, self._identity, id_[0], id_[1], pending, redelivered=how is Redelivery.VERIFY)

@@ -51,3 +51,21 @@ fn one_that_does_not_come_back_is_waited_for_by_nobody() {
     assert!(run.alarm().unwrap().text.contains("M20 has no handler"));
     assert!((run.time_s - 2.0).abs() < 0.05, "{}", run.time_s);
 }
+
+#[test]
+fn one_that_does_not_end_in_its_time_is_dropped_and_its_work_is_redone_by_who_comes_back() {
+    let program = || {
+        let program = SequenceProgram::new().handler_id("cell").on(21, wait);
+        program.on_redelivery(Redelivery::Redo)
+    };
+    let slow = program().ends_within(Duration::from_secs(3));
+    let bench = there(Bench::new(), slow, 0, 1);
+    let run = there(bench, program(), 30, 1000).run("M21 VA5\nM30");
+    let run = run.unwrap().completed().unwrap();
+    assert!((run.time_s - 35.0).abs() < 0.05, "{}", run.time_s);
+    // one that ends within it loses nothing
+    let quick = program().ends_within(Duration::from_secs(6));
+    let bench = there(Bench::new(), quick, 0, 1);
+    let run = there(bench, program(), 30, 1000).run("M21 VA5\nM30");
+    assert!((run.unwrap().completed().unwrap().time_s - 5.0).abs() < 0.05);
+}

@@ -3,12 +3,13 @@
 use plc_api::Alarm;
 use plc_api::function_blocks::RisingEdge;
 use plc_api::types::command::Command;
+use plc_api::types::io::{IoPoint, IoValue};
 use plc_api::types::request::OverrideChange;
 use plc_api::types::state::SpindleDirection;
 
 use super::Direction::{Constant, Input, InputOr, Output};
 use super::{BuiltIn, Direction, Ports, ports};
-use crate::machine::{LockKind, Machine, system};
+use crate::machine::{Lock, LockKind, Machine, system};
 use crate::state::State;
 
 const CS: Direction = Constant(1, 8, Some(1));
@@ -60,14 +61,14 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
     },
     BuiltIn {
         name: "INTERLOCK",
-        about: "an interlock: while `On`, motion is held and none starts; on while any instance of the coordinate system is",
+        about: "an interlock: while `On`, motion is held and none starts; a source is on while any of its instances is",
         ports: LOCK,
         state: NOTHING,
         run: |ports, machine| lock(ports, machine, LockKind::Interlock),
     },
     BuiltIn {
         name: "START_LOCK",
-        about: "a start lock: while `On`, no NC program starts; on while any instance of the coordinate system is",
+        about: "a start lock: while `On`, no NC program starts; a source is on while any of its instances is",
         ports: LOCK,
         state: NOTHING,
         run: |ports, machine| lock(ports, machine, LockKind::StartLock),
@@ -204,6 +205,17 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         },
     },
     BuiltIn {
+        name: "IO_OUT",
+        about: "writes an output of the plant in each call, which is the program's from then on",
+        ports: ports! {
+            Input, "Name": String, "of `[io.out.NAME]`"; Input, "On": Bool, "its value, where it is on or off";
+            Input, "Number": Lreal, "its value, where it is a number";
+            Output, "Valid": Bool, "the configuration declares it"; Output, "Forced": Bool, "an operator has put a value in its place";
+        },
+        state: NOTHING,
+        run: io_out,
+    },
+    BuiltIn {
         name: "CS_COMMAND",
         about: "commands a coordinate system, each at the rising edge of its input",
         ports: ports! {
@@ -219,6 +231,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
 
 const LOCK: &[super::Port] = ports! {
     CS, "CS": Usint, "the coordinate system"; Input, "On": Bool, "its level"; Input, "Text": String, "why, for the operator";
+    Input, "Source": String, "its source, such as one of `[input.interlock.source.NAME]`; empty: `default`";
 };
 
 const SWITCH: &[super::Port] = ports! {
@@ -230,10 +243,11 @@ fn text_or(text: &str, otherwise: &str) -> String {
 }
 
 fn lock(ports: &mut Ports, machine: &mut Machine, kind: LockKind) {
-    let level = (
-        ports.bool(1),
-        text_or(ports.text(2), "the sequence program has set it"),
-    );
+    let level = Lock {
+        is_on: ports.bool(1),
+        text: text_or(ports.text(2), "the sequence program has set it"),
+        source: ports.text(3).to_owned(),
+    };
     machine
         .levels
         .lock(kind, system(&ports.slots[0]), ports.instance, level);
@@ -315,6 +329,22 @@ fn question(ports: &mut Ports, machine: &mut Machine) {
     }
     ports.set_bool(8, answer > 0);
     ports.set_int(9, u8::try_from(answer).unwrap_or_default());
+}
+
+fn io_out(ports: &mut Ports, machine: &mut Machine) {
+    let name = ports.text(0);
+    let state = machine.image.io(&IoPoint::output(name));
+    let (kind, is_forced) = (
+        state.map(|state| state.value),
+        state.is_some_and(|state| state.forced.is_some()),
+    );
+    match kind {
+        Some(IoValue::Bool(_)) => machine.image.set_io_out(name, ports.bool(1)),
+        Some(IoValue::Number(_)) => machine.image.set_io_out(name, ports.real(2)),
+        None => {}
+    }
+    ports.set_bool(3, kind.is_some());
+    ports.set_bool(4, is_forced);
 }
 
 fn command(ports: &mut Ports, machine: &mut Machine) {

@@ -1,6 +1,7 @@
 //! Function blocks that show the machine, as it was before the scan.
 
 use plc_api::Execution;
+use plc_api::types::io::{IoPoint, IoValue};
 use plc_api::types::state::SpindleDirection;
 
 use super::Direction::{Constant, Input, Output};
@@ -55,6 +56,19 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         },
         state: NOTHING,
         run: captured,
+    },
+    BuiltIn {
+        name: "IO_IN",
+        about: "an input of the plant",
+        ports: ports! {
+            Input, "Name": String, "of `[io.in.NAME]`";
+            Output, "On": Bool, "its value, where it is on or off"; Output, "Number": Lreal, "its value, where it is a number";
+            Output, "Valid": Bool, "the configuration declares it";
+            Output, "Lost": Bool, "who has written it is away, and it has its safe value";
+            Output, "Forced": Bool, "an operator has put a value in its place";
+        },
+        state: NOTHING,
+        run: io_in,
     },
     BuiltIn {
         name: "ALARM_STATE",
@@ -161,6 +175,16 @@ fn captured(ports: &mut Ports, machine: &mut Machine) {
     let position = found.and_then(|(captured, place)| captured.positions.get(place).copied());
     ports.set_real(4, position.unwrap_or(0.0));
     ports.set_int(5, found.map_or(0, |(captured, _)| captured.line));
+}
+
+fn io_in(ports: &mut Ports, machine: &mut Machine) {
+    let state = machine.image.io(&IoPoint::input(ports.text(0)));
+    let value = state.map(|state| state.value);
+    ports.set_bool(1, value.is_some_and(IoValue::is_on));
+    ports.set_real(2, value.and_then(IoValue::as_number).unwrap_or(0.0));
+    ports.set_bool(3, value.is_some());
+    ports.set_bool(4, state.is_some_and(|state| state.lost));
+    ports.set_bool(5, state.is_some_and(|state| state.forced.is_some()));
 }
 
 fn scan_state(ports: &mut Ports, machine: &mut Machine) {

@@ -2,8 +2,9 @@ use std::time::Duration;
 
 use plc_api::fake::FakePort;
 use plc_api::handshake::Closed;
+use plc_api::types::io::{IoDeclaration, IoPoint, IoValue};
 use plc_api::types::message::Payload;
-use plc_api::types::state::{Captured, Position};
+use plc_api::types::state::{Captured, Lock, Position};
 use plc_api::types::topic::CsTopic;
 use plc_api::{Alarm, Params};
 
@@ -113,6 +114,56 @@ async fn of_several_interlocks_one_that_is_on_is_enough() {
     fake.plc().variables().write(100, &[0.0, 0.0]).await.unwrap();
     advance(&fake, 30).await;
     assert!(!mill.interlock().await.unwrap().value);
+}
+
+#[tokio::test]
+async fn a_lock_is_of_its_source() {
+    let fake = FakePort::new([1]);
+    let body = "a(On := TRUE, Text := 'open', Source := 'door'); b(On := P(100) > 0.5, Text := 'low'); s(On := TRUE, Source := 'pallet');";
+    serve(&fake, "a, b : INTERLOCK; s : START_LOCK;", body).await;
+    advance(&fake, 30).await;
+    let mill = fake.plc().coordinate_system(1);
+    let of = |lock: Lock| {
+        let sources = lock.sources.into_iter();
+        sources.map(|one| (one.source, one.value)).collect::<Vec<_>>()
+    };
+    let source = |name: &str, value| (name.to_owned(), value);
+    let sources = of(mill.interlock().await.unwrap());
+    assert_eq!(sources, [source("default", false), source("door", true)]);
+    assert_eq!(of(mill.start_lock().await.unwrap()), [source("pallet", true)]);
+}
+
+#[tokio::test]
+async fn inputs_of_the_plant_are_read_and_outputs_written() {
+    let fake = FakePort::new([1]);
+    fake.declare_io(IoPoint::input("flows"), IoDeclaration::new(false));
+    fake.declare_io(IoPoint::input("level"), IoDeclaration::new(0.0));
+    fake.declare_io(IoPoint::output("valve"), IoDeclaration::new(false));
+    fake.declare_io(IoPoint::output("pressure"), IoDeclaration::new(0.0));
+    let body = "f(Name := 'flows'); l(Name := 'level'); n(Name := 'nothing');
+        v(Name := 'valve', On := f.On AND f.Valid AND NOT f.Lost AND NOT n.Valid, Number := 9.0);
+        p(Name := 'pressure', Number := l.Number * 2.0); x(Name := 'nothing', On := TRUE);
+        SET_P(100, SEL(v.Valid AND p.Valid AND NOT x.Valid, 0, 1)); SET_P(101, SEL(v.Forced, 0, 1));";
+    serve(&fake, "f, l, n : IO_IN; v, p, x : IO_OUT;", body).await;
+    let plc = fake.plc();
+    plc.io_in("flows").set(true).await.unwrap();
+    plc.io_in("level").set(12.5).await.unwrap();
+    advance(&fake, 50).await;
+    assert!(plc.io_out("valve").value().await.unwrap().is_on());
+    assert_eq!(
+        plc.io_out("pressure").value().await.unwrap(),
+        IoValue::Number(25.0)
+    );
+    assert_eq!((p(&fake, 100).await, p(&fake, 101).await), (1.0, 0.0));
+    plc.io_in("flows").set(false).await.unwrap();
+    plc.io_out("valve").force(true).await.unwrap();
+    advance(&fake, 50).await;
+    let valve = plc.io_out("valve").state().await.unwrap();
+    assert_eq!(
+        (valve.value, valve.written),
+        (IoValue::Bool(true), IoValue::Bool(false))
+    );
+    assert!(p(&fake, 101).await > 0.5);
 }
 
 #[tokio::test]
