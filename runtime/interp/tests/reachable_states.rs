@@ -20,6 +20,7 @@ fn told(source: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
 fn calculating() -> CheckContext<'static> {
     CheckContext {
         calculates: true,
+        default_feedrate_mm_min: Some(1000.0),
         ..CheckContext::default()
     }
 }
