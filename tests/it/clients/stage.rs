@@ -66,10 +66,8 @@ impl Stage {
         };
         let door = if behaviour.door { DOOR } else { "" };
         let plant = if behaviour.plant { LAMP } else { "" };
-        let configured = behaviour.configured.iter();
-        let configured: String = configured
-            .map(|how| format!("redelivery = \"{how}\"\n"))
-            .collect();
+        let configured = behaviour.configured.as_deref();
+        let configured = configured.map_or_else(String::new, |how| format!("redelivery = \"{how}\"\n"));
         let machine = Machine::new(&format!("{door}{plant}{M_CODES}{configured}{mqtt}"));
         let served = Served::start(&machine);
         let wire = Wire::to(&served.broker).await;
