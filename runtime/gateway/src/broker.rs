@@ -5,13 +5,14 @@
 //! claims and settings with the retain flag are refused: they would be carried out again at the next start.
 
 mod door;
+mod inside;
 mod line;
 mod retained;
 mod sessions;
 mod socket;
 
 use std::future::{Future, ready};
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,14 +31,13 @@ use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
 use plc_api::server::{AccessKind, ServerNotice, ServerTransport};
 use plc_api::wire::right::Right;
-use subtle::ConstantTimeEq;
 use tokio::sync::{broadcast, mpsc};
 use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 use tracing::warn;
 
 use crate::access::topics::{may_publish, may_subscribe};
-use crate::access::{Rates, Shown, User, Users, random_secret};
-use crate::broker_address::{BrokerAddress, Refused};
+use crate::access::{Rates, Shown, User, Users};
+use crate::broker_address::Refused;
 use crate::contract::topics::is_inbound;
 use crate::error::GatewayError;
 use crate::machine::Machine;
@@ -45,6 +45,7 @@ use crate::places::{Place, Places, host_of};
 use crate::settings::{MQTT_LISTEN, MqttSettings, bind};
 use crate::tls::{Fingerprint, LiveTls};
 use door::{Counts, Hall, PLACES, RESERVED};
+pub(crate) use inside::Inside;
 use line::OnTheWay;
 use retained::{Kind, Retained};
 pub(crate) use sessions::Sessions;
@@ -86,9 +87,6 @@ const WRONG_PER_SECOND: u32 = 10;
 /// Protocol version of MQTT 5 in its CONNECT packet.
 const MQTT_5: u8 = 5;
 
-/// User of the runtime's own connection. No token has this name.
-const RUNTIME_USER: &str = "$runtime";
-
 /// Who may connect, and as what.
 pub(crate) struct BrokerAccess {
     /// Topic root of the machine, with its last slash.
@@ -107,7 +105,7 @@ pub(crate) struct Broker {
     stop: broadcast::Sender<()>,
     clients: TaskTracker,
     sessions: Arc<Sessions>,
-    secret: String,
+    inside: Inside,
     entrance: Entrance,
     _hall: AbortOnDropHandle<()>,
 }
@@ -138,11 +136,9 @@ impl Broker {
         tls: Option<LiveTls>,
         refused: mpsc::Sender<Refused>,
     ) -> Result<Broker, GatewayError> {
-        let secret = random_secret()?;
         let sessions = Arc::<Sessions>::default();
         let guard = Arc::new(Guard {
             access,
-            secret: secret.clone(),
             refused,
             rates: Rates::new(CLIENT_BURST, CLIENT_PER_SECOND),
             wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
@@ -162,6 +158,10 @@ impl Broker {
             .with_retained_limits(0, RETAINED_SIZE_MAX)
             .with_event_handler(Arc::<Guard>::clone(&guard));
         let router = Arc::new(router);
+        let inside = Inside {
+            guard: Arc::clone(&guard),
+            router: Arc::clone(&router),
+        };
         let (stop, _) = broadcast::channel(1);
         let clients = TaskTracker::new();
         let hall = Arc::new(Hall {
@@ -180,7 +180,7 @@ impl Broker {
             stop,
             clients,
             sessions,
-            secret,
+            inside,
             entrance: Entrance(Arc::clone(&hall)),
             _hall: AbortOnDropHandle::new(tokio::spawn(hall.run(listener))),
         })
@@ -201,23 +201,9 @@ impl Broker {
         self.addr
     }
 
-    /// Address and credentials of the runtime's own connection.
-    pub(crate) fn address(&self) -> BrokerAddress {
-        BrokerAddress {
-            nodes: vec![(self.local_ip().to_string(), self.addr.port())],
-            is_embedded: true,
-            credentials: Some((RUNTIME_USER.to_owned(), self.secret.clone())),
-            transport: rumqttc::Transport::tcp(),
-        }
-    }
-
-    /// A broker that listens on every address is reached over the loopback.
-    fn local_ip(&self) -> IpAddr {
-        match self.addr.ip() {
-            IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
-            IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
-            ip => ip,
-        }
+    /// How the runtime itself reaches it.
+    pub(crate) fn inside(&self) -> Inside {
+        self.inside.clone()
     }
 
     /// Closes all connections and stops.
@@ -291,7 +277,6 @@ enum Judged {
 /// Admits users, to their topics only, and refuses commands with the retain flag.
 struct Guard {
     access: BrokerAccess,
-    secret: String,
     refused: mpsc::Sender<Refused>,
     // by client id
     rates: Rates<Arc<str>>,
@@ -303,12 +288,11 @@ struct Guard {
 }
 
 impl Guard {
-    /// The user with a user id of [`Guard::authenticate`]; `None` for an unknown one, and for the runtime itself.
+    /// The user with a user id of [`Guard::authenticate`]; `None` for an unknown one.
     fn user(&self, user_id: Option<&str>) -> Option<User> {
-        match (&self.access.users, user_id) {
-            (_, Some(RUNTIME_USER)) => None,
-            (None, _) => Some(User::Anyone),
-            (Some(users), name) => users.tokens.now().user_named(name?),
+        match &self.access.users {
+            None => Some(User::Anyone),
+            Some(users) => users.tokens.now().user_named(user_id?),
         }
     }
 
@@ -320,18 +304,7 @@ impl Guard {
         from: SocketAddr,
         place: &Place,
     ) -> Result<(Option<String>, Option<Shown>), (ReasonCode, String)> {
-        let password = connect.password.as_deref().unwrap_or_default();
-        let name = connect.username.as_deref();
         let client_id = connect.client_id.as_str();
-        if name == Some(RUNTIME_USER) {
-            if !bool::from(password.ct_eq(self.secret.as_bytes())) {
-                return Err(self.wrong(from, "that user is the runtime's own"));
-            }
-            // it has a place whoever else has one
-            place.stay();
-            self.sessions.admit(client_id, Session::default());
-            return Ok((name.map(ToOwned::to_owned), None));
-        }
         if client_id == self.access.runtime_client_id {
             let text = "that client id is the runtime's own".to_owned();
             return Err((ReasonCode::ClientIdentifierNotValid, text));
@@ -417,8 +390,8 @@ impl Guard {
     }
 
     fn may_publish(&self, user_id: Option<&str>, topic: &str) -> bool {
-        let user_may = |user| may_publish(&user, &self.access.root, topic);
-        user_id == Some(RUNTIME_USER) || self.user(user_id).is_some_and(user_may)
+        self.user(user_id)
+            .is_some_and(|user| may_publish(&user, &self.access.root, topic))
     }
 
     /// True for a message that the broker must not deliver; it has been handled.
@@ -445,18 +418,14 @@ type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 impl Guard {
     async fn judge(&self, event: &ClientPublishEvent) -> Judged {
-        let is_runtime = event.user_id.as_deref() == Some(RUNTIME_USER);
-        // the runtime's own messages are never delayed
-        if !is_runtime {
-            let wait = self.rates.of(&event.client_id).owe();
-            if !wait.is_zero() {
-                tokio::time::sleep(wait).await;
-            }
+        let wait = self.rates.of(&event.client_id).owe();
+        if !wait.is_zero() {
+            tokio::time::sleep(wait).await;
         }
         if self.keeps_back(event) {
             return Judged::Handled;
         }
-        if is_runtime || !event.retain {
+        if !event.retain {
             return Judged::Deliver { clear: None };
         }
         match self
@@ -530,9 +499,7 @@ impl Guard {
     }
 
     fn authorize_subscribe(&self, user: Option<&str>) -> Answer<'static, bool> {
-        Box::pin(ready(
-            user == Some(RUNTIME_USER) || self.user(user).as_ref().is_some_and(may_subscribe),
-        ))
+        Box::pin(ready(self.user(user).as_ref().is_some_and(may_subscribe)))
     }
 }
 

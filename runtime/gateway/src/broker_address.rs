@@ -1,4 +1,4 @@
-//! What an MQTT connection needs of its broker, embedded or external.
+//! What an MQTT connection needs of an external broker.
 
 use crate::error::GatewayError;
 use crate::settings::MqttSettings;
@@ -10,8 +10,6 @@ pub(crate) type Refused = (String, Vec<u8>);
 pub(crate) struct BrokerAddress {
     /// Host and port of each of its nodes; at least one.
     pub(crate) nodes: Vec<(String, u16)>,
-    /// It is the runtime's own.
-    pub(crate) is_embedded: bool,
     /// User and password.
     pub(crate) credentials: Option<(String, String)>,
     /// TCP, or TLS.
@@ -24,7 +22,6 @@ impl BrokerAddress {
         let user = settings.username.clone();
         Ok(Self {
             nodes: settings.brokers.clone(),
-            is_embedded: false,
             credentials: user.map(|user| (user, settings.password.clone().unwrap_or_default())),
             transport: settings.transport()?,
         })

@@ -85,16 +85,16 @@ impl std::fmt::Debug for Gateway {
     }
 }
 
-/// The embedded broker, where there is one, and where the runtime's own client finds its broker.
+/// The embedded broker, where there is one.
 fn start_broker(
     settings: &GatewaySettings,
     root: &str,
     (users, machine): (Option<Users>, Machine),
     tls: Option<LiveTls>,
     refused: mpsc::Sender<Refused>,
-) -> Result<(Option<Broker>, BrokerAddress), GatewayError> {
+) -> Result<Option<Broker>, GatewayError> {
     let Some(address) = settings.mqtt_address()? else {
-        return Ok((None, BrokerAddress::of_settings(&settings.mqtt)?));
+        return Ok(None);
     };
     let access = BrokerAccess {
         root: root.to_owned(),
@@ -102,9 +102,7 @@ fn start_broker(
         users,
         machine,
     };
-    let broker = Broker::start(address, access, tls, refused)?;
-    let at = broker.address();
-    Ok((Some(broker), at))
+    Broker::start(address, access, tls, refused).map(Some)
 }
 
 impl Gateway {
@@ -131,7 +129,7 @@ impl Gateway {
         let tokens = settings.tokens.clone().map(LiveTokens::follow);
         let users = tokens.clone().map(Users::new);
         let tls = settings.live_tls(tokens.clone())?;
-        let (broker, at) = start_broker(
+        let broker = start_broker(
             &settings,
             &root,
             (users.clone(), machine.clone()),
@@ -159,7 +157,7 @@ impl Gateway {
             let listener = Listener::beside(&settings.mqtt, &settings.machine, neighbours, stop.clone())?;
             shared.tasks.spawn(listener.run());
         }
-        let mqtt = MqttEnd::start(mqtt::Parts {
+        let parts = mqtt::Parts {
             machine,
             // an external broker has users of its own
             tokens: tokens.filter(|_| broker.is_some()),
@@ -167,11 +165,17 @@ impl Gateway {
             settings: settings.mqtt,
             machine_name: settings.machine,
             root,
-            at,
             position_interval,
             refused,
             metrics: Arc::clone(&shared.metrics),
-        });
+        };
+        let mqtt = match &broker {
+            Some(broker) => MqttEnd::start(parts, broker.inside()),
+            None => {
+                let at = BrokerAddress::of_settings(&parts.settings)?;
+                MqttEnd::start(parts, at)
+            }
+        };
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),
             http::router(Arc::clone(&shared), mtconnect.as_ref()),

@@ -33,7 +33,7 @@ use tracing::warn;
 
 use super::line::Line;
 use super::socket::SocketBytes;
-use super::{Answer, Guard, Judged, RUNTIME_USER, clearing};
+use super::{Answer, Guard, Judged, clearing};
 use crate::access::{Ended, Shown};
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
@@ -62,7 +62,7 @@ pub(super) struct Hall {
     pub(super) guard: Arc<Guard>,
     pub(super) router: Arc<MessageRouter>,
     pub(super) storage: Arc<DynamicStorage>,
-    /// With it, clients speak TLS; only the runtime itself does without, on the loopback.
+    /// With it, clients speak TLS.
     pub(super) tls: Option<LiveTls>,
     pub(super) stop: broadcast::Sender<()>,
     pub(super) clients: TaskTracker,
@@ -78,7 +78,7 @@ struct Visitor {
     way: Way,
     address: SocketAddr,
     certificate: Option<Fingerprint>,
-    /// False for one without TLS where there is a certificate: it must be the runtime itself.
+    /// False for one without TLS where there is a certificate: it is told so.
     is_open: bool,
 }
 
@@ -268,7 +268,7 @@ type LetIn = (Arc<str>, Shown);
 
 /// The guard of one connection.
 struct Door {
-    /// False for a client that speaks no TLS where there is a certificate: it must be the runtime itself.
+    /// False for a client that speaks no TLS where there is a certificate: it is told so.
     is_open: bool,
     certificate: Option<Fingerprint>,
     guard: Arc<Guard>,
@@ -289,9 +289,7 @@ impl Door {
         let Some(mut publish) = self.line.publish() else {
             return PublishAction::Continue;
         };
-        // messages of the runtime are never refused
-        let is_runtime = event.user_id.as_deref() == Some(RUNTIME_USER);
-        if !self.guard.on_the_way.has_room(publish.payload.len()) && !is_runtime {
+        if !self.guard.on_the_way.has_room(publish.payload.len()) {
             return self.refuse(&event);
         }
         publish.topic_name = event.topic.to_string();
@@ -354,7 +352,7 @@ impl AuthProvider for Door {
         connect: &'a ConnectPacket,
         address: SocketAddr,
     ) -> Answer<'a, mqtt5::Result<AuthResult>> {
-        if !self.is_open && connect.username.as_deref() != Some(RUNTIME_USER) {
+        if !self.is_open {
             warn!(
                 "MQTT client {:.64} at {address} refused: this port speaks TLS only, write mqtts://",
                 connect.client_id

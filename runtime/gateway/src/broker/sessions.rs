@@ -18,7 +18,7 @@ pub(super) const REMEMBERED_MAX: usize = 64;
 pub(super) struct Session {
     /// Its host.
     pub(super) from: Option<IpAddr>,
-    /// `None`: the broker asks for no tokens, or it is the runtime itself.
+    /// `None`: the broker asks for no tokens.
     pub(super) user: Option<User>,
     /// Speaks MQTT 5, not 3.1.1.
     pub(super) speaks_5: bool,

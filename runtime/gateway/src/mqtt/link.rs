@@ -38,7 +38,9 @@ const STABLE: Duration = Duration::from_secs(5);
 
 /// The task of the MQTT end.
 pub(super) struct Link<C> {
-    parts: Parts<C>,
+    parts: Parts,
+    /// The broker.
+    at: C,
     outbox: Outbox,
     positions_due: Interval,
     subscription: Option<Subscription>,
@@ -81,7 +83,7 @@ enum Wakeup {
 }
 
 impl<C: Connect> Link<C> {
-    pub(super) fn new(parts: Parts<C>, stop: CancellationToken) -> Self {
+    pub(super) fn new(parts: Parts, at: C, stop: CancellationToken) -> Self {
         let (dispatch, results) = Dispatch::new(
             parts.machine.clone(),
             Arc::clone(&parts.metrics),
@@ -94,6 +96,7 @@ impl<C: Connect> Link<C> {
             dispatch,
             results,
             parts,
+            at,
             stop,
             turn: 0,
             connections: 0,
@@ -107,7 +110,7 @@ impl<C: Connect> Link<C> {
 
     /// Connects again and again until it is stopped: to one node of the broker after the other, with a wait after each round.
     pub(super) async fn run(mut self) {
-        let mut backoff = self.parts.at.backoff();
+        let mut backoff = self.at.backoff();
         loop {
             let begun = Instant::now();
             let end = self.connection().await;
@@ -124,8 +127,8 @@ impl<C: Connect> Link<C> {
             }
             let tried = self.shown();
             self.failures += 1;
-            self.node = (self.node + 1) % self.parts.at.nodes();
-            if !self.failures.is_multiple_of(self.parts.at.nodes()) {
+            self.node = (self.node + 1) % self.at.nodes();
+            if !self.failures.is_multiple_of(self.at.nodes()) {
                 warn!(
                     "no connection to the MQTT broker{tried}: {why}; next try{}",
                     self.shown()
@@ -146,7 +149,7 @@ impl<C: Connect> Link<C> {
 
     /// The node as messages name it.
     fn shown(&self) -> String {
-        let address = self.parts.at.address(self.node);
+        let address = self.at.address(self.node);
         address.map_or_else(String::new, |address| format!(" at {address}"))
     }
 
@@ -184,12 +187,11 @@ impl<C: Connect> Link<C> {
 
     async fn connection_over(&mut self, version: Version) -> Result<(), Lost> {
         let offline = self.offline().await;
-        let Parts { root, at, .. } = &self.parts;
-        let topic = format!("{root}{}", Topic::Presence.path());
+        let topic = format!("{}{}", self.parts.root, Topic::Presence.path());
         let will = LastWill::new(topic, offline.to_json(), QoS::AtLeastOnce, true);
         let client_id = client_id(&self.parts.settings, &self.parts.machine_name);
         let mut session = Session {
-            wire: at.open(self.node, &client_id, Some(will), version),
+            wire: self.at.open(self.node, &client_id, Some(will), version),
             version,
             packet_max: 0,
             warned_of_refusal: false,
@@ -331,7 +333,7 @@ impl<C: Connect> Link<C> {
         self.dispatch.on_connected();
         metrics
             .broker
-            .take(self.parts.at.address(self.node).map(|address| BrokerInUse {
+            .take(self.at.address(self.node).map(|address| BrokerInUse {
                 address,
                 since: Timestamp::from_system_time(self.parts.machine.time()),
             }));

@@ -49,7 +49,7 @@ pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
 }
 
 /// What the MQTT end needs.
-pub(crate) struct Parts<C> {
+pub(crate) struct Parts {
     pub(crate) machine: Machine,
     pub(crate) settings: MqttSettings,
     pub(crate) machine_name: String,
@@ -59,7 +59,6 @@ pub(crate) struct Parts<C> {
     pub(crate) clients: Option<Arc<Sessions>>,
     /// Root of all topics, with its last slash.
     pub(crate) root: String,
-    pub(crate) at: C,
     pub(crate) position_interval: Duration,
     pub(crate) refused: mpsc::Receiver<Refused>,
     pub(crate) metrics: Arc<Metrics>,
@@ -79,7 +78,7 @@ enum Publisher {
 
 impl Publisher {
     /// The publisher that the broker names.
-    fn of<C>(parts: &Parts<C>, named: &Named) -> Self {
+    fn of(parts: &Parts, named: &Named) -> Self {
         let clients = parts.clients.as_ref();
         let from = clients.and_then(|clients| clients.address_of(named.client_id.as_deref()?));
         let user = match &parts.tokens {
@@ -133,23 +132,23 @@ impl MqttEnd {
     /// Serves a machine over connections of your own.
     pub fn over<C: Connect>(port: Arc<dyn ServedPort>, settings: &GatewaySettings, connect: C) -> Self {
         let (_, refused) = mpsc::channel(1);
-        Self::start(Parts {
+        let parts = Parts {
             machine: Machine::new(port),
             settings: settings.mqtt.clone(),
             machine_name: settings.machine.clone(),
             tokens: None,
             clients: None,
             root: settings.mqtt.root(&settings.machine),
-            at: connect,
             position_interval: Duration::from_millis(settings.position_interval_ms),
             refused,
             metrics: Arc::default(),
-        })
+        };
+        Self::start(parts, connect)
     }
 
-    pub(crate) fn start<C: Connect>(parts: Parts<C>) -> Self {
+    pub(crate) fn start<C: Connect>(parts: Parts, at: C) -> Self {
         let stop = CancellationToken::new();
-        let task = tokio::spawn(Link::new(parts, stop.clone()).run());
+        let task = tokio::spawn(Link::new(parts, at, stop.clone()).run());
         Self { stop, task }
     }
 

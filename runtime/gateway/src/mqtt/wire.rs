@@ -34,10 +34,6 @@ const CHANNEL: usize = 64;
 /// Publishes without an acknowledgement, unless the broker accepts fewer.
 const IN_FLIGHT_MAX: u16 = 100;
 
-/// User properties in which the embedded broker names the publisher of a message and its client id.
-const SENDER: &str = "x-mqtt-sender";
-const CLIENT_ID: &str = "x-mqtt-client-id";
-
 /// Opens connections to a broker.
 pub trait Connect: Send + Sync + 'static {
     /// A connection.
@@ -51,7 +47,7 @@ pub trait Connect: Send + Sync + 'static {
         1
     }
 
-    /// The address of a node of an external broker.
+    /// The address of a node of a broker that is not the runtime's own.
     fn address(&self, _node: usize) -> Option<String> {
         None
     }
@@ -108,7 +104,7 @@ pub enum Event {
     Published {
         /// The message.
         publish: Publish,
-        /// Who has published it, as the embedded broker says.
+        /// Who has published it.
         named: Named,
     },
     /// The oldest publish with quality of service 1 is done with.
@@ -158,7 +154,7 @@ impl Connect for BrokerAddress {
     }
 
     fn address(&self, node: usize) -> Option<String> {
-        let (host, port) = self.nodes.get(node).filter(|_| !self.is_embedded)?;
+        let (host, port) = self.nodes.get(node)?;
         let scheme = match self.transport {
             Transport::Tcp => "mqtt",
             _ => "mqtts",
@@ -301,10 +297,9 @@ fn event_5(event: v5::Event) -> Option<Event> {
             let topic = String::from_utf8(publish.topic.into()).ok()?;
             let mut taken = Publish::new(topic, QoS::AtLeastOnce, publish.payload);
             taken.retain = publish.retain;
-            let properties = publish.properties.map(|properties| properties.user_properties);
             Event::Published {
                 publish: taken,
-                named: Named::read(&properties.unwrap_or_default()),
+                named: Named::default(),
             }
         }
         // brokers acknowledge in the order of publishing (MQTT-4.6.0-2)
@@ -327,27 +322,13 @@ fn event_5(event: v5::Event) -> Option<Event> {
     })
 }
 
-/// Who has published a message, in properties of which the broker takes away what a client writes there.
+/// Who has published a message, where the broker is the runtime's own; others do not say it.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Named {
     /// Its user.
     pub user: Option<String>,
     /// Its client id.
     pub client_id: Option<String>,
-}
-
-impl Named {
-    fn read(properties: &[(String, String)]) -> Self {
-        let only = |wanted: &str| {
-            let mut named = properties.iter().filter(|(name, _)| name == wanted);
-            let (_, value) = named.next()?;
-            named.next().is_none().then(|| value.clone())
-        };
-        Self {
-            user: only(SENDER),
-            client_id: only(CLIENT_ID),
-        }
-    }
 }
 
 fn event_3(event: rumqttc::Event) -> Option<Event> {

@@ -345,7 +345,7 @@ fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
 
 fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     let (_, refused) = mpsc::channel(1);
-    MqttEnd::start(mqtt::Parts {
+    let parts = mqtt::Parts {
         machine: crate::machine::Machine::new(Arc::<StubPort>::clone(port)),
         tokens: None,
         clients: None,
@@ -355,14 +355,14 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
         },
         machine_name: "mill-1".into(),
         root: ROOT.into(),
-        at: crate::broker_address::BrokerAddress {
-            nodes: vec![(address.ip().to_string(), address.port())],
-            is_embedded: false,
-            credentials: None,
-            transport: rumqttc::Transport::tcp(),
-        },
         position_interval: Duration::from_millis(20),
         refused,
         metrics: Arc::default(),
-    })
+    };
+    let at = crate::broker_address::BrokerAddress {
+        nodes: vec![(address.ip().to_string(), address.port())],
+        credentials: None,
+        transport: rumqttc::Transport::tcp(),
+    };
+    MqttEnd::start(parts, at)
 }
