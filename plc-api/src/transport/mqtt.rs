@@ -10,7 +10,7 @@ mod outbox;
 mod session;
 
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rumqttc::{TlsConfiguration, Transport};
 use rustls::ClientConfig;
@@ -93,6 +93,8 @@ struct Shared {
 struct ConnectionState {
     outbox: Outbox,
     connected: bool,
+    /// Since when messages wait for an acknowledgement and none has come.
+    silent_since: Option<Instant>,
     /// Why there is no connection.
     trouble: Option<String>,
     /// Handler and instance that the broker reports offline when this connection breaks.

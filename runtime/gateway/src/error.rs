@@ -42,9 +42,6 @@ pub enum GatewayError {
     /// The certificate of the listeners cannot be used.
     #[error("{0}")]
     ServerTls(String),
-    /// No secret for the runtime's own connection to the embedded broker.
-    #[error("the runtime cannot log in at its embedded broker: {0}")]
-    Secret(#[from] crate::access::TokenError),
     /// The system refuses to listen there.
     #[error("{setting} = \"{address}\": cannot listen there: {source}")]
     Listen {

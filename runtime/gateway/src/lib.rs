@@ -169,12 +169,11 @@ impl Gateway {
             refused,
             metrics: Arc::clone(&shared.metrics),
         };
-        let mqtt = match &broker {
-            Some(broker) => MqttEnd::start(parts, broker.inside()),
-            None => {
-                let at = BrokerAddress::of_settings(&parts.settings)?;
-                MqttEnd::start(parts, at)
-            }
+        let mqtt = if let Some(broker) = &broker {
+            MqttEnd::start(parts, broker.inside())
+        } else {
+            let at = BrokerAddress::of_settings(&parts.settings)?;
+            MqttEnd::start(parts, at)
         };
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),

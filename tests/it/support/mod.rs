@@ -2,6 +2,7 @@
 
 pub mod binary;
 pub mod broker;
+pub mod cluster;
 pub mod formula;
 pub mod http;
 pub mod machine;

@@ -1,16 +1,18 @@
-//! A cluster of NATS Server: runtime, handler and HMI at three nodes, each of which dies in the middle of a program of M codes.
-//! With `TANDEM_LONG` only: it takes minutes.
+//! A broker of three nodes: runtime, handler and HMI at one each, which dies, or is parted from the others, in the middle of a program
+//! of M codes.
+//! In every run a few times with NATS Server; with `TANDEM_LONG` all, which takes minutes.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plc_api::{Alarm, AuxOutput, MqttOptions, Plc, SequenceProgram};
+use plc_api::{Alarm, AuxOutput, MqttOptions, Plc, Redelivery, SequenceProgram};
 use serde_json::json;
 
 use super::machine;
+use crate::support::cluster::{Cluster, NODES};
 use crate::support::mqtt::Bus;
-use crate::support::nats::{NODES, NatsCluster};
+use crate::support::nats::nats;
 use crate::support::served::Served;
 use crate::support::wait::{until, within};
 
@@ -20,10 +22,31 @@ const OUTPUTS: usize = 100;
 const PROGRAM: &str = "L0 = 0\nwhile (L0 < 100) {\nM100 VA[L0]\nL0 = L0 + 1\n}\nM30\n";
 /// How long a node is away.
 const AWAY: Duration = Duration::from_secs(2);
+/// How long a node is parted from the others: longer than nodes wait for each other.
+const PARTED: Duration = Duration::from_secs(6);
 /// Nodes of the runtime, of the HMI and of the handler.
 const RUNTIME: usize = 0;
 const HMI: usize = 1;
 const HANDLER: usize = 2;
+
+/// What happens to a node in the middle of a run.
+#[derive(Debug, Clone, Copy)]
+enum Trouble {
+    /// It is killed and started again.
+    Dies(usize),
+    /// It is cut off from the others, and joined again.
+    IsParted(usize),
+}
+
+const SOME: [Trouble; 2] = [Trouble::Dies(RUNTIME), Trouble::IsParted(HANDLER)];
+const ALL: [Trouble; 6] = [
+    Trouble::Dies(RUNTIME),
+    Trouble::Dies(HANDLER),
+    Trouble::Dies(HMI),
+    Trouble::IsParted(RUNTIME),
+    Trouble::IsParted(HANDLER),
+    Trouble::IsParted(HMI),
+];
 
 /// How often each output was done, by its id.
 type Done = Arc<Mutex<BTreeMap<String, u32>>>;
@@ -33,7 +56,7 @@ fn count(done: &Done) -> usize {
 }
 
 /// The handler of M100 at its node, and at the others when that is lost.
-async fn serve(cluster: &NatsCluster, done: &Done) -> tokio::task::JoinHandle<()> {
+async fn serve(cluster: &Cluster, done: &Done) -> tokio::task::JoinHandle<()> {
     let order = [HANDLER, RUNTIME, HMI]
         .map(|node| cluster.address(node))
         .join(",");
@@ -49,21 +72,34 @@ async fn serve(cluster: &NatsCluster, done: &Done) -> tokio::task::JoinHandle<()
     .expect("a machine there");
     let done = Arc::clone(done);
     tokio::spawn(async move {
+        // what was open when it was lost is looked at before it is done again
         let handler = move |output: AuxOutput| {
-            *done.lock().unwrap().entry(output.id().to_owned()).or_default() += 1;
+            let mut done = done.lock().unwrap();
+            let times = done.entry(output.id().to_owned()).or_default();
+            if *times == 0 || !output.redelivered() {
+                *times += 1;
+            }
             async { Ok::<(), Alarm>(()) }
         };
-        let program = SequenceProgram::new().handler_id("tool").on(100, handler);
+        let program = SequenceProgram::new()
+            .handler_id("tool")
+            .on_redelivery(Redelivery::Verify)
+            .on(100, handler);
         let _ = program.run(&plc).await;
     })
 }
 
+fn is_long() -> bool {
+    std::env::var_os("TANDEM_LONG").is_some()
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn in_a_cluster_each_output_is_done_once_whichever_node_dies_and_comes_back() {
-    if std::env::var_os("TANDEM_LONG").is_none() {
-        return;
-    }
-    let mut cluster = NatsCluster::start();
+async fn in_a_cluster_of_nats_each_output_is_done_once_whichever_node_dies_or_is_parted() {
+    let rounds: &[Trouble] = if is_long() { &ALL } else { &SOME };
+    each_output_is_done_once(nats().await, rounds).await;
+}
+
+async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
     let addresses: Vec<_> = (0..NODES)
         .map(|node| format!("\"mqtt://{}\"", cluster.address(node)))
         .collect();
@@ -93,19 +129,28 @@ async fn in_a_cluster_each_output_is_done_once_whichever_node_dies_and_comes_bac
     served.execution(1, "PROGRAM_COMPLETED").await;
     assert_eq!(count(&done), OUTPUTS);
 
-    for (round, node) in [RUNTIME, HANDLER, HMI].into_iter().enumerate() {
+    for (round, trouble) in rounds.iter().enumerate() {
         served.command(1, "start").await;
         let begun = (round + 1) * OUTPUTS;
         until("some outputs are done", async || {
             (count(&done) >= begun + 20).then_some(())
         })
         .await;
-        cluster.kill(node);
-        // with a node away NATS Server 2.9 may answer nobody who subscribes anew; what is asked waits
-        tokio::time::sleep(AWAY).await;
-        cluster.start_again(node);
+        match *trouble {
+            Trouble::Dies(node) => {
+                cluster.kill(node);
+                // with a node away NATS Server 2.9 may answer nobody who subscribes anew; what is asked waits
+                tokio::time::sleep(AWAY).await;
+                cluster.start_again(node);
+            }
+            Trouble::IsParted(node) => {
+                cluster.part(node);
+                tokio::time::sleep(PARTED).await;
+                cluster.join(node);
+            }
+        }
         served.execution(1, "PROGRAM_COMPLETED").await;
-        assert_eq!(count(&done), begun + OUTPUTS, "with node {node} back");
+        assert_eq!(count(&done), begun + OUTPUTS, "after {trouble:?}");
         until("the runtime has a node", async || {
             let health = served.get("/health").await.expect(200).json();
             (health["status"] == "ok").then_some(())

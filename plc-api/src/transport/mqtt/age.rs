@@ -10,12 +10,15 @@ use crate::types::machine::Presence;
 pub(super) struct MachineAge {
     expires: Option<Duration>,
     heard: Option<Instant>,
+    /// Its presence was too old, and it was not heard again.
+    was_missed: bool,
 }
 
 impl MachineAge {
     /// The connection is new.
     pub(super) fn begin_anew(&mut self, now: Instant) {
         self.heard = Some(now);
+        self.was_missed = false;
     }
 
     /// The connection is lost.
@@ -23,13 +26,15 @@ impl MachineAge {
         self.heard = None;
     }
 
-    /// The machine says its presence. A retained one shows that it was there, not that it is: it renews nothing.
-    pub(super) fn hear(&mut self, presence: &Presence, retained: bool, now: Instant) {
+    /// The machine says its presence. A retained one shows that it was there, not that it is: it renews nothing. True when it was
+    /// missed before: over this connection its broker may have lost more than that.
+    pub(super) fn hear(&mut self, presence: &Presence, retained: bool, now: Instant) -> bool {
         let expires_ms = presence.expires_ms.filter(|_| presence.online);
         self.expires = expires_ms.map(Duration::from_millis);
         if !retained || self.heard.is_none() {
             self.heard = Some(now);
         }
+        !retained && std::mem::take(&mut self.was_missed)
     }
 
     /// When the presence is too old, unless it is said again.
@@ -42,6 +47,7 @@ impl MachineAge {
         let has_ended = self.end().is_some_and(|end| end <= now);
         if has_ended {
             self.expires = None;
+            self.was_missed = true;
         }
         has_ended
     }
@@ -67,24 +73,30 @@ mod tests {
     fn a_machine_is_offline_once_when_its_presence_is_too_old_and_may_come_again() {
         let (mut age, begin) = (MachineAge::default(), Instant::now());
         age.begin_anew(begin);
-        age.hear(&presence(Some(900)), true, begin + ms(10));
+        assert!(!age.hear(&presence(Some(900)), true, begin + ms(10)));
         assert!(!age.take_end(begin + ms(899)), "counted from the connection");
         assert!(age.take_end(begin + ms(900)));
         assert!(!age.take_end(begin + ms(5000)), "once");
-        age.hear(&presence(Some(900)), false, begin + ms(6000));
+        let again =
+            |age: &mut MachineAge, retained| age.hear(&presence(Some(900)), retained, begin + ms(6000));
+        assert!(!again(&mut age, true), "it shows nothing");
+        assert!(again(&mut age, false), "it was missed");
+        assert!(!again(&mut age, false), "told once");
         assert!(!age.take_end(begin + ms(6899)) && age.take_end(begin + ms(6900)));
+        age.begin_anew(begin + ms(7000));
+        assert!(!again(&mut age, false), "a new connection has lost nothing");
     }
 
     #[test]
     fn an_outage_ends_nothing_nor_does_a_machine_that_does_not_say_it_again() {
         let (mut age, begin) = (MachineAge::default(), Instant::now());
         age.begin_anew(begin);
-        age.hear(&presence(Some(900)), false, begin);
+        assert!(!age.hear(&presence(Some(900)), false, begin));
         age.pause();
         assert!(!age.take_end(begin + ms(60_000)));
         age.begin_anew(begin + ms(60_000));
         assert!(!age.take_end(begin + ms(60_899)) && age.take_end(begin + ms(60_900)));
-        age.hear(&presence(None), false, begin);
+        assert!(age.hear(&presence(None), false, begin), "it was missed");
         assert_eq!(age.end(), None, "as of an earlier version");
     }
 }

@@ -80,6 +80,11 @@ impl Outbox {
         }
     }
 
+    /// True while the broker has not acknowledged a message.
+    pub(super) fn awaits_acknowledgement(&self) -> bool {
+        !self.by_packet.is_empty()
+    }
+
     /// The library has assigned a packet id to the oldest message without one.
     pub(super) fn on_packet_id(&mut self, packet: u16) {
         if let Some(id) = self.unnumbered.pop_front() {

@@ -26,6 +26,10 @@ const LIBRARY_QUEUE: usize = 64;
 
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
+/// A broker that acknowledges nothing for this long, while something waits for it, is left for the next one. Reason: a node of a
+/// cluster that has lost the others may take messages and never acknowledge them, also when it has found them again.
+const SILENCE_MAX: Duration = Duration::from_secs(10);
+
 /// How long a new age of the machine may stay unseen.
 const WATCH: Duration = Duration::from_millis(100);
 
@@ -58,13 +62,18 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
     while !shared.link.is_closed() {
         let (client, mut events) = AsyncClient::new(options(&shared, &nodes[node]), LIBRARY_QUEUE);
         events.network_options.set_tcp_nodelay(true);
-        lock(&shared.state).outbox.new_connection();
+        {
+            let mut state = lock(&shared.state);
+            state.outbox.new_connection();
+            state.silent_since = None;
+        }
         let mut connected = false;
         tokio::select! {
             () = receive(&shared, &client, &mut events, &mut connected) => {}
             () = send(&shared, &client) => {}
             () = say_presence(&shared) => {}
             () = watch_machine(&shared) => {}
+            () = watch_broker(&shared) => {}
         }
         let must_reconnect = {
             let mut state = lock(&shared.state);
@@ -130,12 +139,18 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 on_publish(shared, &publish);
             }
             Ok(Event::Incoming(Packet::PubAck(ack))) => {
-                lock(&shared.state).outbox.on_acknowledgement(ack.pkid);
+                let mut state = lock(&shared.state);
+                state.outbox.on_acknowledgement(ack.pkid);
+                state.silent_since = state.outbox.awaits_acknowledgement().then(Instant::now);
+                drop(state);
                 // the library may take more now
                 shared.link.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Publish(packet))) => {
-                lock(&shared.state).outbox.on_packet_id(packet);
+                let mut state = lock(&shared.state);
+                state.outbox.on_packet_id(packet);
+                state.silent_since.get_or_insert_with(Instant::now);
+                drop(state);
                 shared.link.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Disconnect)) => return,
@@ -201,6 +216,24 @@ async fn say_presence(shared: &Shared) {
     }
 }
 
+/// Ends when the broker acknowledges nothing.
+async fn watch_broker(shared: &Shared) {
+    loop {
+        let since = lock(&shared.state).silent_since;
+        let left = since.map_or(SILENCE_MAX, |since| SILENCE_MAX.saturating_sub(since.elapsed()));
+        if left.is_zero() {
+            break;
+        }
+        tokio::time::sleep(left).await;
+    }
+    let text = format!(
+        "the broker has acknowledged nothing for {} s",
+        SILENCE_MAX.as_secs()
+    );
+    tracing::warn!(address = %shared.link.address, "{text}: connecting again");
+    lock(&shared.state).trouble = Some(text);
+}
+
 /// Takes the machine for offline when its presence is too old.
 async fn watch_machine(shared: &Shared) {
     loop {
@@ -237,9 +270,12 @@ fn on_publish(shared: &Shared, publish: &Publish) {
         }
     };
     if let Payload::Presence(presence) = &message.payload {
-        lock(&shared.state)
-            .machine
-            .hear(presence, publish.retain, Instant::now());
+        let mut state = lock(&shared.state);
+        if state.machine.hear(presence, publish.retain, Instant::now()) {
+            // a part of a cluster that was cut off may not tell what was said meanwhile: all is read and said anew
+            state.reconnect = true;
+            shared.link.wake.notify_one();
+        }
     }
     shared.link.hub.publish(message.clone());
     let cs = match &message.topic {

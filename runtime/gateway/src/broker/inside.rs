@@ -9,7 +9,7 @@ use mqtt5::QoS;
 use mqtt5::broker::router::{
     DeliveryLanes, LaneReceivers, MessageRouter, SubscriptionRequest, TakeoverNotice,
 };
-use mqtt5::broker::storage::QueueHandle;
+use mqtt5::broker::storage::{QueueHandle, QueuedMessage};
 use mqtt5::packet::publish::PublishPacket;
 use parking_lot::Mutex;
 use rumqttc::{LastWill, Publish};
@@ -123,7 +123,7 @@ impl InsideWire {
     async fn read_backlog(&mut self) {
         let taken = self.backlog.take(BACKLOG_MAX).await;
         self.read
-            .extend(taken.iter().map(|message| message.to_publish_packet()));
+            .extend(taken.iter().map(QueuedMessage::to_publish_packet));
         self.backlog.finish_drain();
         if !self.backlog.is_empty() {
             self.backlog.notify();

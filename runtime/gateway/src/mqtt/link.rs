@@ -33,6 +33,9 @@ use crate::position::{every, is_position};
 const MESSAGE_MAX: usize = 256 * 1024;
 /// Attempts over MQTT 5 at which a broker that has spoken it may hang up before 3.1.1 is tried.
 const HANG_UPS_MAX: u32 = 10;
+/// A broker that acknowledges nothing for this long, while something waits for it, is left for the next one. Reason: a node of a
+/// cluster that has lost the others may take messages and never acknowledge them, also when it has found them again.
+const SILENCE_MAX: Duration = Duration::from_secs(10);
 /// After a connection of this duration the delays between attempts start afresh.
 const STABLE: Duration = Duration::from_secs(5);
 
@@ -68,7 +71,26 @@ struct Session<W> {
     version: Version,
     /// Bytes of a packet that the broker accepts; 0 before it has answered.
     packet_max: usize,
+    /// Since when messages wait for an acknowledgement and none has come.
+    silent_since: Option<Instant>,
     warned_of_refusal: bool,
+}
+
+impl<W: Wire> Session<W> {
+    /// The next event, or the end of a broker that is silent.
+    async fn next(&mut self) -> Result<Event, Lost> {
+        let Some(since) = self.silent_since else {
+            return self.wire.next().await;
+        };
+        let next = tokio::time::timeout_at(since + SILENCE_MAX, self.wire.next());
+        next.await.unwrap_or_else(|_| {
+            let wait_s = SILENCE_MAX.as_secs();
+            Err(Lost {
+                why: format!("it has acknowledged nothing for {wait_s} s"),
+                version_unknown: false,
+            })
+        })
+    }
 }
 
 /// Anything that wakes the task.
@@ -194,13 +216,14 @@ impl<C: Connect> Link<C> {
             wire: self.at.open(self.node, &client_id, Some(will), version),
             version,
             packet_max: 0,
+            silent_since: None,
             warned_of_refusal: false,
         };
         loop {
             if session.packet_max > 0 {
-                self.publish(&session);
+                self.publish(&mut session);
             }
-            match self.next_wakeup(Some(&mut session.wire)).await {
+            match self.next_wakeup(Some(&mut session)).await {
                 Wakeup::Mqtt(event) => self.on_event(event?, &mut session).await,
                 Wakeup::Stop => {
                     if session.packet_max > 0 {
@@ -214,14 +237,14 @@ impl<C: Connect> Link<C> {
     }
 
     /// What is ready first; of several each comes first in its turn, so that none waits behind another.
-    async fn next_wakeup(&mut self, wire: Option<&mut C::Wire>) -> Wakeup {
+    async fn next_wakeup(&mut self, session: Option<&mut Session<C::Wire>>) -> Wakeup {
         let presence_ended = async {
             self.dispatch.presence_ended().await;
             Wakeup::PresenceEnded
         };
         let event = async {
-            match wire {
-                Some(wire) => Wakeup::Mqtt(wire.next().await),
+            match session {
+                Some(session) => Wakeup::Mqtt(session.next().await),
                 None => std::future::pending().await,
             }
         };
@@ -354,7 +377,7 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    fn publish(&mut self, session: &Session<C::Wire>) {
+    fn publish(&mut self, session: &mut Session<C::Wire>) {
         let Parts { root, metrics, .. } = &self.parts;
         self.outbox.send(|parcel| {
             let (path, retain, qos, payload, expiry_s) = match parcel {
@@ -383,6 +406,9 @@ impl<C: Connect> Link<C> {
                 Handed::Full
             }
         });
+        if self.outbox.awaits_acknowledgement() {
+            session.silent_since.get_or_insert_with(Instant::now);
+        }
     }
 
     async fn on_event(&mut self, event: Event, session: &mut Session<C::Wire>) {
@@ -400,6 +426,7 @@ impl<C: Connect> Link<C> {
             }
             Event::Acknowledged { refused } => {
                 self.outbox.on_acknowledged();
+                session.silent_since = self.outbox.awaits_acknowledgement().then(Instant::now);
                 if let Some(reason) = refused.filter(|_| !session.warned_of_refusal) {
                     session.warned_of_refusal = true;
                     warn!(
@@ -468,14 +495,14 @@ impl<C: Connect> Link<C> {
         }
         let offline = message(&self.parts.machine, offline.topic, offline.payload);
         self.outbox.put(Arc::new(offline));
-        self.publish(&session);
+        self.publish(&mut session);
         while !self.outbox.is_empty() {
             match session.wire.next().await {
                 Ok(Event::Acknowledged { .. }) => self.outbox.on_acknowledged(),
                 Ok(_) => {}
                 Err(_) => return,
             }
-            self.publish(&session);
+            self.publish(&mut session);
         }
         if session.wire.disconnect() {
             while !matches!(session.wire.next().await, Ok(Event::Disconnected) | Err(_)) {}

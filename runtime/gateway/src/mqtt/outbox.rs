@@ -95,6 +95,11 @@ impl Outbox {
         self.unacknowledged.pop_front();
     }
 
+    /// True while something is published and not acknowledged.
+    pub(super) fn awaits_acknowledgement(&self) -> bool {
+        !self.unacknowledged.is_empty()
+    }
+
     /// True when nothing waits and everything is acknowledged.
     pub(super) fn is_empty(&self) -> bool {
         self.queue.front().is_none() && self.unacknowledged.is_empty()

@@ -366,3 +366,70 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     };
     MqttEnd::start(parts, at)
 }
+
+/// A broker of two nodes: the first takes everything and acknowledges nothing.
+#[derive(Clone, Default)]
+struct HalfSilent(Arc<parking_lot::Mutex<Vec<(usize, tokio::time::Instant)>>>);
+
+struct Node {
+    is_silent: bool,
+    is_connected: bool,
+    unacknowledged: parking_lot::Mutex<usize>,
+}
+
+impl mqtt::Connect for HalfSilent {
+    type Wire = Node;
+
+    fn open(&self, node: usize, _: &str, _: Option<LastWill>, _: mqtt::Version) -> Node {
+        self.0.lock().push((node, tokio::time::Instant::now()));
+        Node {
+            is_silent: node == 0,
+            is_connected: false,
+            unacknowledged: parking_lot::Mutex::default(),
+        }
+    }
+
+    fn nodes(&self) -> usize {
+        2
+    }
+}
+
+impl mqtt::Wire for Node {
+    async fn next(&mut self) -> Result<mqtt::Event, mqtt::Lost> {
+        if !std::mem::replace(&mut self.is_connected, true) {
+            return Ok(mqtt::Event::Connected { packet_max: 100_000 });
+        }
+        let unacknowledged = self.unacknowledged.get_mut();
+        if self.is_silent || *unacknowledged == 0 {
+            return std::future::pending().await;
+        }
+        *unacknowledged -= 1;
+        Ok(mqtt::Event::Acknowledged { refused: None })
+    }
+
+    fn subscribe(&self, _: impl Iterator<Item = String>) -> bool {
+        true
+    }
+
+    fn publish(&self, _: String, qos: u8, _: bool, _: String, _: Option<u32>) -> bool {
+        *self.unacknowledged.lock() += usize::from(qos);
+        true
+    }
+
+    fn disconnect(&self) -> bool {
+        false
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_node_that_acknowledges_nothing_for_10_s_is_left_for_the_next_one_which_is_kept() {
+    let nodes = HalfSilent::default();
+    let end = MqttEnd::over(StubPort::new(), &GatewaySettings::default(), nodes.clone());
+    tokio::time::sleep(Duration::from_secs(60)).await;
+    let opened = nodes.0.lock().clone();
+    let [(0, begun), (1, left)] = opened[..] else {
+        panic!("{opened:?}");
+    };
+    assert_eq!((left - begun).as_secs(), 10);
+    end.crash();
+}
