@@ -5,7 +5,6 @@
 //! claims and settings with the retain flag are refused: they would be carried out again at the next start.
 
 mod door;
-mod inside;
 mod line;
 mod retained;
 mod sessions;
@@ -17,6 +16,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::body::Bytes;
 use mqtt5::QoS;
 use mqtt5::broker::auth::AuthResult;
 use mqtt5::broker::config::StorageConfig;
@@ -45,7 +45,6 @@ use crate::places::{Place, Places, host_of};
 use crate::settings::{MQTT_LISTEN, MqttSettings, bind};
 use crate::tls::{Fingerprint, LiveTls};
 use door::{Counts, Hall, PLACES, RESERVED};
-pub(crate) use inside::Inside;
 use line::OnTheWay;
 use retained::{Kind, Retained};
 pub(crate) use sessions::Sessions;
@@ -68,7 +67,7 @@ const QUEUED_MAX: usize = 1000;
 const QUEUED_BYTES_MAX: usize = 512 * 1024;
 /// Messages on their way to one client that is connected, of each quality of service; more wait, or are dropped with
 /// quality 0.
-const ON_THE_WAY_MAX: usize = 128;
+pub(crate) const ON_THE_WAY_MAX: usize = 128;
 /// Messages of quality 2 that one client has begun and not finished; more end its connection.
 const UNFINISHED_MAX: u16 = 256;
 /// Time to stop; then its task is ended.
@@ -105,9 +104,28 @@ pub(crate) struct Broker {
     stop: broadcast::Sender<()>,
     clients: TaskTracker,
     sessions: Arc<Sessions>,
-    inside: Inside,
+    exchange: Exchange,
     entrance: Entrance,
     _hall: AbortOnDropHandle<()>,
+}
+
+/// Where messages are handed on.
+#[derive(Clone)]
+pub(crate) struct Exchange {
+    guard: Arc<Guard>,
+    pub(crate) router: Arc<MessageRouter>,
+}
+
+impl Exchange {
+    /// The payload as one that counts while it is on its way.
+    pub(crate) fn count(&self, payload: Bytes) -> Bytes {
+        self.guard.on_the_way.count(payload)
+    }
+
+    /// Closes clients that take nothing, where there is no room for so many bytes.
+    pub(crate) fn make_room(&self, bytes: usize) {
+        self.guard.on_the_way.has_room(bytes);
+    }
 }
 
 /// Where clients over WebSocket come in.
@@ -158,7 +176,7 @@ impl Broker {
             .with_retained_limits(0, RETAINED_SIZE_MAX)
             .with_event_handler(Arc::<Guard>::clone(&guard));
         let router = Arc::new(router);
-        let inside = Inside {
+        let exchange = Exchange {
             guard: Arc::clone(&guard),
             router: Arc::clone(&router),
         };
@@ -180,7 +198,7 @@ impl Broker {
             stop,
             clients,
             sessions,
-            inside,
+            exchange,
             entrance: Entrance(Arc::clone(&hall)),
             _hall: AbortOnDropHandle::new(tokio::spawn(hall.run(listener))),
         })
@@ -201,9 +219,9 @@ impl Broker {
         self.addr
     }
 
-    /// How the runtime itself reaches it.
-    pub(crate) fn inside(&self) -> Inside {
-        self.inside.clone()
+    /// What the runtime's own connection goes to.
+    pub(crate) fn exchange(&self) -> Exchange {
+        self.exchange.clone()
     }
 
     /// Closes all connections and stops.

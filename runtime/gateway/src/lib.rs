@@ -105,6 +105,16 @@ fn start_broker(
     Broker::start(address, access, tls, refused).map(Some)
 }
 
+/// The MQTT end, at the embedded broker where there is one.
+fn start_mqtt(parts: mqtt::Parts, broker: Option<&Broker>) -> Result<MqttEnd, GatewayError> {
+    Ok(if let Some(broker) = broker {
+        MqttEnd::start(parts, mqtt::Inside(broker.exchange()))
+    } else {
+        let at = BrokerAddress::of_settings(&parts.settings)?;
+        MqttEnd::start(parts, at)
+    })
+}
+
 impl Gateway {
     /// Starts all server ends. When it returns, HTTP and the embedded broker are ready; an external broker is connected
     /// as soon as it is there.
@@ -169,12 +179,7 @@ impl Gateway {
             refused,
             metrics: Arc::clone(&shared.metrics),
         };
-        let mqtt = if let Some(broker) = &broker {
-            MqttEnd::start(parts, broker.inside())
-        } else {
-            let at = BrokerAddress::of_settings(&parts.settings)?;
-            MqttEnd::start(parts, at)
-        };
+        let mqtt = start_mqtt(parts, broker.as_ref())?;
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),
             http::router(Arc::clone(&shared), mtconnect.as_ref()),

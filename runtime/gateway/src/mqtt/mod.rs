@@ -1,9 +1,11 @@
 //! The MQTT end: publishes the messages of the port, and makes requests of the messages that come in.
 //!
-//! [`link`] keeps the connection to the broker, [`wire`] is one connection over one version of MQTT, [`outbox`] holds what
-//! is still to be published, and [`dispatch`] makes requests of the port. The port never waits for any of them.
+//! [`link`] keeps the connection to the broker, [`wire`] is one connection over one version of MQTT, [`inside`] one to the
+//! embedded broker, [`outbox`] holds what is still to be published, and [`dispatch`] makes requests of the port. The port never
+//! waits for any of them.
 
 mod dispatch;
+mod inside;
 mod link;
 mod outbox;
 mod wire;
@@ -26,6 +28,7 @@ use crate::broker_address::Refused;
 use crate::machine::Machine;
 use crate::metrics::Metrics;
 use crate::settings::{GatewaySettings, MqttSettings};
+pub(crate) use inside::Inside;
 use link::Link;
 pub use wire::{Connect, Event, Lost, Named, Version, Wire};
 

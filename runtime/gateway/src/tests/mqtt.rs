@@ -425,7 +425,7 @@ impl mqtt::Wire for Node {
 async fn a_node_that_acknowledges_nothing_for_10_s_is_left_for_the_next_one_which_is_kept() {
     let nodes = HalfSilent::default();
     let end = MqttEnd::over(StubPort::new(), &GatewaySettings::default(), nodes.clone());
-    tokio::time::sleep(Duration::from_secs(60)).await;
+    tokio::time::sleep(Duration::from_mins(1)).await;
     let opened = nodes.0.lock().clone();
     let [(0, begun), (1, left)] = opened[..] else {
         panic!("{opened:?}");

@@ -16,8 +16,8 @@ use rumqttc::{LastWill, Publish};
 use tokio::sync::oneshot;
 use tokio::time::Instant;
 
-use super::{Guard, ON_THE_WAY_MAX, PACKET_MAX};
-use crate::mqtt::{Connect, Event, Lost, Named, Version, Wire};
+use super::wire::{Connect, Event, Lost, Named, Version, Wire};
+use crate::broker::{Exchange, ON_THE_WAY_MAX, PACKET_MAX};
 
 /// What waits to be carried out; more is refused until there is room.
 const ORDERS_MAX: usize = 64;
@@ -31,11 +31,7 @@ const SENDER: &str = "x-mqtt-sender";
 const CLIENT_ID: &str = "x-mqtt-client-id";
 
 /// The embedded broker as the runtime reaches it.
-#[derive(Clone)]
-pub(crate) struct Inside {
-    pub(super) guard: Arc<Guard>,
-    pub(super) router: Arc<MessageRouter>,
-}
+pub(crate) struct Inside(pub(crate) Exchange);
 
 impl Connect for Inside {
     type Wire = InsideWire;
@@ -44,7 +40,7 @@ impl Connect for Inside {
         let (lanes, come) = DeliveryLanes::channel(ON_THE_WAY_MAX);
         let (displace, displaced) = oneshot::channel();
         InsideWire {
-            inside: self.clone(),
+            exchange: self.0.clone(),
             client_id: client_id.into(),
             connection: 0,
             will,
@@ -52,7 +48,7 @@ impl Connect for Inside {
             work: None,
             read: VecDeque::new(),
             come,
-            backlog: self.router.queue_handle(client_id),
+            backlog: self.0.router.queue_handle(client_id),
             displaced,
             is_turn_of_read: false,
         }
@@ -82,7 +78,7 @@ type Work = Pin<Box<dyn Future<Output = Done> + Send>>;
 
 /// A connection of the runtime to its broker. Dropping it without a DISCONNECT publishes its will.
 pub(crate) struct InsideWire {
-    inside: Inside,
+    exchange: Exchange,
     client_id: Arc<str>,
     /// Number of the connection; 0 before it is connected.
     connection: u64,
@@ -131,7 +127,8 @@ impl InsideWire {
     }
 
     fn work(&mut self, order: Order) -> Work {
-        let Inside { guard, router } = self.inside.clone();
+        let exchange = self.exchange.clone();
+        let router = Arc::clone(&exchange.router);
         let client_id = Arc::clone(&self.client_id);
         match order {
             Order::Connect(lanes, displace) => {
@@ -147,7 +144,7 @@ impl InsideWire {
             Order::Subscribe(filters) => Box::pin(subscribe(router, client_id, filters)),
             Order::Publish(publish) => Box::pin(async move {
                 // it is delivered in any case; clients that take nothing are closed for it
-                guard.on_the_way.has_room(publish.payload.len());
+                exchange.make_room(publish.payload.len());
                 let now = Instant::now();
                 router
                     .route_message_with_deadline(&publish, Some(&client_id), now)
@@ -240,7 +237,7 @@ impl Wire for InsideWire {
             0 => QoS::AtMostOnce,
             _ => QoS::AtLeastOnce,
         };
-        let payload = self.inside.guard.on_the_way.count(payload.into());
+        let payload = self.exchange.count(payload.into());
         let mut publish = PublishPacket::new(topic, payload, qos);
         publish.retain = retain;
         if let Some(expiry_s) = expiry_s {
@@ -259,7 +256,7 @@ impl Drop for InsideWire {
         let (Some(will), Ok(executor)) = (self.will.take(), tokio::runtime::Handle::try_current()) else {
             return;
         };
-        let Inside { router, .. } = self.inside.clone();
+        let router = Arc::clone(&self.exchange.router);
         let (client_id, connection) = (Arc::clone(&self.client_id), self.connection);
         let mut publish = PublishPacket::new(will.topic, will.message, QoS::AtLeastOnce);
         publish.retain = will.retain;
@@ -289,8 +286,8 @@ fn published(publish: PublishPacket) -> Event {
 mod tests {
     use tokio::sync::mpsc;
 
-    use super::super::{Broker, BrokerAccess};
     use super::*;
+    use crate::broker::{Broker, BrokerAccess};
     use crate::tests::StubPort;
 
     const ROOT: &str = "tandem/v1/mill-1/";
@@ -330,13 +327,13 @@ mod tests {
         }
     }
 
-    fn message(topic: &str, payload: impl ToString) -> PublishPacket {
+    fn message(topic: &str, payload: &impl ToString) -> PublishPacket {
         PublishPacket::new(topic, payload.to_string(), QoS::AtLeastOnce)
     }
 
     #[tokio::test]
     async fn messages_keep_the_order_of_their_publisher_also_those_that_find_no_room_on_their_way() {
-        let inside = broker().inside();
+        let inside = Inside(broker().exchange());
         let mut wire = connected(&inside, "runtime").await;
         wire.publish("begin".into(), 1, false, String::new(), None);
         assert_eq!(read(&mut wire).await.0, "begin");
@@ -344,8 +341,9 @@ mod tests {
         for n in 0..count {
             let now = Instant::now();
             inside
+                .0
                 .router
-                .route_message_with_deadline(&message("n", n), None, now)
+                .route_message_with_deadline(&message("n", &n), None, now)
                 .await;
             // it reads a little meanwhile
             if n % 50 == 49 {
@@ -359,10 +357,10 @@ mod tests {
 
     #[tokio::test]
     async fn what_is_retained_comes_with_the_subscription_and_then_what_is_published() {
-        let inside = broker().inside();
-        let mut retained = message("kept", "old");
+        let inside = Inside(broker().exchange());
+        let mut retained = message("kept", &"old");
         retained.retain = true;
-        inside.router.route_message(&retained, None).await;
+        inside.0.router.route_message(&retained, None).await;
         let mut wire = connected(&inside, "runtime").await;
         wire.publish("now".into(), 0, false, "new".into(), None);
         assert_eq!(read(&mut wire).await, ("kept".into(), "old".into(), true));
@@ -371,7 +369,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_will_is_published_for_a_connection_that_breaks_and_not_for_one_that_says_goodbye() {
-        let inside = broker().inside();
+        let inside = Inside(broker().exchange());
         let mut other = connected(&inside, "other").await;
         let mut leaves = connected(&inside, "leaves").await;
         assert!(leaves.disconnect());
@@ -383,7 +381,7 @@ mod tests {
 
     #[tokio::test]
     async fn each_message_of_quality_1_is_acknowledged_and_one_that_waits_for_a_turn_comes_in_between() {
-        let inside = broker().inside();
+        let inside = Inside(broker().exchange());
         let mut wire = connected(&inside, "runtime").await;
         for n in 0..3 {
             wire.publish("own".into(), 1, false, n.to_string(), None);
@@ -401,7 +399,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_full_list_of_orders_takes_no_more_until_they_are_carried_out() {
-        let inside = broker().inside();
+        let inside = Inside(broker().exchange());
         let mut wire = connected(&inside, "runtime").await;
         let mut published = 0;
         while wire.publish("own".into(), 1, false, String::new(), None) {
