@@ -3,11 +3,11 @@
 import assert from "node:assert/strict";
 import { appendFile } from "node:fs/promises";
 import { join } from "node:path";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
 
-import { launch, openPage } from "./browser.mjs";
-import { Runtime } from "./runtime.mjs";
+import { openPage } from "./browser.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { disabled, Screen, until } from "./screen.mjs";
 
 /** Longest time between the last refresh and rest, ms: 200 to notice, braking, and the way of messages on a busy computer. */
@@ -20,16 +20,7 @@ let errors;
 let close;
 let screen;
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 
 beforeEach(async () => {
   ({ page, errors, close } = await openPage(browser));

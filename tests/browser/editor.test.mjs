@@ -2,11 +2,11 @@
 // are too long to be edited.
 
 import assert from "node:assert/strict";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 
-import { launch, openPage } from "./browser.mjs";
+import { openPage } from "./browser.mjs";
 import { pictures, takePictures } from "./pictures.mjs";
-import { Runtime } from "./runtime.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
 const LONG_LINES = 100_000;
@@ -18,15 +18,7 @@ let errors;
 let close;
 let screen;
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 beforeEach(async () => {
   ({ page, errors, close } = await openPage(browser));
   screen = new Screen(page);

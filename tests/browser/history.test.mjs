@@ -2,15 +2,15 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 
 import { describe, losses, timelineOf } from "../../web/history/timeline.js";
 import { rounded } from "../../web/format.js";
 import { csvOf as runsCsv } from "../../web/history/runs_view.js";
 import { csvOf, drawn, SAMPLES_MAX, Trace } from "../../web/history/trace.js";
-import { launch, openPage } from "./browser.mjs";
+import { openPage } from "./browser.mjs";
 import { pictures, takePictures } from "./pictures.mjs";
-import { Runtime } from "./runtime.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
 const BEGIN = Date.UTC(2026, 0, 1);
@@ -109,15 +109,7 @@ let errors;
 let close;
 let screen;
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 beforeEach(async () => {
   ({ page, errors, close } = await openPage(browser));
   screen = new Screen(page);

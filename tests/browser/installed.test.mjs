@@ -1,13 +1,13 @@
 // The screen as an app of its own on the real runtime: manifest, a service worker that keeps no screen, sound and notifications.
 
 import assert from "node:assert/strict";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 
 import de from "../../web/language/de.js";
 import en from "../../web/language/en.js";
 import ja from "../../web/language/ja.js";
-import { launch, openPage } from "./browser.mjs";
-import { Runtime } from "./runtime.mjs";
+import { openPage } from "./browser.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { now, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -17,15 +17,7 @@ let page;
 let errors;
 let close;
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 beforeEach(() => open({ permissions: ["notifications"] }));
 afterEach(() => close());
 

@@ -1,14 +1,14 @@
 // The screen in German and Japanese on the real runtime: no word of English is left in any view, and nothing overflows.
 
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
+import { test } from "node:test";
 
 import de from "../../web/language/de.js";
 import en from "../../web/language/en.js";
 import ja from "../../web/language/ja.js";
-import { launch, openPage } from "./browser.mjs";
+import { openPage } from "./browser.mjs";
 import { picture } from "./pictures.mjs";
-import { Runtime } from "./runtime.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { until } from "./screen.mjs";
 
 const TABLES = { en, de, ja };
@@ -19,15 +19,7 @@ const SHARED = new Set("tandem mill json mqtt iso sha ctrl page".split(" "));
 
 let runtime;
 let browser;
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 
 /** Words of three letters or more. */
 function words(text) {

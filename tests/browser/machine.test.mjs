@@ -1,12 +1,12 @@
 // The HMI on the real runtime: what an operator does in the first minutes.
 
 import assert from "node:assert/strict";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
 
-import { launch, openPage } from "./browser.mjs";
+import { openPage } from "./browser.mjs";
 import { picture } from "./pictures.mjs";
-import { Runtime } from "./runtime.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { disabled, Screen, until } from "./screen.mjs";
 
 /** Where the README's picture is kept; written when asked for. */
@@ -19,16 +19,7 @@ let checked;
 let close;
 let screen;
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 
 beforeEach(async () => {
   ({ page, errors, checked, close } = await openPage(browser));

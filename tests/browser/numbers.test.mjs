@@ -2,10 +2,10 @@
 // now and then, so what counts is the median.
 
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
+import { test } from "node:test";
 
-import { launch, openPage } from "./browser.mjs";
-import { Runtime } from "./runtime.mjs";
+import { openPage } from "./browser.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { Screen, until } from "./screen.mjs";
 
@@ -22,15 +22,7 @@ const GROWTH_BYTES = 1_000_000;
 
 let browser;
 let runtime;
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 
 const median = (values) => values.toSorted((a, b) => a - b)[Math.floor(values.length / 2)];
 

@@ -6,8 +6,11 @@ import { appendFile, mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
+import { after, before } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
 import { promisify } from "node:util";
+
+import { launch } from "./browser.mjs";
 
 const BINARY = process.env.TANDEM_BIN ?? new URL("../../target/debug/tandem", import.meta.url).pathname;
 const START_MS = 20000;
@@ -213,4 +216,20 @@ export class Runtime {
     if (child.exitCode === null && child.signalCode === null && child.kill(signal)) await once(child, "exit");
     return child.exitCode;
   }
+}
+
+/** Before the tests of a file starts a runtime and a browser, and hands them to `take`; they end after the tests. */
+export function withRuntime(take) {
+  let made;
+  before(async () => {
+    const runtime = await Runtime.create();
+    made = { runtime };
+    await runtime.start();
+    made.browser = await launch();
+    take(made);
+  });
+  after(async () => {
+    await made?.browser?.close();
+    await made?.runtime.remove();
+  });
 }

@@ -1,10 +1,10 @@
 // Setting up a part, and the programs of the store, on the real runtime.
 
 import assert from "node:assert/strict";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 
-import { launch, openPage } from "./browser.mjs";
-import { Runtime } from "./runtime.mjs";
+import { openPage } from "./browser.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
 let browser;
@@ -14,16 +14,7 @@ let errors;
 let close;
 let screen;
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
-  browser = await launch();
-});
-
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
+withRuntime((made) => ({ runtime, browser } = made));
 
 beforeEach(async () => {
   ({ page, errors, close } = await openPage(browser));
