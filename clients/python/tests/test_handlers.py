@@ -202,6 +202,9 @@ def test_a_program_that_is_stopped_lets_its_handlers_end_and_says_when_it_is_bac
         ends.append(output.cancelled)
 
     async def at_work() -> None:
+        # it is waited for from the beginning on, and a start before the machine knows the handler is an alarm
+        while "cell" not in tandem_machine.rest("GET", "/handlers")["handlers"]:
+            await asyncio.sleep(0.02)
         await asyncio.to_thread(tandem_machine.load, "M20\nM20\nM30")
         await asyncio.to_thread(tandem_machine.started)
         await asyncio.to_thread(
