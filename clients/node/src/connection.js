@@ -7,6 +7,7 @@ import { Bell, sleep } from "./bell.js";
 import { ConnectError, NoAnswer, NotConnected, Refused, sentence } from "./errors.js";
 import { Hub } from "./hub.js";
 import { Link } from "./link.js";
+import { checkMaySend } from "./output.js";
 import { FILTERS, numberAt, patternOf, whatIsWrong } from "./topics.js";
 
 export const ANSWER_TIMEOUT_MS = 5_000;
@@ -182,7 +183,10 @@ export class Connection {
       this.connections += 1;
       this.#heardAt = performance.now();
       link.subscribe(this.#filters().map((path) => `${this.address.root}/${path}`));
-      age = setInterval(() => this.#lookAtAge(), LOOK_AT_AGE_MS);
+      age = setInterval(() => {
+        link.lookAtSilence();
+        this.#lookAtAge();
+      }, LOOK_AT_AGE_MS);
       this.#trouble = await link.lost;
       if (!this.#isClosing) this.log.warn(`${host}:${port}: ${this.#trouble}`);
       return true;
@@ -312,12 +316,14 @@ export class Connection {
 
   /**
    * Sends a message, and waits for its end: the answer, or else that the broker has it. Throws `Refused`, `NotConnected` (there was no
-   * connection in all that time, and it was not sent) or `NoAnswer` (it was sent, and no answer came).
+   * connection in all that time, and it was not sent), `NoAnswer` (it was sent, and no answer came) or `Ended` (a handler that was
+   * cancelled sends it).
    * @param {string} path @param {object} payload
    * @param {{retain?: boolean, commandId?: string, resultOf?: ResultOf, timeoutMs?: number}} [options]
    * @returns {Promise<any>}
    */
   async request(path, payload, { retain = false, commandId, resultOf, timeoutMs = ANSWER_TIMEOUT_MS } = {}) {
+    checkMaySend();
     if (this.stopped.aborted) throw new NotConnected(`${path}: the connection was closed here; nothing was sent`);
     if (this.#requests.size >= OUTBOX_MAX) throw new NotConnected(`${OUTBOX_MAX} requests wait for an answer already; nothing was sent`);
     /** @type {Request} */

@@ -1,7 +1,7 @@
 // Interlocks, start locks, and inputs and outputs of the plant that a program has set: they are written again on each connection and at each boot.
 
 import { Bell, sleep } from "./bell.js";
-import { NoAnswer, NotConnected, Refused } from "./errors.js";
+import { Ended, NoAnswer, NotConnected, Refused } from "./errors.js";
 
 const RETRY_MS = 500;
 const TIMEOUT_MS = 2_000;
@@ -57,7 +57,7 @@ export class Levels {
         await this.#announced.rung({ signal: stopped });
         return await this.#write(key);
       } catch (error) {
-        if (error instanceof Refused) {
+        if (error instanceof Refused || error instanceof Ended) {
           if (before === undefined) this.#wanted.delete(key);
           else this.#wanted.set(key, before);
         }

@@ -7,6 +7,11 @@ import { ConnectError } from "./errors.js";
 const CONNECT_TIMEOUT_MS = 5_000;
 const CLOSE_TIMEOUT_MS = 500;
 const KEEP_ALIVE_S = 5;
+/**
+ * A broker that acknowledges nothing for so long, while something waits for it, is left for the next node. Reason: a node of a cluster
+ * that has lost the others may take messages and never acknowledge them, also when it has found them again.
+ */
+export const limits = { silenceMs: 10_000 };
 /** Bytes of one message; more is not read. */
 const PAYLOAD_MAX = 1 << 20;
 /** Messages that are not acknowledged; more are refused. */
@@ -40,6 +45,8 @@ export class Link {
   /** @type {import("mqtt").MqttClient | null} */
   #client = null;
   #unacknowledged = 0;
+  /** Since when messages wait for an acknowledgement and none has come, ms. */
+  #silentSince = 0;
   #end = (/** @type {string} */ _why) => {};
   /** Why the connection has ended, once it has. @type {Promise<string>} */
   lost;
@@ -100,7 +107,25 @@ export class Link {
 
   /** Subscribes with quality of service 1. @param {string[]} filters */
   subscribe(filters) {
-    this.#client?.subscribe(filters, { qos: 1 });
+    const acknowledged = this.#awaitsAcknowledgement();
+    this.#client?.subscribe(filters, { qos: 1 }, acknowledged);
+  }
+
+  /** One more message waits for its acknowledgement; what is called when it has come. */
+  #awaitsAcknowledgement() {
+    if (this.#unacknowledged === 0) this.#silentSince = performance.now();
+    this.#unacknowledged += 1;
+    return () => {
+      this.#unacknowledged -= 1;
+      this.#silentSince = performance.now();
+    };
+  }
+
+  /** Leaves a broker that acknowledges nothing; called about once a second. */
+  lookAtSilence() {
+    if (this.#unacknowledged === 0 || performance.now() - this.#silentSince < limits.silenceMs) return;
+    this.#end(`the broker has acknowledged nothing for ${limits.silenceMs / 1000} s`);
+    this.abandon();
   }
 
   /**
@@ -110,9 +135,9 @@ export class Link {
   publish(topic, payload, retain, acknowledged) {
     const client = this.#client;
     if (client === null || !client.connected || this.#unacknowledged >= UNACKNOWLEDGED_MAX) return false;
-    this.#unacknowledged += 1;
+    const hasCome = this.#awaitsAcknowledgement();
     client.publish(topic, payload, { qos: 1, retain }, (error) => {
-      this.#unacknowledged -= 1;
+      hasCome();
       if (!error) acknowledged?.();
     });
     return true;

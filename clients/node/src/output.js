@@ -1,5 +1,6 @@
 // One output, as its handler uses it.
 
+import { AsyncLocalStorage } from "node:async_hooks";
 import { randomBytes } from "node:crypto";
 
 import { Bell, sleep } from "./bell.js";
@@ -15,11 +16,22 @@ const CHOICE_MAX = 40;
 const PROGRESS_MAX = 200;
 const CHECKPOINT_MAX = 4096;
 
+/** How long a handler may still send after its output was cancelled, to clean up. */
+export const limits = { cleanUpMs: 5_000 };
+/** The output whose handler is at work in what runs now. @type {AsyncLocalStorage<Output>} */
+const atWork = new AsyncLocalStorage();
+
+/** Throws an `Ended` where the handler that would send now was cancelled, and has had its time to clean up. */
+export function checkMaySend() {
+  atWork.getStore()?.checkMaySend();
+}
+
 /** @typedef {{handler_id: string, instance?: string}} Identity */
 
 /**
  * An auxiliary function output: an M code with its parameters, on which a handler works. When it is cancelled, `signal` is aborted:
- * give it to whatever the handler waits for.
+ * give it to whatever the handler waits for. A handler that is cancelled has 5 s to clean up; what it sends later by any `Plc` is
+ * refused with an `Ended`, and does not reach the machine.
  */
 export class Output {
   /** Aborted when the output is no longer this handler's; its `reason` is an `Ended`, whose `reason` says why. @type {AbortSignal} */
@@ -32,6 +44,7 @@ export class Output {
   #identity;
   #notice;
   #abort = new AbortController();
+  #isOver = false;
   /** @type {object | null} */
   #progress = null;
   /** @type {object | null} */
@@ -212,10 +225,28 @@ export class Output {
     if (report !== null && !this.cancelled) this.#connection.post(this.path(what), report);
   }
 
+  /** Does the work of its handler; what that sends is known by it. @internal @template Value @param {() => Value} work */
+  work(work) {
+    return atWork.run(this, work);
+  }
+
   /** @internal @param {import("./messages.d.ts").CancelReason | null} reason */
   cancel(reason) {
-    const why = reason === null ? "it is no longer this handler's" : `reason: ${reason}`;
-    this.#abort.abort(new Ended(`M${this.m} was cancelled; ${why}`, reason));
+    this.#abort.abort(new Ended(`M${this.m} was cancelled; ${this.#whyCancelled(reason)}`, reason));
+    setTimeout(() => (this.#isOver = true), limits.cleanUpMs).unref();
+  }
+
+  /** @internal */
+  checkMaySend() {
+    if (!this.#isOver) return;
+    const reason = this.cancelReason;
+    const ago = `M${this.m} was cancelled ${limits.cleanUpMs / 1000} s ago and more; ${this.#whyCancelled(reason)}`;
+    throw new Ended(`${ago}; nothing was sent: its handler must end when output.signal is aborted`, reason);
+  }
+
+  /** @param {import("./messages.d.ts").CancelReason | null} reason */
+  #whyCancelled(reason) {
+    return reason === null ? "it is no longer this handler's" : `reason: ${reason}`;
   }
 }
 

@@ -2,7 +2,7 @@
 
 import { ALARMS_MAX } from "./alarms.js";
 import { Bell } from "./bell.js";
-import { Connection, PRESENT_TIMEOUT_MS } from "./connection.js";
+import { Connection } from "./connection.js";
 import { Declared } from "./declared.js";
 import { ProgramError } from "./errors.js";
 import { Plc } from "./plc.js";
@@ -220,8 +220,8 @@ export class SequenceProgram {
   }
 
   /**
-   * Registers what runs beside the handlers from the first connection on, through losses of the connection. When it throws, the program
-   * ends with that.
+   * Registers what runs beside the handlers. It begins when the machine knows them, so that it may start a program, and runs through
+   * losses of the connection. When it throws, the program ends with that.
    * @param {Task} task
    */
   task(task) {
@@ -284,7 +284,8 @@ export class SequenceProgram {
   }
 
   /**
-   * Serves the machine from now on, when it knows the handlers. Throws as `run`.
+   * Serves the machine from now on, when it knows the handlers; where it refuses them, `ended` of what this gives says why. Throws as
+   * `run`.
    * @param {string} address @param {ServeOptions & import("./connection.js").ConnectOptions} [options]
    */
   async serve(address, { takeOver = false, ...options } = {}) {
@@ -298,9 +299,8 @@ export class SequenceProgram {
     const stopped = new AbortController();
     const announcing = runner.run();
     const jobs = [announcing, plc.levels.keepWritten()];
-    const timeoutMs = options.timeoutMs ?? PRESENT_TIMEOUT_MS;
-    await Promise.race([runner.announced.rung({ timeoutMs, signal: stopped.signal }), announcing]).catch(() => {});
-    for (const task of this.#tasks) jobs.push(forever(task, plc, stopped.signal));
+    await Promise.race([runner.announced.rung(), announcing]).catch(() => {});
+    if (runner.announced.isRung) for (const task of this.#tasks) jobs.push(forever(task, plc, stopped.signal));
     const closed = new Bell();
     const ended = Promise.race([Promise.all(jobs), closed.rung()]).then(() => {});
     // whoever does not wait for it closes it

@@ -85,6 +85,8 @@ export class Runner {
   #begun = new Set();
   #mustAnnounce = new Bell();
   #hasAnnounced = false;
+  /** The machine has not answered to the last announcement. */
+  #awaitsAcceptance = false;
   /** @type {number[]} */
   #announcedSystems = [];
   #refusals = 0;
@@ -123,6 +125,7 @@ export class Runner {
       if (this.#ended !== null) throw this.#ended;
       if (signal.aborted) return;
       if (!must) {
+        if (this.#awaitsAcceptance) this.#connection.log.warn("the machine has not said yet that it knows the handlers");
         if (this.#hasAnnounced) this.#connection.post(this.#presencePath, this.#online(), true);
         continue;
       }
@@ -204,8 +207,17 @@ export class Runner {
     // releases claims of an earlier program of the same name whose end was not noticed
     if (!this.#hasAnnounced) await connection.request(this.#presencePath, this.#offline(), { retain: true });
     this.#announcedSystems = this.#systems();
+    this.#awaitsAcceptance = true;
     await connection.request(this.#presencePath, this.#online(), { retain: true });
     this.#hasAnnounced = true;
+  }
+
+  #onAccepted() {
+    this.#refusals = 0;
+    this.#takeOver = false;
+    if (this.#isStopping) this.#isKnownToStop.ring();
+    if (!this.#awaitsAcceptance) return;
+    this.#awaitsAcceptance = false;
     this.announced.ring();
     this.#plc.levels.onAnnounced(this.#handlerId);
     this.#lookAtAll();
@@ -231,11 +243,8 @@ export class Runner {
 
   /** Hears what became of the presence. @param {import("./messages.d.ts").HandlerResultMessage} result */
   #onResult({ status, text }) {
-    if (status === "accepted") {
-      this.#refusals = 0;
-      this.#takeOver = false;
-      if (this.#isStopping) this.#isKnownToStop.ring();
-    } else if (status === "confirm") {
+    if (status === "accepted") this.#onAccepted();
+    else if (status === "confirm") {
       // another process has come, and the machine asks whether this one is still there
       this.#mustAnnounce.ring();
     } else if (status === "refused" && this.#refusals < REFUSALS_MAX) {
@@ -370,7 +379,7 @@ export class Runner {
   async #call(output, entry) {
     try {
       entry.declared.check(output.m, output.params);
-      await entry.call(output, this.#plc);
+      await output.work(() => entry.call(output, this.#plc));
       return null;
     } catch (error) {
       if (error instanceof Alarm || output.cancelled) return error instanceof Alarm ? error : null;

@@ -5,6 +5,7 @@ import { after, before, beforeEach, test } from "node:test";
 import { setTimeout as delay } from "node:timers/promises";
 
 import { Alarm, CommandFailed, ConnectError, Ended, NoAnswer, NotConnected, Plc, Refused, SequenceProgram, stopSignal, TakenOver, UserAlarm } from "../src/index.js";
+import { limits } from "../src/output.js";
 import { Machine } from "../src/testing.js";
 
 /** @typedef {import("../src/index.js").Output} Output */
@@ -145,6 +146,35 @@ for (const verb of ["stop", "abort", "reset"]) {
     assert.deepEqual(ends, [[true, verb, true]]);
   });
 }
+
+test("what a handler sends that works on after its cancel is refused here, once it has had time to clean up", async (t) => {
+  const before = limits.cleanUpMs;
+  t.after(() => (limits.cleanUpMs = before));
+  limits.cleanUpMs = 200;
+  /** @type {unknown} */
+  let error;
+  const program = new SequenceProgram("rinse").on(20, async (output, plc) => {
+    output.progress("it rinses");
+    while (!output.cancelled) await delay(10); // the signal is given to nothing
+    await plc.writeP(100, [1]); // the clean-up
+    while (error === undefined) {
+      await delay(10);
+      await plc.writeP(101, [2]).catch((refused) => (error = refused));
+    }
+    await plc.writeP(102, [3]);
+  });
+  await serving(program, async (plc) => {
+    await plc.writeP(100, [0, 0, 0]);
+    await machine.load("M20\nM30");
+    await machine.started();
+    await machine.waitFor(({ waiting_on: waiting }) => waiting?.progress !== undefined);
+    await machine.rest("POST", "/cs/1/stop?wait=1");
+    await machine.waitFor(() => error !== undefined);
+    assert.deepEqual(await plc.readP(100, 3), [1, 2, 0]);
+  });
+  assert.ok(error instanceof Ended && error.reason === "stop", String(error));
+  assert.match(error.message, /^M20 was cancelled 0.2 s ago and more; reason: stop; nothing was sent: its handler must end when/);
+});
 
 test("a question that is open ends with its output", async () => {
   /** @type {unknown[]} */

@@ -193,7 +193,8 @@ def test_what_is_said_of_alarms_is_checked_where_it_is_written() -> None:
 
 
 def test_a_program_that_is_stopped_lets_its_handlers_end_and_says_when_it_is_back(tandem_machine: Machine) -> None:
-    program, ends = SequenceProgram("cell"), []
+    program, known = SequenceProgram("cell"), asyncio.Event()
+    ends: list[bool] = []
 
     @program.on(20)
     async def rinse(output: Output) -> None:
@@ -201,10 +202,13 @@ def test_a_program_that_is_stopped_lets_its_handlers_end_and_says_when_it_is_bac
         await asyncio.sleep(0.3)
         ends.append(output.cancelled)
 
+    @program.task
+    async def begin(_plc: Plc) -> None:
+        known.set()
+
     async def at_work() -> None:
         # it is waited for from the beginning on, and a start before the machine knows the handler is an alarm
-        while "cell" not in tandem_machine.rest("GET", "/handlers")["handlers"]:
-            await asyncio.sleep(0.02)
+        await known.wait()
         await asyncio.to_thread(tandem_machine.load, "M20\nM20\nM30")
         await asyncio.to_thread(tandem_machine.started)
         await asyncio.to_thread(

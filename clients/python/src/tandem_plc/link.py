@@ -20,6 +20,9 @@ log = logging.getLogger("tandem_plc")
 
 CONNECT_TIMEOUT_S = 5.0
 KEEP_ALIVE_S = 5
+SILENCE_MAX_S = 10.0
+"""A broker that acknowledges nothing for so long, while something waits for it, is left for the next node. Reason: a
+node of a cluster that has lost the others may take messages and never acknowledge them, also when it has found them."""
 PAYLOAD_MAX = 1 << 20
 """Bytes of one message; more is not read."""
 QUEUE_MAX = 2_048
@@ -55,6 +58,9 @@ class Link:
         self._ready: asyncio.Future[None] = self._loop.create_future()
         self.lost: asyncio.Future[str] = self._loop.create_future()
         """Why the connection has ended, once it has."""
+        self._unacknowledged: set[int] = set()
+        self._silent_since: float | None = None
+        """Since when messages wait for an acknowledgement and none has come."""
         client = mqtt.Client(
             CallbackAPIVersion.VERSION2,
             client_id=options.client_id,
@@ -75,6 +81,7 @@ class Link:
         client.on_disconnect = self._disconnected
         client.on_message = self._received
         client.on_publish = self._published
+        client.on_subscribe = self._subscribed
         client.on_socket_open = self._socket_open
         client.on_socket_register_write = self._wants_write
         client.on_socket_unregister_write = self._has_written
@@ -98,17 +105,25 @@ class Link:
 
     def subscribe(self, filters: list[str]) -> None:
         """Subscribe with quality of service 1."""
-        self._client.subscribe([(path, 1) for path in filters])
+        _, packet = self._client.subscribe([(path, 1) for path in filters])
+        if packet is not None:
+            self._awaits(packet)
 
     def publish(self, topic: str, payload: str, *, retain: bool = False) -> int | None:
         """Send a message with quality of service 1; gives its packet id, ``None`` when it cannot be taken."""
         info = self._client.publish(topic, payload, qos=1, retain=retain)
-        return info.mid if info.rc in (MQTTErrorCode.MQTT_ERR_SUCCESS, MQTTErrorCode.MQTT_ERR_AGAIN) else None
+        if info.rc not in (MQTTErrorCode.MQTT_ERR_SUCCESS, MQTTErrorCode.MQTT_ERR_AGAIN):
+            return None
+        self._awaits(info.mid)
+        return info.mid
 
     def keep_alive(self) -> None:
-        """Send and watch pings; called about once a second."""
-        if not self.lost.done():
-            self._client.loop_misc()
+        """Send and watch pings, and leave a broker that acknowledges nothing; called about once a second."""
+        if self.lost.done():
+            return
+        self._client.loop_misc()
+        if self._silent_since is not None and self._loop.time() - self._silent_since >= SILENCE_MAX_S:
+            self._end(f"the broker has acknowledged nothing for {SILENCE_MAX_S:g} s")
 
     async def close(self) -> None:
         """Send what waits, say goodbye, and close."""
@@ -198,4 +213,17 @@ class Link:
             log.exception("a message on %s could not be used", message.topic)
 
     def _published(self, _client: mqtt.Client, _data: Any, packet: int, _reason: Any, _properties: Any) -> None:
+        self._has_come(packet)
         self._on_acknowledged(packet)
+
+    def _subscribed(self, _client: mqtt.Client, _data: Any, packet: int, _reasons: Any, _properties: Any) -> None:
+        self._has_come(packet)
+
+    def _awaits(self, packet: int) -> None:
+        self._unacknowledged.add(packet)
+        if self._silent_since is None:
+            self._silent_since = self._loop.time()
+
+    def _has_come(self, packet: int) -> None:
+        self._unacknowledged.discard(packet)
+        self._silent_since = self._loop.time() if self._unacknowledged else None

@@ -201,9 +201,10 @@ class SequenceProgram:
         return level
 
     def task(self, task: T) -> T:
-        """Register what runs beside the handlers from the first connection on, as a decorator.
+        """Register what runs beside the handlers, as a decorator.
 
-        It runs through losses of the connection. When it raises, the program ends with that exception.
+        It begins when the machine knows the handlers, so that it may start a program, and runs through losses of the
+        connection. When it raises, the program ends with that exception.
         """
         _check_async(task, 1, "(plc)")
         self._tasks.append(task)
@@ -286,7 +287,10 @@ class SequenceProgram:
         take_over: bool = False,
         timeout_s: float = PRESENT_TIMEOUT_S,
     ) -> AsyncIterator[Serving]:
-        """Serve the machine within the block, which begins when it knows the handlers. Raises as :meth:`run`."""
+        """Serve the machine within the block, which begins when it knows the handlers. Raises as :meth:`run`.
+
+        Where it refuses them the block begins, too, and :attr:`Serving.ended` says why.
+        """
         self._check()
         connection = Connection(address, credentials, self.handler_id)
         plc = Plc(connection)
@@ -311,9 +315,10 @@ class SequenceProgram:
             jobs.append(asyncio.ensure_future(runner.run()))
             jobs.append(asyncio.ensure_future(plc._levels.keep_written()))
             announced = asyncio.ensure_future(runner.announced.wait())
-            await asyncio.wait({announced, *jobs}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({announced, *jobs}, return_when=asyncio.FIRST_COMPLETED)
             announced.cancel()
-            jobs.extend(asyncio.ensure_future(_forever(task, plc)) for task in self._tasks)
+            if runner.announced.is_set():
+                jobs.extend(asyncio.ensure_future(_forever(task, plc)) for task in self._tasks)
             yield Serving(plc, asyncio.ensure_future(_first_failure(jobs)), runner)
         finally:
             for job in jobs:

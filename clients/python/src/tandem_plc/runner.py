@@ -156,6 +156,8 @@ class Runner:
         self._jobs: set[asyncio.Task[None]] = set()
         self._must_announce = asyncio.Event()
         self._has_announced = False
+        self._awaits_acceptance = False
+        """The machine has not answered to the last announcement."""
         self._announced_systems: list[int] = []
         self.announced = asyncio.Event()
         """The machine knows these handlers."""
@@ -182,6 +184,8 @@ class Runner:
             if self._ended.done():
                 break
             if not done:
+                if self._awaits_acceptance:
+                    log.warning("the machine has not said yet that it knows the handlers")
                 if self._has_announced:
                     self._connection.post(self._presence_path(), self._online(), retain=True)
                 continue
@@ -260,11 +264,19 @@ class Runner:
             # releases claims of an earlier program of the same name whose end was not noticed
             await self._connection.request(self._presence_path(), self._offline(), retain=True)
         self._announced_systems = self._systems()
+        self._awaits_acceptance = True
         await self._connection.request(self._presence_path(), self._online(), retain=True)
         self._has_announced = True
-        self.announced.set()
-        self._plc._levels.on_announced(self._handler_id)
-        self._look_at_all()
+
+    def _on_accepted(self) -> None:
+        self._refusals, self._take_over = 0, False
+        if self._is_stopping:
+            self._is_known_to_stop.set()
+        if self._awaits_acceptance:
+            self._awaits_acceptance = False
+            self.announced.set()
+            self._plc._levels.on_announced(self._handler_id)
+            self._look_at_all()
 
     def _on_connected(self) -> None:
         self._plc._levels.on_away()
@@ -296,9 +308,7 @@ class Runner:
     def _on_result(self, result: HandlerResult) -> None:
         """Hear what became of the presence."""
         if result.status == "accepted":
-            self._refusals, self._take_over = 0, False
-            if self._is_stopping:
-                self._is_known_to_stop.set()
+            self._on_accepted()
             return
         if result.status == "confirm":
             # another process has come, and the machine asks whether this one is still there

@@ -1,0 +1,55 @@
+// What a program does at a broker that does not do what it should.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { setTimeout as delay } from "node:timers/promises";
+
+import { SequenceProgram } from "../src/index.js";
+import { limits } from "../src/link.js";
+import { FakeBroker } from "./fake_broker.js";
+
+limits.silenceMs = 500;
+
+/** What is said. @type {string[]} */
+const said = [];
+const log = { debug: () => {}, warn: (/** @type {any[]} */ ...words) => said.push(words.join(" ")), error: () => {} };
+const program = () => new SequenceProgram("cell").on(20, () => {});
+
+test("a broker that acknowledges nothing is left for the next node", async () => {
+  const silent = await FakeBroker.open({ acknowledges: false, accepts: false });
+  const sound = await FakeBroker.open({ acknowledges: true, accepts: true });
+  const serving = await program().serve(`mqtt://${silent.node},${sound.node}/mill-1`, { log });
+  assert.ok(silent.heard.includes("handler/cell/presence") && sound.heard.includes("handler/cell/presence"));
+  assert.ok(said.some((words) => words.includes(`${silent.node}: the broker has acknowledged nothing for 0.5 s`)), said.join("\n"));
+  await serving.close();
+  await serving.ended;
+  [silent, sound].forEach((broker) => broker.close());
+});
+
+test("a broker is not left while nothing waits for it", async () => {
+  said.length = 0;
+  const sound = await FakeBroker.open({ acknowledges: true, accepts: true });
+  const serving = await program().serve(`mqtt://${sound.node}/mill-1`, { log });
+  await delay(3 * limits.silenceMs);
+  await serving.close();
+  assert.deepEqual(said, []);
+  sound.close();
+});
+
+test("a task begins when the machine knows the handlers, and not when the broker does", async () => {
+  const broker = await FakeBroker.open({ acknowledges: true, accepts: false });
+  let hasBegun = false;
+  const tasked = program().task(async () => {
+    hasBegun = true;
+  });
+  const serve = tasked.serve(`mqtt://${broker.node}/mill-1`, { log });
+  // it goes first, and then comes: the broker has both
+  while (broker.heard.filter((path) => path === "handler/cell/presence").length < 2) await delay(10);
+  await delay(100);
+  assert.ok(!hasBegun);
+  broker.accept();
+  const serving = await serve;
+  assert.ok(hasBegun);
+  await serving.close();
+  broker.close();
+});

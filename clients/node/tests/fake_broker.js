@@ -1,0 +1,99 @@
+// A broker that does as a test says: with a machine that is there, and acknowledgements that come or not.
+
+import { once } from "node:events";
+import { readFile } from "node:fs/promises";
+import { createServer } from "node:net";
+import { createRequire } from "node:module";
+
+const packets = createRequire(createRequire(import.meta.url).resolve("mqtt"))("mqtt-packet");
+const MACHINE = "tandem/v1/mill-1/";
+const { channels } = JSON.parse(await readFile(new URL("../../../runtime/gateway/api/asyncapi.json", import.meta.url), "utf8"));
+
+/** The example that the contract has of a message. @param {string} address */
+function example(address) {
+  const channel = /** @type {any[]} */ (Object.values(channels)).find((one) => one.address === `tandem/v1/{machine}/${address}`);
+  const [message] = /** @type {any[]} */ (Object.values(channel.messages));
+  return message.examples[0].payload;
+}
+
+/** Accepts connections, and tells each that the machine is there. */
+export class FakeBroker {
+  /** Topics of what has come, below the machine. @type {string[]} */
+  heard = [];
+  #server = createServer((socket) => this.#serve(socket));
+  /** @type {Set<import("node:net").Socket>} */
+  #lines = new Set();
+  /** @type {string | null} */
+  #instance = null;
+
+  /** `accepts`: the machine knows a handler as soon as it hears of it. @param {{acknowledges: boolean, accepts: boolean}} does */
+  constructor(does) {
+    this.does = does;
+  }
+
+  /** Listens. @param {{acknowledges: boolean, accepts: boolean}} does */
+  static async open(does) {
+    const broker = new FakeBroker(does);
+    broker.#server.listen(0, "127.0.0.1");
+    await once(broker.#server, "listening");
+    return broker;
+  }
+
+  get node() {
+    const address = /** @type {import("node:net").AddressInfo} */ (this.#server.address());
+    return `127.0.0.1:${address.port}`;
+  }
+
+  close() {
+    this.#server.close();
+    this.#lines.forEach((line) => line.destroy());
+  }
+
+  /** Has the machine say that it knows the handler that has come. */
+  accept() {
+    const result = { ...example("handler/{id}/result"), instance: this.#instance };
+    this.#lines.forEach((line) => this.#say(line, "handler/cell/result", result));
+  }
+
+  /** @param {import("node:net").Socket} line */
+  #serve(line) {
+    this.#lines.add(line);
+    const parser = packets.parser();
+    parser.on("packet", (/** @type {any} */ packet) => this.#answer(line, packet));
+    line.on("data", (data) => parser.parse(data));
+    line.on("error", () => {});
+    line.on("close", () => this.#lines.delete(line));
+  }
+
+  /** @param {import("node:net").Socket} line @param {any} packet */
+  #answer(line, { cmd, messageId, subscriptions, topic, payload }) {
+    if (cmd === "connect") send(line, { cmd: "connack", returnCode: 0, sessionPresent: false });
+    else if (cmd === "pingreq") send(line, { cmd: "pingresp" });
+    else if (cmd === "subscribe") {
+      send(line, { cmd: "suback", messageId, granted: subscriptions.map(() => 1) });
+      for (const what of ["birth", "presence"]) this.#say(line, what, example(what));
+    } else if (cmd === "publish") {
+      const path = topic.slice(MACHINE.length);
+      this.heard.push(path);
+      if (this.does.acknowledges) send(line, { cmd: "puback", messageId });
+      if (path === "handler/cell/presence") this.#onPresence(JSON.parse(payload.toString()));
+    }
+  }
+
+  /** @param {any} presence */
+  #onPresence({ online, instance }) {
+    if (!online) return;
+    this.#instance = instance;
+    if (this.does.accepts) this.accept();
+  }
+
+  /** @param {import("node:net").Socket} line @param {string} path @param {object} message */
+  #say(line, path, message) {
+    send(line, { cmd: "publish", topic: MACHINE + path, payload: JSON.stringify(message), qos: 0, retain: false, dup: false });
+  }
+}
+
+/** @param {import("node:net").Socket} line @param {object} packet */
+function send(line, packet) {
+  line.write(packets.generate(packet));
+}

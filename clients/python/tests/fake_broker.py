@@ -1,0 +1,124 @@
+"""A broker that does as a test says: with a machine that is there, and acknowledgements that come or not."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[3]
+MACHINE = "tandem/v1/mill-1/"
+CONNACK, PUBLISH, PUBACK, SUBSCRIBE, SUBACK, PINGREQ, PINGRESP = 0x20, 3, 0x40, 8, 0x90, 12, 0xD0
+CONNECT = 1
+
+
+def example(address: str) -> dict[str, Any]:
+    """Give the example that the contract has of a message."""
+    document = json.loads((ROOT / "runtime/gateway/api/asyncapi.json").read_text())
+    for channel in document["channels"].values():
+        if channel["address"] == f"tandem/v1/{{machine}}/{address}":
+            (message,) = channel["messages"].values()
+            payload: dict[str, Any] = message["examples"][0]["payload"]
+            return payload
+    raise AssertionError(address)
+
+
+class FakeBroker:
+    """Accepts connections, and tells each that the machine is there."""
+
+    def __init__(self, *, acknowledges: bool, accepts: bool) -> None:
+        self.acknowledges = acknowledges
+        self.accepts = accepts
+        """The machine knows a handler as soon as it hears of it."""
+        self.heard: list[str] = []
+        """Topics of what has come, below the machine."""
+        self.has_come = asyncio.Event()
+        """A handler has said that it is there."""
+        self.port = 0
+        self._instance: str | None = None
+        self._lines: set[asyncio.StreamWriter] = set()
+
+    @property
+    def address(self) -> str:
+        """Its machine."""
+        return f"mqtt://127.0.0.1:{self.port}/mill-1"
+
+    @contextlib.asynccontextmanager
+    async def open(self) -> AsyncIterator[FakeBroker]:
+        """Listen within the block."""
+        server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self.port = server.sockets[0].getsockname()[1]
+        try:
+            yield self
+        finally:
+            server.close()
+            for line in self._lines:
+                line.close()
+
+    def accept(self) -> None:
+        """Have the machine say that it knows the handler that has come."""
+        result = {**example("handler/{id}/result"), "instance": self._instance}
+        for line in self._lines:
+            self._say(line, "handler/cell/result", result)
+
+    async def _serve(self, reader: asyncio.StreamReader, line: asyncio.StreamWriter) -> None:
+        self._lines.add(line)
+        with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+            while True:
+                (head,) = await reader.readexactly(1)
+                self._answer(line, head, await reader.readexactly(await _length(reader)))
+        self._lines.discard(line)
+        line.close()
+
+    def _answer(self, line: asyncio.StreamWriter, head: int, body: bytes) -> None:
+        kind = head >> 4
+        if kind == CONNECT:
+            line.write(bytes([CONNACK, 2, 0, 0]))
+        elif kind == PINGREQ:
+            line.write(bytes([PINGRESP, 0]))
+        elif kind == SUBSCRIBE:
+            count = sum(1 for _ in _filters(body[2:]))
+            line.write(bytes([SUBACK, 2 + count]) + body[:2] + bytes([1] * count))
+            for topic in ("birth", "presence"):
+                self._say(line, topic, example(topic))
+        elif kind == PUBLISH:
+            end = 2 + int.from_bytes(body[:2], "big")
+            topic = body[2:end].decode().removeprefix(MACHINE)
+            self.heard.append(topic)
+            if self.acknowledges:
+                line.write(bytes([PUBACK, 2]) + body[end : end + 2])
+            if topic == "handler/cell/presence":
+                self._on_presence(json.loads(body[end + 2 :]))
+
+    def _on_presence(self, presence: dict[str, Any]) -> None:
+        if presence["online"]:
+            self._instance = presence["instance"]
+            self.has_come.set()
+            if self.accepts:
+                self.accept()
+
+    def _say(self, line: asyncio.StreamWriter, topic: str, message: dict[str, Any]) -> None:
+        path, payload = f"{MACHINE}{topic}".encode(), json.dumps(message).encode()
+        body = len(path).to_bytes(2, "big") + path + payload
+        line.write(bytes([PUBLISH << 4]) + bytes([len(body) % 128 | 128, len(body) // 128]) + body)
+
+
+async def _length(reader: asyncio.StreamReader) -> int:
+    length, shift = 0, 0
+    while True:
+        (byte,) = await reader.readexactly(1)
+        length |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            return length
+
+
+def _filters(body: bytes) -> Iterator[bytes]:
+    at = 0
+    while at < len(body):
+        end = at + 2 + int.from_bytes(body[at : at + 2], "big")
+        yield body[at + 2 : end]
+        at = end + 1

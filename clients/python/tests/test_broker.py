@@ -1,0 +1,92 @@
+"""What a program does at a broker that does not do what it should."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+from fake_broker import FakeBroker
+
+from tandem_plc import Output, Plc, SequenceProgram, link
+from tandem_plc.program import Serving
+
+InLoop = Callable[[Awaitable[Any]], Any]
+
+PRESENCE = "handler/cell/presence"
+SILENCE_MAX_S = 0.5
+
+
+@pytest.fixture
+def program() -> SequenceProgram:
+    program = SequenceProgram("cell")
+
+    @program.on(20)
+    async def rinse(_output: Output) -> None: ...
+
+    return program
+
+
+def test_a_broker_that_acknowledges_nothing_is_left_for_the_next_node(
+    program: SequenceProgram, in_loop: InLoop, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(link, "SILENCE_MAX_S", SILENCE_MAX_S)
+
+    async def work() -> None:
+        silent, sound = FakeBroker(acknowledges=False, accepts=False), FakeBroker(acknowledges=True, accepts=True)
+        async with silent.open(), sound.open():
+            address = f"mqtt://127.0.0.1:{silent.port},127.0.0.1:{sound.port}/mill-1"
+            async with program.serving(address) as serving:
+                assert PRESENCE in sound.heard
+                assert not serving.ended.done()
+            assert PRESENCE in silent.heard
+
+    in_loop(work())
+    assert f"acknowledged nothing for {SILENCE_MAX_S:g} s" in caplog.text
+
+
+def test_a_broker_is_not_left_while_nothing_waits_for_it(
+    program: SequenceProgram, in_loop: InLoop, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(link, "SILENCE_MAX_S", SILENCE_MAX_S)
+
+    async def work() -> None:
+        sound = FakeBroker(acknowledges=True, accepts=True)
+        async with sound.open(), program.serving(sound.address):
+            await asyncio.sleep(3 * SILENCE_MAX_S)
+
+    in_loop(work())
+    assert "acknowledged nothing" not in caplog.text
+
+
+def test_a_task_begins_when_the_machine_knows_the_handlers_and_not_when_the_broker_does(
+    program: SequenceProgram, in_loop: InLoop
+) -> None:
+    begun = asyncio.Event()
+
+    @program.task
+    async def start(_plc: Plc) -> None:
+        begun.set()
+
+    async def serve(address: str, ready: asyncio.Future[Serving]) -> None:
+        async with program.serving(address) as serving:
+            ready.set_result(serving)
+            await serving.ended
+
+    async def work() -> None:
+        broker = FakeBroker(acknowledges=True, accepts=False)
+        async with broker.open():
+            ready: asyncio.Future[Serving] = asyncio.get_running_loop().create_future()
+            served = asyncio.create_task(serve(broker.address, ready))
+            await broker.has_come.wait()
+            await asyncio.sleep(0.1)
+            assert not begun.is_set()
+            assert not ready.done()
+            broker.accept()
+            await ready
+            await begun.wait()
+            served.cancel()
+            await asyncio.gather(served, return_exceptions=True)
+
+    in_loop(work())
