@@ -1,22 +1,37 @@
 // Lines on the graphics card: each is a rectangle as wide as its kind says, made of two vertices as the runtime sent them. What is
-// done, selected or depends on run time is compared in the shader, so nothing is uploaded while the machine moves.
+// done, selected or depends on run time is compared in the shader, so nothing is uploaded while the machine moves. The shader takes
+// vertices out of a texture: instances of a rectangle would be one call each where the processor draws.
 
 import { t } from "../language.js";
-import { PLACE_MASK, VERTEX_BYTES } from "./bytes.js";
+import { PLACE_MASK, VERTEX_BYTES, VERTEX_WORDS } from "./bytes.js";
+
+/** Words of 4 bytes in a row of the texture of an answer: 2 to the power of `ROW_BITS`. */
+const ROW_BITS = 12;
+const ROW_WORDS = 2 ** ROW_BITS;
+/** Corners of the two triangles of a rectangle. */
+const CORNERS = 6;
 
 const VERTEX = `#version 300 es
-layout(location=0) in vec3 from; layout(location=1) in float fromTime;
-layout(location=2) in vec3 to; layout(location=3) in uint word; layout(location=4) in float toTime;
-uniform mat4 matrix; uniform vec3 shift; uniform vec2 size; uniform float halfWidth;
+precision highp float; precision highp int; precision highp usampler2D;
+uniform usampler2D words; uniform int first;
+uniform mat4 matrix; uniform vec3 shift; uniform vec2 size; uniform vec4 widths; uniform float now; uniform uint selected;
 out float time; out float side; out float along; flat out uint place;
+uint word(int i) { return texelFetch(words, ivec2(i & ${ROW_WORDS - 1}, i >> ${ROW_BITS}), 0).r; }
+float number(int i) { return uintBitsToFloat(word(i)); }
+vec4 seen(int i) { return matrix * vec4(vec3(number(i), number(i + 1), number(i + 2)) + shift, 1.0); }
 void main() {
-  vec4 a = matrix * vec4(from + shift, 1.0); vec4 b = matrix * vec4(to + shift, 1.0);
+  int line = gl_VertexID / ${CORNERS}; int corner = gl_VertexID - line * ${CORNERS}; if (corner > 2) corner -= 2;
+  int from = first + line * ${VERTEX_WORDS}; int to = from + ${VERTEX_WORDS};
+  vec4 a = seen(from); vec4 b = seen(to);
+  float fromTime = number(from + 4); place = word(to + 3);
+  bool isRapid = (place >> 31) == 1u; bool isPicked = (place & 0x7fffffffu) == selected;
+  float halfWidth = (isPicked ? widths.w : isRapid ? widths.z : fromTime <= now ? widths.x : widths.y) + 1.0;
   vec2 way = (b.xy - a.xy) * size * 0.5; float length_ = length(way);
   vec2 ahead = length_ > 0.0 ? way / length_ : vec2(1.0, 0.0);
-  float end = float(gl_VertexID >> 1); float left = float(gl_VertexID & 1) * 2.0 - 1.0;
+  float end = float(corner >> 1); float left = float(corner & 1) * 2.0 - 1.0;
   vec2 beside = vec2(-ahead.y, ahead.x) * left * halfWidth + ahead * (end * 2.0 - 1.0) * 0.5;
   gl_Position = mix(a, b, end) + vec4(beside * 2.0 / size, 0.0, 0.0);
-  time = mix(fromTime, toTime, end); side = left * halfWidth; along = end * length_; place = word;
+  time = mix(fromTime, number(to + 4), end); side = left * halfWidth; along = end * length_;
 }`;
 
 const FRAGMENT = `#version 300 es
@@ -29,7 +44,7 @@ void main() {
   bool isRapid = (place >> 31) == 1u; bool isPicked = (place & 0x7fffffffu) == selected;
   bool isDone = time <= now; float off = abs(side);
   float width = isPicked ? widths.w : isRapid ? widths.z : isDone ? widths.x : widths.y;
-  if (off > width) discard;
+  if (off > width + 0.5) discard;
   if (isRapid && mod(along, 9.0) > 5.0) discard;
   if (!isRapid && !isDone && time > dependsAt && mod(along, 6.0) > 3.5) discard;
   vec4 own = isPicked ? picked : isRapid ? rapid : isDone ? done : rest;
@@ -48,7 +63,7 @@ const WIDTHS = [1.5, 0.8, 0.7, 2.6];
  * @property {Record<"done" | "rest" | "rapid" | "picked", number[]>} colours
  */
 
-const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "halfWidth", "now", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
+const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "words", "first", "now", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
 
 export class Lines {
   /** What the last frame took, and all bytes uploaded so far. */
@@ -57,9 +72,9 @@ export class Lines {
   #gl;
   /** @type {Record<string, WebGLUniformLocation | null>} */
   #at = {};
-  /** @type {WeakMap<ArrayBuffer, WebGLBuffer>} */
-  #buffers = new WeakMap();
-  /** @type {Set<WebGLBuffer>} */
+  /** @type {WeakMap<ArrayBuffer, WebGLTexture>} */
+  #textures = new WeakMap();
+  /** @type {Set<WebGLTexture>} */
   #kept = new Set();
 
   /** @param {WebGL2RenderingContext} gl */
@@ -70,10 +85,7 @@ export class Lines {
     for (const name of UNIFORMS) this.#at[name] = gl.getUniformLocation(program, name);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    for (let i = 0; i < 5; i += 1) {
-      gl.enableVertexAttribArray(i);
-      gl.vertexAttribDivisor(i, 1);
-    }
+    gl.uniform1i(this.#at.words ?? null, 0);
   }
 
   /** @param {import("./camera.js").Camera} camera @param {number} ratio pixels of the canvas per px @param {Look} look */
@@ -87,7 +99,6 @@ export class Lines {
     gl.uniformMatrix4fv(at("matrix"), false, camera.matrix);
     gl.uniform2f(at("size"), camera.width * ratio, camera.height * ratio);
     gl.uniform4fv(at("widths"), WIDTHS.map((width) => width * ratio));
-    gl.uniform1f(at("halfWidth"), Math.max(...WIDTHS) * ratio + 1);
     gl.uniform1f(at("now"), look.now);
     gl.uniform1f(at("dependsAt"), look.dependsAt);
     gl.uniform1ui(at("selected"), (look.selected & PLACE_MASK) >>> 0);
@@ -113,39 +124,44 @@ export class Lines {
   draw({ bytes, offset, count }) {
     if (count < 2) return;
     const gl = this.#gl;
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.#buffer(bytes));
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, VERTEX_BYTES, offset);
-    gl.vertexAttribPointer(1, 1, gl.FLOAT, false, VERTEX_BYTES, offset + 16);
-    gl.vertexAttribPointer(2, 3, gl.FLOAT, false, VERTEX_BYTES, offset + VERTEX_BYTES);
-    gl.vertexAttribIPointer(3, 1, gl.UNSIGNED_INT, VERTEX_BYTES, offset + VERTEX_BYTES + 12);
-    gl.vertexAttribPointer(4, 1, gl.FLOAT, false, VERTEX_BYTES, offset + VERTEX_BYTES + 16);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count - 1);
+    gl.bindTexture(gl.TEXTURE_2D, this.#texture(bytes));
+    gl.uniform1i(this.#at.first ?? null, offset / 4);
+    gl.drawArrays(gl.TRIANGLES, 0, CORNERS * (count - 1));
     this.drawn.calls += 1;
     this.drawn.lines += count - 1;
   }
 
   /** Gives back what is not among these answers. @param {Set<ArrayBuffer>} used */
   keepOnly(used) {
-    const kept = new Set([...used].map((bytes) => this.#buffers.get(bytes)));
-    for (const buffer of this.#kept) {
-      if (kept.has(buffer)) continue;
-      this.#gl.deleteBuffer(buffer);
-      this.#kept.delete(buffer);
+    const kept = new Set([...used].map((bytes) => this.#textures.get(bytes)));
+    for (const texture of this.#kept) {
+      if (kept.has(texture)) continue;
+      this.#gl.deleteTexture(texture);
+      this.#kept.delete(texture);
     }
   }
 
   /** Each answer goes to the card once, as it came. @param {ArrayBuffer} bytes */
-  #buffer(bytes) {
-    const known = this.#buffers.get(bytes);
+  #texture(bytes) {
+    const known = this.#textures.get(bytes);
     if (known && this.#kept.has(known)) return known;
     const gl = this.#gl;
-    const buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
+    const texture = gl.createTexture();
+    const words = new Uint32Array(bytes);
+    const [rows, rest] = [Math.floor(words.length / ROW_WORDS), words.length % ROW_WORDS];
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32UI, rows > 0 ? ROW_WORDS : rest, rows + (rest > 0 ? 1 : 0));
+    const put = (/** @type {number} */ row, /** @type {number} */ wide, /** @type {number} */ high) => {
+      if (wide > 0 && high > 0) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, row, wide, high, gl.RED_INTEGER, gl.UNSIGNED_INT, words, row * ROW_WORDS);
+    };
+    put(0, ROW_WORDS, rows);
+    put(rows, rest, 1);
     this.uploaded += bytes.byteLength;
-    this.#buffers.set(bytes, buffer);
-    this.#kept.add(buffer);
-    return buffer;
+    this.#textures.set(bytes, texture);
+    this.#kept.add(texture);
+    return texture;
   }
 }
 

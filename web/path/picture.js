@@ -61,7 +61,7 @@ export class Picture {
   }
 
   #begin() {
-    const gl = this.#canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: true });
+    const gl = this.#canvas.getContext("webgl2", { antialias: false, alpha: true, premultipliedAlpha: true });
     if (!gl) {
       this.trouble = t("path.this_browser_has_no_webgl");
       return;
