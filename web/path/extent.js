@@ -51,3 +51,18 @@ function include([low, high], piece, vertex) {
     high[i] = Math.max(high[i] ?? value, value);
   }
 }
+
+/** Lengths of pieces that were measured, mm. @type {WeakMap<import("./bytes.js").Piece, number>} */
+const lengths = new WeakMap();
+
+/** Length of the lines of a piece, mm. @param {import("./bytes.js").Piece} piece */
+export function lengthOf(piece) {
+  const known = lengths.get(piece);
+  if (known !== undefined) return known;
+  const { floats, first, count } = piece;
+  const off = (/** @type {number} */ k) => (floats[k] ?? 0) - (floats[k - VERTEX_WORDS] ?? 0);
+  let length = 0;
+  for (let i = 1, k = first + VERTEX_WORDS; i < count; i += 1, k += VERTEX_WORDS) length += Math.sqrt(off(k) ** 2 + off(k + 1) ** 2 + off(k + 2) ** 2);
+  lengths.set(piece, length);
+  return length;
+}

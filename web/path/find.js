@@ -36,6 +36,12 @@ function firstFrom(piece, time) {
   return low;
 }
 
+/** Lines of a piece that are under way between two times. @param {Piece} piece @param {number} from s @param {number} to s */
+export function linesBetween(piece, from, to) {
+  const first = Math.max(0, firstFrom(piece, from) - 1);
+  return { first, count: Math.min(firstFrom(piece, to), piece.count - 1) - first };
+}
+
 /** Where the path is at a time, and the word of that line. @param {Answer} path @param {number} time @returns {{at: Point, word: number} | null} */
 export function atTime(path, time) {
   const chunk = path.chunks.find((one) => one.to >= time) ?? path.chunks.at(-1);

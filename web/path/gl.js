@@ -37,11 +37,12 @@ void main() {
 const FRAGMENT = `#version 300 es
 precision highp float; precision highp int;
 in float time; in float side; in float along; flat in uint place;
-uniform float now; uniform float dependsAt; uniform uint selected;
+uniform float now; uniform float since; uniform float dependsAt; uniform uint selected;
 uniform vec4 done; uniform vec4 rest; uniform vec4 rapid; uniform vec4 picked; uniform vec4 widths;
 out vec4 colour;
 void main() {
   bool isRapid = (place >> 31) == 1u; bool isPicked = (place & 0x7fffffffu) == selected;
+  if (time <= since || (since >= 0.0 && time > now)) discard;
   bool isDone = time <= now; float off = abs(side);
   float width = isPicked ? widths.w : isRapid ? widths.z : isDone ? widths.x : widths.y;
   if (off > width + 0.5) discard;
@@ -56,20 +57,29 @@ void main() {
 const WIDTHS = [1.5, 0.8, 0.7, 2.6];
 
 /**
+ * From where the picture is seen.
+ * @typedef {object} View
+ * @property {Float32Array} matrix
+ * @property {number} scale px per mm
+ * @property {number} ratio pixels of the canvas per px
+ */
+
+/**
  * @typedef {object} Look
- * @property {number} now what is reached by then is done, s
  * @property {number} dependsAt s
  * @property {number} selected place of a word; 0: none
  * @property {Record<"done" | "rest" | "rapid" | "picked", number[]>} colours
  */
 
-const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "words", "first", "now", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
+const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "words", "first", "now", "since", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
 
 export class Lines {
   /** What the last frame took, and all bytes uploaded so far. */
   drawn = { calls: 0, lines: 0 };
   uploaded = 0;
   #gl;
+  /** @type {Look | null} */
+  #look = null;
   /** @type {Record<string, WebGLUniformLocation | null>} */
   #at = {};
   /** @type {WeakMap<ArrayBuffer, WebGLTexture>} */
@@ -88,28 +98,40 @@ export class Lines {
     gl.uniform1i(this.#at.words ?? null, 0);
   }
 
-  /** @param {import("./camera.js").Camera} camera @param {number} ratio pixels of the canvas per px @param {Look} look */
-  begin(camera, ratio, look) {
-    const gl = this.#gl;
-    this.drawn = { calls: 0, lines: 0 };
-    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
-    gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT);
+  /** What the picture looks like from now on. @param {Look} look */
+  set look(look) {
     const at = (/** @type {string} */ name) => this.#at[name] ?? null;
-    gl.uniformMatrix4fv(at("matrix"), false, camera.matrix);
-    gl.uniform2f(at("size"), camera.width * ratio, camera.height * ratio);
-    gl.uniform4fv(at("widths"), WIDTHS.map((width) => width * ratio));
-    gl.uniform1f(at("now"), look.now);
-    gl.uniform1f(at("dependsAt"), look.dependsAt);
-    gl.uniform1ui(at("selected"), (look.selected & PLACE_MASK) >>> 0);
-    this.colours(look);
-    gl.uniform4fv(at("picked"), look.colours.picked);
+    this.#gl.uniform1f(at("dependsAt"), look.dependsAt);
+    this.#gl.uniform1ui(at("selected"), (look.selected & PLACE_MASK) >>> 0);
+    this.#gl.uniform4fv(at("picked"), look.colours.picked);
+    this.#look = look;
   }
 
-  /** What follows is where it is, and has the colours of the path. @param {Look} look */
-  colours({ colours }) {
+  /**
+   * What follows is seen from there, at this time, and of what is done only that since then.
+   * @param {View} view @param {number} now s @param {number} [since] s
+   */
+  begin({ matrix, ratio }, now, since = -1) {
+    const gl = this.#gl;
+    const at = (/** @type {string} */ name) => this.#at[name] ?? null;
+    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.uniformMatrix4fv(at("matrix"), false, matrix);
+    gl.uniform2f(at("size"), gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.uniform4fv(at("widths"), WIDTHS.map((width) => width * ratio));
+    gl.uniform1f(at("now"), now);
+    gl.uniform1f(at("since"), since);
+    this.colours();
+  }
+
+  clear() {
+    this.#gl.clearColor(0, 0, 0, 0);
+    this.#gl.clear(this.#gl.COLOR_BUFFER_BIT);
+  }
+
+  /** What follows is where it is, and has the colours of the path. */
+  colours() {
     this.place([0, 0, 0]);
-    for (const name of /** @type {const} */ (["done", "rest", "rapid"])) this.#gl.uniform4fv(this.#at[name] ?? null, colours[name]);
+    for (const name of /** @type {const} */ (["done", "rest", "rapid"])) this.#gl.uniform4fv(this.#at[name] ?? null, this.#look?.colours[name] ?? [0, 0, 0, 1]);
   }
 
   /** What follows is moved there, and of this colour if there is one. @param {ArrayLike<number>} shift @param {number[]} [colour] */
@@ -120,15 +142,15 @@ export class Lines {
     for (const name of ["done", "rest", "rapid"]) gl.uniform4fv(this.#at[name] ?? null, colour);
   }
 
-  /** @param {{bytes: ArrayBuffer, offset: number, count: number}} piece */
-  draw({ bytes, offset, count }) {
-    if (count < 2) return;
+  /** Draws lines of a piece; without a number all. @param {{bytes: ArrayBuffer, offset: number, count: number}} piece @param {number} [line] the first one @param {number} [lines] */
+  draw({ bytes, offset, count }, line = 0, lines = count - 1) {
+    if (lines < 1) return;
     const gl = this.#gl;
     gl.bindTexture(gl.TEXTURE_2D, this.#texture(bytes));
-    gl.uniform1i(this.#at.first ?? null, offset / 4);
-    gl.drawArrays(gl.TRIANGLES, 0, CORNERS * (count - 1));
+    gl.uniform1i(this.#at.first ?? null, offset / 4 + line * VERTEX_WORDS);
+    gl.drawArrays(gl.TRIANGLES, 0, CORNERS * lines);
     this.drawn.calls += 1;
-    this.drawn.lines += count - 1;
+    this.drawn.lines += lines;
   }
 
   /** Gives back what is not among these answers. @param {Set<ArrayBuffer>} used */

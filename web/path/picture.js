@@ -5,10 +5,12 @@ import { finest, wordOf } from "./bytes.js";
 import { Camera } from "./camera.js";
 import { findPlace, pick } from "./find.js";
 import { Lines } from "./gl.js";
+import { Layers } from "./layers.js";
 import { Backdrop, boxLines, toolLines, trailLines, zeroLines } from "./scenery.js";
 
 /** @typedef {[number, number, number]} Point */
 /** @typedef {import("./bytes.js").Answer} Answer */
+/** @typedef {import("./bytes.js").Piece} Piece */
 
 /** How near a click is to a line that it means, px. */
 const CLICK_PX = 12;
@@ -40,6 +42,8 @@ export class Picture {
   #canvas;
   /** @type {Lines | null} */
   #lines = null;
+  /** @type {Layers | null} */
+  #layers = null;
   /** @type {Record<string, string>} */
   #colours = {};
   /** @type {Record<string, number[]>} */
@@ -54,7 +58,7 @@ export class Picture {
     this.#back = new Backdrop(back);
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
-      this.#lines = null;
+      [this.#lines, this.#layers] = [null, null];
     });
     canvas.addEventListener("webglcontextrestored", () => this.#begin());
     this.#begin();
@@ -68,15 +72,19 @@ export class Picture {
     }
     try {
       this.#lines = new Lines(gl);
+      this.#layers = new Layers(gl, this.#lines);
     } catch (error) {
       this.trouble = error instanceof Error ? error.message : String(error);
     }
   }
 
-  /** Draw calls and lines of the last frame, bytes uploaded so far, and from where the path is seen. */
+  /** Draw calls of the last frame, lines that are seen, bytes uploaded so far, and from where the path is seen. */
   get statistics() {
     const { scale, turn, tilt, centre, view } = this.camera;
-    return { seen: { scale, turn, tilt, centre, view }, ...this.#lines?.drawn, uploaded: this.#lines?.uploaded ?? 0, frames: this.frames, tookMs: this.tookMs };
+    return {
+      seen: { scale, turn, tilt, centre, view }, calls: this.#lines?.drawn.calls ?? 0, lines: this.#layers?.lines ?? 0,
+      uploaded: this.#lines?.uploaded ?? 0, frames: this.frames, tookMs: this.tookMs,
+    };
   }
 
   /** Takes the size of the box and the colours of the scheme. True: it has a size. */
@@ -98,57 +106,67 @@ export class Picture {
     return width > 0 && height > 0;
   }
 
-  /** @param {Shown} shown @param {(chunk: number) => void} refine asks for finer levels */
+  /** True: there is more to draw in a further frame. @param {Shown} shown @param {(chunk: number) => void} refine asks for finer levels */
   draw(shown, refine) {
-    const lines = this.#lines;
-    if (!lines) return;
+    const [lines, layers] = [this.#lines, this.#layers];
+    if (!lines || !layers) return false;
     const began = performance.now();
     const { camera } = this;
-    const ratio = this.#canvas.width / Math.max(1, this.element.clientWidth);
-    const { path } = shown;
+    const { path, limits } = shown;
+    const zero = shown.zero.map((value) => Math.round(value * 1e4) / 1e4);
+    const view = { matrix: camera.matrix, scale: camera.scale, ratio: this.#canvas.width / Math.max(1, this.element.clientWidth) };
     const look = {
-      now: shown.now, dependsAt: path?.dependsAt ?? Infinity, selected: shown.selected || 0x7fffffff,
+      dependsAt: path?.dependsAt ?? Infinity, selected: shown.selected || 0x7fffffff,
       colours: /** @type {import("./gl.js").Look["colours"]} */ (this.#numbers),
     };
-    lines.begin(camera, ratio, look);
-    this.#scenery(lines, shown);
-    if (path) this.#path(lines, path, look, ratio, refine);
-    this.#tool(lines, shown);
+    lines.drawn = { calls: 0, lines: 0 };
+    lines.look = look;
+    const key = JSON.stringify([look.dependsAt, look.selected, look.colours, limits, zero]);
+    const isMore = layers.draw(
+      { key, view, now: shown.now, ...this.#pieces(path, view.ratio, refine), scenery: () => this.#scenery(lines, limits, zero) },
+      () => this.#over(lines, shown),
+    );
     this.frames += 1;
     this.tookMs = performance.now() - began;
+    return isMore;
   }
 
-  /** @param {Lines} lines @param {Answer} path @param {import("./gl.js").Look} look @param {number} ratio @param {(chunk: number) => void} refine */
-  #path(lines, path, look, ratio, refine) {
+  /** What is seen of a path, exact to the pixel and coarse. @param {Answer | null} path @param {number} ratio @param {(chunk: number) => void} refine */
+  #pieces(path, ratio, refine) {
+    /** @type {{wanted: Piece[], coarse: Piece[]}} */
+    const pieces = { wanted: [], coarse: [] };
+    if (!path) return pieces;
     const { camera } = this;
-    lines.colours(look);
-    let wanted = 0;
-    while (wanted + 1 < path.tolerances.length && (path.tolerances[wanted + 1] ?? 0) * camera.scale * ratio < ERROR_PX) wanted += 1;
+    let level = 0;
+    while (level + 1 < path.tolerances.length && (path.tolerances[level + 1] ?? 0) * camera.scale * ratio < ERROR_PX) level += 1;
     path.chunks.forEach((chunk, i) => {
       if (!camera.sees(chunk.low, chunk.high)) return;
-      const piece = chunk.levels[wanted] ?? chunk.levels.find((one, level) => level > wanted && one) ?? finest(chunk);
-      if (!chunk.levels.slice(0, wanted + 1).some((one) => one)) refine(i);
-      if (piece) lines.draw(piece);
+      const piece = chunk.levels[level] ?? chunk.levels.find((one, other) => other > level && one) ?? finest(chunk);
+      if (!chunk.levels.slice(0, level + 1).some((one) => one)) refine(i);
+      if (!piece) return;
+      pieces.wanted.push(piece);
+      pieces.coarse.push(chunk.levels.findLast((one) => one) ?? piece);
     });
+    return pieces;
   }
 
-  /** @param {Lines} lines @param {Shown} shown */
-  #scenery(lines, { limits, zero, trail }) {
+  /** @param {Lines} lines @param {Shown["limits"]} limits @param {number[]} zero */
+  #scenery(lines, limits, zero) {
     if (limits) {
       lines.place([0, 0, 0], this.#numbers.limits);
       lines.draw(this.#made("limits", limits.flat().join(), () => boxLines(limits[0], limits[1])));
     }
     lines.place(zero, this.#numbers.zero);
     lines.draw(this.#made("zero", String(this.camera.scale), () => zeroLines(this.camera)));
+  }
+
+  /** What is over the path: where the tool has been without a plan, and the tool. @param {Lines} lines @param {Shown} shown */
+  #over(lines, { trail, tool, radius }) {
+    const { camera } = this;
     if (trail && trail.points.length > 1) {
       lines.place([0, 0, 0], this.#numbers.done);
       lines.draw(this.#made("trail", String(trail.revision), () => trailLines(trail.points)));
     }
-  }
-
-  /** @param {Lines} lines @param {Shown} shown */
-  #tool(lines, { tool, radius }) {
-    const { camera } = this;
     lines.place(tool, this.#numbers.tool);
     lines.draw(this.#made("tool", [radius, camera.scale, camera.turn, camera.tilt].join(), () => toolLines(radius, camera)));
   }

@@ -94,8 +94,8 @@ export class TandemPath extends TandemElement {
     this.#picture.tidy(path);
     const zero = /** @type {Point} */ (at.map((value, i) => value - (work[i] ?? 0)));
     const ended = state(system) === "PROGRAM_COMPLETED" ? Infinity : -1;
-    this.#picture.draw({ path, now: time ?? ended, tool, radius: 0, zero, limits: null, trail: null, selected: 0 }, (chunk) => loader.refine(chunk));
-    if (this.#live.isMoving(now)) {
+    const isMore = this.#picture.draw({ path, now: time ?? ended, tool, radius: 0, zero, limits: null, trail: null, selected: 0 }, (chunk) => loader.refine(chunk));
+    if (isMore || this.#live.isMoving(now)) {
       this.#frame ||= requestAnimationFrame(() => {
         this.#frame = 0;
         if (this.system) this.#draw(this.system);

@@ -1,0 +1,231 @@
+// The picture of a path, kept while the tool moves over it. What is to be drawn anew is drawn beside it, as much in a frame as the
+// card draws in time: at first the coarse lines, then those that are exact to the pixel. The page never waits for the card.
+
+import { lengthOf } from "./extent.js";
+import { linesBetween } from "./find.js";
+
+/** @typedef {import("./bytes.js").Piece} Piece */
+/** @typedef {import("./gl.js").View} View */
+
+/** Costs of what is drawn in one frame, in lines of no length: at first, at least, and where a card is fast. */
+const BUDGET = { first: 8_000, least: 2_000, most: 4_000_000 };
+/** A card that needs less than that for a frame gets more, one that needs longer less, ms. */
+const FAST_MS = 26;
+const SLOW_MS = 40;
+/** A card that says nothing for so long is asked no more, ms. */
+const SILENT_MS = 2_000;
+/** A line of so many px costs two of no length. */
+const PX_OF_A_LINE = 25;
+
+/**
+ * What is to be seen.
+ * @typedef {object} Scene
+ * @property {string} key all that it is made of but what follows
+ * @property {View} view
+ * @property {Piece[]} wanted exact to the pixel
+ * @property {Piece[]} coarse the same chunks, as few lines as there are
+ * @property {number} now what is reached by then is done, s
+ * @property {() => void} scenery draws what is behind the path
+ */
+
+/**
+ * A scene that is drawn, or is being drawn.
+ * @typedef {object} Drawn
+ * @property {Scene} scene
+ * @property {boolean} isFine it is given up for another one, since a coarse picture is shown
+ * @property {Piece[]} pieces
+ * @property {number} piece the next one to draw, and
+ * @property {number} line its next line
+ * @property {number} lines drawn so far
+ */
+
+export class Layers {
+  /** @type {Drawn | null} what is shown */
+  shown = null;
+  /** @type {Drawn | null} what is being drawn beside it */
+  #drawing = null;
+  #budget = BUDGET.first;
+  /** What the card has not finished yet. @type {{fence: WebGLSync, at: number, cost: number} | null} */
+  #asked = null;
+  #spent = 0;
+  /** Of the canvas. */
+  #size = "";
+  /** Lines over the path. */
+  #over = 0;
+  #gl;
+  #lines;
+  /** The layer that is shown, and the one beside it. */
+  /** @type {Layer} */
+  #front;
+  /** @type {Layer} */
+  #back;
+
+  /** @param {WebGL2RenderingContext} gl @param {import("./gl.js").Lines} lines */
+  constructor(gl, lines) {
+    this.#gl = gl;
+    this.#lines = lines;
+    [this.#front, this.#back] = [new Layer(gl), new Layer(gl)];
+  }
+
+  /** Draws a part of the scene, and what is over it. True: there is more to draw. @param {Scene} scene @param {() => void} over */
+  draw(scene, over) {
+    if (this.#isBusy()) return true;
+    this.#spent = 0;
+    const size = `${this.#gl.drawingBufferWidth} ${this.#gl.drawingBufferHeight}`;
+    if (size !== this.#size) [this.shown, this.#drawing, this.#size] = [null, null, size];
+    if (this.#drawing?.isFine && !goesOn(this.#drawing.scene, scene)) this.#drawing = null;
+    if (!this.#drawing) {
+      const isShown = this.shown !== null && goesOn(this.shown.scene, scene);
+      const isExact = isShown && isSame(this.shown?.pieces, scene.wanted);
+      if (!isExact || !this.#goOn(scene)) this.#begin(scene, isShown && !isExact);
+    }
+    if (this.#drawing) this.#work(this.#drawing);
+    this.#show(this.shown?.scene ?? scene, over);
+    this.#ask();
+    return this.#drawing !== null || !isSame(this.shown?.pieces, scene.wanted);
+  }
+
+  /** Lines that are shown. */
+  get lines() {
+    return (this.shown?.lines ?? 0) + this.#over;
+  }
+
+  /** @param {Scene} scene @param {boolean} isFine a coarse picture of it is shown */
+  #begin(scene, isFine) {
+    this.#spent = 0;
+    const isCheap = isFine || scene.wanted.reduce((sum, piece) => sum + costOf(piece, scene.view), 0) <= this.#budget;
+    const isOne = isCheap || isSame(scene.wanted, scene.coarse);
+    this.#drawing = { scene, isFine, pieces: isOne ? scene.wanted : scene.coarse, piece: 0, line: 0, lines: 0 };
+    this.#back.begin();
+    this.#lines.begin(scene.view, scene.now);
+    this.#lines.clear();
+    const { lines } = this.#lines.drawn;
+    scene.scenery();
+    this.#drawing.lines = this.#lines.drawn.lines - lines;
+  }
+
+  /** Draws as much as the card does in time; what is complete is shown. @param {Drawn} drawing */
+  #work(drawing) {
+    this.#back.begin();
+    this.#lines.begin(drawing.scene.view, drawing.scene.now);
+    for (let piece = drawing.pieces[drawing.piece]; piece; piece = drawing.pieces[drawing.piece]) {
+      const most = Math.max(1, piece.count - 1);
+      const each = costOf(piece, drawing.scene.view) / most;
+      const count = Math.min(most - drawing.line, Math.max(1, Math.floor((this.#budget - this.#spent) / each)));
+      this.#lines.draw(piece, drawing.line, count);
+      this.#spent += count * each;
+      drawing.lines += count;
+      drawing.line += count;
+      if (drawing.line >= most) [drawing.piece, drawing.line] = [drawing.piece + 1, 0];
+      if (this.#spent >= this.#budget) break;
+    }
+    if (drawing.piece < drawing.pieces.length) return;
+    [this.#front, this.#back] = [this.#back, this.#front];
+    [this.shown, this.#drawing] = [drawing, null];
+  }
+
+  /** What is done since is drawn over what was to come. False: that is too much for one frame. @param {Scene} scene */
+  #goOn(scene) {
+    const { shown } = this;
+    const from = shown?.scene.now ?? scene.now;
+    if (!shown || scene.now === from) return true;
+    const since = shown.pieces.map((piece) => ({ piece, ...linesBetween(piece, from, scene.now) })).filter(({ count }) => count > 0);
+    this.#spent = since.reduce((sum, { piece, count }) => sum + (costOf(piece, scene.view) * count) / piece.count, 0);
+    if (this.#spent > this.#budget) return false;
+    this.#front.begin();
+    this.#lines.begin(scene.view, scene.now, Math.max(0, from));
+    for (const { piece, first, count } of since) this.#lines.draw(piece, first, count);
+    shown.scene = scene;
+    return true;
+  }
+
+  /** @param {Scene} scene @param {() => void} over */
+  #show({ view, now }, over) {
+    const gl = this.#gl;
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    if (this.shown) this.#front.copy();
+    this.#lines.begin(view, now);
+    if (!this.shown) this.#lines.clear();
+    const { lines } = this.#lines.drawn;
+    over();
+    this.#over = this.#lines.drawn.lines - lines;
+  }
+
+  /** The card is asked to say when it has drawn this. */
+  #ask() {
+    const gl = this.#gl;
+    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    this.#asked = fence && { fence, at: performance.now(), cost: this.#spent };
+  }
+
+  /** True while the card draws; what it takes says how much it gets next. */
+  #isBusy() {
+    const gl = this.#gl;
+    if (!this.#asked) return false;
+    const { fence, at, cost } = this.#asked;
+    const took = performance.now() - at;
+    if (gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED && took < SILENT_MS) return true;
+    gl.deleteSync(fence);
+    this.#asked = null;
+    if (cost < this.#budget / 2) return false;
+    if (took < FAST_MS) this.#budget = Math.min(BUDGET.most, this.#budget * 1.5);
+    else if (took > SLOW_MS) this.#budget = Math.max(BUDGET.least, (this.#budget * FAST_MS) / took);
+    return false;
+  }
+}
+
+/** A picture beside that on the screen. */
+class Layer {
+  size = "";
+  #gl;
+  #frame;
+  /** @type {WebGLRenderbuffer | null} */
+  #buffer = null;
+
+  /** @param {WebGL2RenderingContext} gl */
+  constructor(gl) {
+    this.#gl = gl;
+    this.#frame = gl.createFramebuffer();
+  }
+
+  /** What follows is drawn into it. */
+  begin() {
+    const gl = this.#gl;
+    const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, this.#frame);
+    if (this.size === `${width} ${height}`) return;
+    this.size = `${width} ${height}`;
+    gl.deleteRenderbuffer(this.#buffer);
+    this.#buffer = gl.createRenderbuffer();
+    gl.bindRenderbuffer(gl.RENDERBUFFER, this.#buffer);
+    gl.renderbufferStorage(gl.RENDERBUFFER, gl.RGBA8, width, height);
+    gl.framebufferRenderbuffer(gl.DRAW_FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, this.#buffer);
+  }
+
+  /** Copies it to where drawing goes. */
+  copy() {
+    const gl = this.#gl;
+    const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.#frame);
+    gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+  }
+}
+
+/** What a piece costs, in lines of no length. @param {Piece} piece @param {View} view */
+function costOf(piece, { scale, ratio }) {
+  return piece.count + (lengthOf(piece) * scale * ratio) / PX_OF_A_LINE;
+}
+
+/** True: what is drawn of one scene is a part of the other one, which is later at most. @param {Scene} one @param {Scene} other */
+function goesOn(one, other) {
+  return one.key === other.key && isSame(one.view.matrix, other.view.matrix) && isSame(one.wanted, other.wanted) && other.now >= one.now;
+}
+
+/** @template T @param {ArrayLike<T> | undefined} one @param {ArrayLike<T>} other */
+function isSame(one, other) {
+  if (one === other) return true;
+  if (one?.length !== other.length) return false;
+  for (let i = 0; i < other.length; i += 1) if (one[i] !== other[i]) return false;
+  return true;
+}
