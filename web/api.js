@@ -9,6 +9,8 @@ export { Refusal };
 
 /** A long program takes longer to be sent and checked, at least this many bytes a millisecond. */
 const STORED_BYTES_PER_MS = 100;
+/** Time limit of a long program that is read while it comes, ms. */
+const READ_MS = 120_000;
 /** Time limit of a refresh of a jog: the machine has stopped long before. */
 const JOG_TIMEOUT_MS = 1000;
 
@@ -244,6 +246,12 @@ export const api = {
   async program(number) {
     const response = await request("GET", `/programs/${number}`);
     return { text: await response.text(), hash: (response.headers.get("ETag") ?? "").replaceAll('"', "") };
+  },
+
+  /** The bytes of a program, as they come. @param {number} number @returns {Promise<ReadableStream<Uint8Array>>} */
+  async programBytes(number) {
+    const { body } = await request("GET", `/programs/${number}`, undefined, {}, READ_MS);
+    return body ?? new Blob().stream();
   },
 
   /** What is wrong with a text as this program, which is not stored. @param {number} number @param {Blob} text @param {string} dialect @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */

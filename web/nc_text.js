@@ -2,49 +2,138 @@
 
 /** @typedef {{kind: "comment" | "g" | "m" | "n" | "axis" | "", text: string}} Part */
 
-/**
- * Comments of each dialect: within a line, and over the whole text.
- * @type {Record<string, {inLine: string, all: RegExp}>}
- */
+/** Comments of each dialect within a line, and whether there are some that go over several lines. @type {Record<string, {inLine: string, overLines: boolean}>} */
 const COMMENTS = {
-  nj: { inLine: String.raw`\/\*.*?(?:\*\/|$)|\/\/.*`, all: /\/\/.*|\/\*[^]*?(?:\*\/|$)/g },
-  dgshape: { inLine: String.raw`\([^)]*\)?`, all: /\([^)\n]*\)?/g },
+  nj: { inLine: String.raw`\/\*.*?(?:\*\/|$)|\/\/.*`, overLines: true },
+  dgshape: { inLine: String.raw`\([^)]*\)?`, overLines: false },
 };
+const [NEWLINE, SLASH, STAR] = [10, 47, 42];
+/** Bytes are kept in pieces of this size. */
+const PIECE_BYTES = 2 ** 20;
+/** Line starts that there is room for at first; the room is doubled. */
+const STARTS_FIRST = 1024;
+/** Longest time without a pause while a text comes, ms. */
+const PAUSE_AFTER_MS = 8;
+
 /** `/n` and `N`, `G`, `M` and its parameters, axis words. */
 const WORDS = String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|(?<![A-Z])V[A-H](?=\s*[-+.\d=\[(]))|(?<axis>(?<![A-Z])[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
 /** A longer line is not highlighted. */
 const COLOURED_MAX = 400;
 
+/** A text as bytes, which comes in parts; a line is made a string when it is looked at. */
 export class NcText {
-  #text;
   #words;
-  /** @type {number[]} start of each line */
-  #starts = [0];
+  #overLines;
+  /** @type {Uint8Array[]} */
+  #pieces = [];
+  #length = 0;
+  /** Start of each line. */
+  #starts = new Uint32Array(STARTS_FIRST);
+  #lines = 1;
   /** @type {[number, number][]} comments over more than one line, ascending */
   #blocks = [];
+  /** What the byte before is a part of. @type {"code" | "line" | "block"} */
+  #within = "code";
+  #before = 0;
+  /** Where the comment that is open begins, and its line. */
+  #block = { at: 0, line: 0 };
 
-  /** @param {string} text @param {string} dialect */
-  constructor(text, dialect) {
-    const comments = COMMENTS[dialect] ?? { inLine: "(?!)", all: /(?!)/g };
-    this.#text = text;
+  /** @param {string} dialect */
+  constructor(dialect) {
+    const comments = COMMENTS[dialect] ?? { inLine: "(?!)", overLines: false };
+    this.#overLines = comments.overLines;
     this.#words = new RegExp(`(?<comment>${comments.inLine})|${WORDS}`, "gi");
-    for (let at = text.indexOf("\n"); at >= 0; at = text.indexOf("\n", at + 1)) this.#starts.push(at + 1);
-    if (this.#starts.length > 1 && this.#starts.at(-1) === text.length) this.#starts.pop();
-    for (const match of text.matchAll(comments.all)) {
-      if (match[0].includes("\n")) this.#blocks.push([match.index, match.index + match[0].length]);
+  }
+
+  /** The whole text of an answer; the page does not stand still meanwhile. @param {ReadableStream<Uint8Array>} stream @param {string} dialect */
+  static async read(stream, dialect) {
+    const text = new NcText(dialect);
+    const reader = stream.getReader();
+    let began = performance.now();
+    for (let part = await reader.read(); !part.done; part = await reader.read()) {
+      for (let at = 0; at < part.value.length; at += PIECE_BYTES) {
+        text.add(part.value.subarray(at, at + PIECE_BYTES));
+        if (performance.now() - began < PAUSE_AFTER_MS) continue;
+        await new Promise((resolve) => setTimeout(resolve));
+        began = performance.now();
+      }
+    }
+    return text;
+  }
+
+  /** Bytes that follow. @param {Uint8Array} bytes */
+  add(bytes) {
+    for (let at = 0; at < bytes.length; ) {
+      const used = this.#length % PIECE_BYTES;
+      if (used === 0) this.#pieces.push(new Uint8Array(PIECE_BYTES));
+      const part = bytes.subarray(at, at + PIECE_BYTES - used);
+      this.#pieces.at(-1)?.set(part, used);
+      this.#scan(part, this.#length);
+      this.#length += part.length;
+      at += part.length;
     }
   }
 
-  /** How many lines there are. */
+  /** Finds the ends of lines, and the comments over them. @param {Uint8Array} part @param {number} offset */
+  #scan(part, offset) {
+    for (let i = 0; i < part.length; i += 1) {
+      const byte = part[i] ?? 0;
+      if (byte === NEWLINE) {
+        if (this.#within === "line") this.#within = "code";
+        this.#startAt(offset + i + 1);
+      }
+      const isSign = this.#overLines && (byte === SLASH || byte === STAR) && this.#comment(byte, offset + i);
+      // a byte is a part of one sign only
+      this.#before = isSign ? 0 : byte;
+    }
+  }
+
+  /** True: a comment begins or ends here. @param {number} byte @param {number} at */
+  #comment(byte, at) {
+    if (this.#within === "code" && this.#before === SLASH) {
+      this.#within = byte === SLASH ? "line" : "block";
+      this.#block = { at: at - 1, line: this.#lines };
+    } else if (this.#within === "block" && byte === SLASH && this.#before === STAR) {
+      this.#within = "code";
+      if (this.#block.line < this.#lines) this.#blocks.push([this.#block.at, at + 1]);
+    } else return false;
+    return true;
+  }
+
+  /** @param {number} at */
+  #startAt(at) {
+    if (this.#lines === this.#starts.length) {
+      const more = new Uint32Array(2 * this.#lines);
+      more.set(this.#starts);
+      this.#starts = more;
+    }
+    this.#starts[this.#lines] = at;
+    this.#lines += 1;
+  }
+
+  /** How many lines there are; what ends by a line end has none behind it. */
   get lines() {
-    return this.#starts.length;
+    return this.#lines > 1 && this.#starts[this.#lines - 1] === this.#length ? this.#lines - 1 : this.#lines;
   }
 
   /** Text of a line, from 1. @param {number} number */
   line(number) {
-    const start = this.#starts[number - 1];
-    if (start === undefined) return "";
-    return this.#text.slice(start, this.#starts[number] ?? undefined).replace(/\r?\n$/, "");
+    if (number < 1 || number > this.lines) return "";
+    const end = number < this.#lines ? (this.#starts[number] ?? 0) : this.#length;
+    return this.#decode(this.#starts[number - 1] ?? 0, end).replace(/\r?\n$/, "");
+  }
+
+  /** @param {number} from @param {number} to */
+  #decode(from, to) {
+    const decoder = new TextDecoder();
+    let text = "";
+    for (let at = from; at < to; ) {
+      const [piece, first] = [Math.floor(at / PIECE_BYTES), at % PIECE_BYTES];
+      const part = this.#pieces[piece]?.subarray(first, Math.min(PIECE_BYTES, first + to - at)) ?? new Uint8Array();
+      text += decoder.decode(part, { stream: true });
+      at += Math.max(1, part.length);
+    }
+    return text + decoder.decode();
   }
 
   /** The same line, split for highlighting. @param {number} number @returns {Part[]} */
@@ -75,7 +164,7 @@ export class NcText {
       if ((this.#blocks[middle]?.[1] ?? 0) <= start) low = middle + 1;
       else high = middle;
     }
-    const [from, to] = this.#blocks[low] ?? [start, start];
-    return from < start ? Math.min(to - start, length) : 0;
+    const [from, to] = this.#blocks[low] ?? (this.#within === "block" ? [this.#block.at, this.#length] : [start, start]);
+    return from < start ? Math.min(this.#decode(start, Math.min(to, this.#starts[number] || to)).length, length) : 0;
   }
 }

@@ -94,7 +94,7 @@ test("a way between rapid and feed counts as rapid", () => {
 
 test("program text by lines: both line ends, with or without a last one", () => {
   for (const text of ["A\nB\n", "A\r\nB\r\n", "A\nB"]) {
-    const nc = new NcText(text, "nj");
+    const nc = ncText(text, "nj");
     assert.equal(nc.lines, 2);
     assert.deepEqual([nc.line(1), nc.line(2), nc.line(3)], ["A", "B", ""]);
   }
@@ -102,7 +102,7 @@ test("program text by lines: both line ends, with or without a last one", () => 
 
 test("parts of a line put together are the line", () => {
   const lines = ["ta60 TD60", "N10 G01 X10.5 Y-3 F100 // cut", "/1 M100 VA5 VB=P2", "G00Z5 /* up */ X(P1)", "/* no end", "X1", "", "X=P1+3 */ Y2"];
-  const nc = new NcText(lines.join("\n"), "nj");
+  const nc = ncText(lines.join("\n"), "nj");
   for (const [i, line] of lines.entries()) assert.equal(nc.parts(i + 1).map((p) => p.text).join(""), line);
   assert.deepEqual(kinds(nc, 1), []);
   assert.deepEqual(kinds(nc, 2), ["n:N10", "g:G01", "axis:X", "axis:Y", "comment:// cut"]);
@@ -111,16 +111,43 @@ test("parts of a line put together are the line", () => {
 });
 
 test("a comment goes on over the ends of lines", () => {
-  const nc = new NcText("G00 /* one\nX1 two // */ X2\nX3 // /* X4\nX5", "nj");
+  const nc = ncText("G00 /* one\nX1 two // */ X2\nX3 // /* X4\nX5", "nj");
   assert.deepEqual(kinds(nc, 1), ["g:G00", "comment:/* one"]);
   assert.deepEqual(kinds(nc, 2), ["comment:X1 two // */", "axis:X"]);
   assert.deepEqual(kinds(nc, 4), ["axis:X"]);
 });
 
-test("each dialect has its own comments", () => {
-  assert.deepEqual(kinds(new NcText("X1 (Y2) Z3", "dgshape"), 1), ["axis:X", "comment:(Y2)", "axis:Z"]);
-  assert.deepEqual(kinds(new NcText("X1 (Y2) Z3", "nj"), 1), ["axis:X", "axis:Y", "axis:Z"]);
+test("a comment that has no end goes on to the end of the text, and its letters are counted, not their bytes", () => {
+  const nc = ncText("X1 /* Fräsen\näöü\n日本 X2", "nj");
+  assert.deepEqual(kinds(nc, 1), ["axis:X", "comment:/* Fräsen"]);
+  assert.deepEqual(kinds(nc, 2), ["comment:äöü"]);
+  assert.deepEqual(kinds(nc, 3), ["comment:日本 X2"]);
+  assert.deepEqual(kinds(ncText("/*/ X1\nX2 */ X3", "nj"), 2), ["comment:X2 */", "axis:X"]);
 });
+
+test("a line over the seam of two pieces of a long text is whole", () => {
+  const line = "G01 X1.25 // Ö";
+  const nc = new NcText("nj");
+  const bytes = new TextEncoder().encode(`${line}\n`.repeat(150_000));
+  nc.add(bytes);
+  assert.equal(nc.lines, 150_000);
+  for (const seam of [2 ** 20, 2 ** 21]) {
+    const number = Math.floor(seam / (bytes.length / 150_000)) + 1;
+    for (const near of [number - 1, number, number + 1]) assert.equal(nc.line(near), line);
+  }
+});
+
+test("each dialect has its own comments", () => {
+  assert.deepEqual(kinds(ncText("X1 (Y2) Z3", "dgshape"), 1), ["axis:X", "comment:(Y2)", "axis:Z"]);
+  assert.deepEqual(kinds(ncText("X1 (Y2) Z3", "nj"), 1), ["axis:X", "axis:Y", "axis:Z"]);
+});
+
+/** In parts of one byte, as the net may bring it. */
+function ncText(text, dialect) {
+  const nc = new NcText(dialect);
+  for (const byte of new TextEncoder().encode(text)) nc.add(Uint8Array.of(byte));
+  return nc;
+}
 
 function kinds(nc, number) {
   return nc.parts(number).filter((part) => part.kind).map((part) => `${part.kind}:${part.text}`);

@@ -82,23 +82,40 @@ export function passedAt(path, point, from, to) {
   return best?.time ?? null;
 }
 
-/** The word of the line nearest to a point of the picture, if one is near. @param {Answer} path @param {import("./camera.js").Camera} camera @param {number} x px @param {number} y px @param {number} within px */
-export function pick(path, camera, x, y, within) {
-  let best = { off: within, word: -1, time: 0 };
+/**
+ * The word of the line nearest to a point of the picture, if one is near: at first among the lines that are exact to the pixel,
+ * then among those that they stand for.
+ * @param {Answer} path @param {import("./camera.js").Camera} camera @param {number} x px @param {number} y px @param {number} within px
+ * @param {number} level that is exact to the pixel
+ */
+export function pick(path, camera, x, y, within, level) {
+  /** @type {{off: number, chunk: import("./bytes.js").Chunk, piece: Piece, line: number, share: number} | null} */
+  let best = null;
   for (const chunk of path.chunks) {
     const { left, right, top, bottom } = camera.boxOf(chunk.low, chunk.high);
     if (x < left - within || x > right + within || y < top - within || y > bottom + within) continue;
-    const piece = finest(chunk);
-    if (!piece) continue;
-    let before = camera.project(at(piece, 0));
-    for (let i = 1; i < piece.count; i += 1) {
-      const now = camera.project(at(piece, i));
-      const { off, share } = nearest([before[0], before[1], 0], [now[0], now[1], 0], [x, y, 0]);
-      if (off < best.off) best = { off, word: wordAt(piece, i) & PLACE_MASK, time: timeOf(piece, i - 1) * (1 - share) + timeOf(piece, i) * share };
-      before = now;
-    }
+    const piece = chunk.levels[level] ?? chunk.levels.findLast((one) => one);
+    const found = piece && nearestSeen(piece, 0, piece.count - 1, camera, x, y);
+    if (found && found.off < (best?.off ?? within)) best = { ...found, chunk, piece };
   }
-  return best.word < 0 ? null : best;
+  const exact = best && finest(best.chunk);
+  if (!best || !exact) return null;
+  const { first, count } = linesBetween(exact, timeOf(best.piece, best.line), timeOf(best.piece, best.line + 1));
+  const { line, share } = nearestSeen(exact, first, count, camera, x, y);
+  return { off: best.off, word: wordAt(exact, line + 1) & PLACE_MASK, time: timeOf(exact, line) * (1 - share) + timeOf(exact, line + 1) * share };
+}
+
+/** The line of a piece nearest to a point of the picture. @param {Piece} piece @param {number} from @param {number} count of lines @param {import("./camera.js").Camera} camera @param {number} x px @param {number} y px */
+function nearestSeen(piece, from, count, camera, x, y) {
+  const best = { off: Infinity, line: from, share: 0 };
+  let before = camera.project(at(piece, from));
+  for (let line = from; line < from + count; line += 1) {
+    const now = camera.project(at(piece, line + 1));
+    const { off, share } = nearest([before[0], before[1], 0], [now[0], now[1], 0], [x, y, 0]);
+    if (off < best.off) [best.off, best.line, best.share] = [off, line, share];
+    before = now;
+  }
+  return best;
 }
 
 /** When the path first has a line with this place, and its box; null: it has none. @param {Answer} path @param {number} place */
@@ -120,10 +137,9 @@ function between(a, b, share) {
 
 /** Distance of a point from a line, and where on it is nearest. @param {Point} from @param {Point} to @param {ArrayLike<number>} point */
 function nearest(from, to, point) {
-  const way = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
-  const off = [(point[0] ?? 0) - from[0], (point[1] ?? 0) - from[1], (point[2] ?? 0) - from[2]];
-  const dot = (/** @type {number[]} */ a, /** @type {number[]} */ b) => a.reduce((sum, part, i) => sum + part * (b[i] ?? 0), 0);
-  const length = dot(way, way);
-  const share = length > 0 ? Math.min(1, Math.max(0, dot(off, way) / length)) : 0;
-  return { off: Math.hypot(...off.map((part, i) => part - (way[i] ?? 0) * share)), share };
+  const [wx, wy, wz] = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
+  const [x, y, z] = [(point[0] ?? 0) - from[0], (point[1] ?? 0) - from[1], (point[2] ?? 0) - from[2]];
+  const length = wx * wx + wy * wy + wz * wz;
+  const share = length > 0 ? Math.min(1, Math.max(0, (x * wx + y * wy + z * wz) / length)) : 0;
+  return { off: Math.hypot(x - wx * share, y - wy * share, z - wz * share), share };
 }

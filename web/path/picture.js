@@ -131,14 +131,20 @@ export class Picture {
     return isMore;
   }
 
+  /** The coarsest level that is exact to the pixel. @param {Answer} path @param {number} ratio pixels of the canvas per px */
+  #level({ tolerances }, ratio) {
+    let level = 0;
+    while (level + 1 < tolerances.length && (tolerances[level + 1] ?? 0) * this.camera.scale * ratio < ERROR_PX) level += 1;
+    return level;
+  }
+
   /** What is seen of a path, exact to the pixel and coarse. @param {Answer | null} path @param {number} ratio @param {(chunk: number) => void} refine */
   #pieces(path, ratio, refine) {
     /** @type {{wanted: Piece[], coarse: Piece[]}} */
     const pieces = { wanted: [], coarse: [] };
     if (!path) return pieces;
     const { camera } = this;
-    let level = 0;
-    while (level + 1 < path.tolerances.length && (path.tolerances[level + 1] ?? 0) * camera.scale * ratio < ERROR_PX) level += 1;
+    const level = this.#level(path, ratio);
     path.chunks.forEach((chunk, i) => {
       if (!camera.sees(chunk.low, chunk.high)) return;
       const piece = chunk.levels[level] ?? chunk.levels.find((one, other) => other > level && one) ?? finest(chunk);
@@ -193,7 +199,7 @@ export class Picture {
 
   /** The place of the line at a point of the picture. @param {Answer | null} path @param {number} x @param {number} y */
   pick(path, x, y) {
-    return path && pick(path, this.camera, x, y, CLICK_PX);
+    return path && pick(path, this.camera, x, y, CLICK_PX, this.#level(path, 1));
   }
 
   /** The place of a block on the path; 0: it has none. @param {Answer} path @param {number} program @param {number} line */

@@ -164,7 +164,7 @@ class ProgramView {
     this.#loaded = asked;
     this.#againAt = Number.POSITIVE_INFINITY;
     try {
-      asked.text = new NcText((await this.app.api.program(number)).text, dialect);
+      asked.text = await NcText.read(await this.app.api.programBytes(number), dialect);
     } catch (error) {
       asked.error = error instanceof Error ? error.message : String(error);
       this.#againAt = Date.now() + AGAIN_MS;
