@@ -5,7 +5,7 @@ import { afterEach, beforeEach, test } from "node:test";
 
 import { openPage } from "./browser.mjs";
 import { withRuntime } from "./runtime.mjs";
-import { Screen, until } from "./screen.mjs";
+import { disabled, enabled, Screen, until } from "./screen.mjs";
 
 let browser;
 let runtime;
@@ -108,6 +108,26 @@ test("with a tool length in force Z is set at the tip of the tool, and where nob
   await page.getByRole("button", { name: "Undo" }).click();
   await until(async () => (await offset("G54", "Z")) === -90, false, "what it was before");
   await moveTo("G49");
+});
+
+test("where positions are turned zero is not set, and a local coordinate system is said", async () => {
+  await moveTo("G54 G53 G00 X30 Y20");
+  await section("Offsets");
+  const zero = page.getByRole("button", { name: "X = 0" });
+  const elsewhere = page.getByText(/The positions shown count from elsewhere: G54 was changed since it was called, or a G52 is in force/);
+  for (const [code, end] of [["G68 X0 Y0 R30", "G69"], ["G51 X0 Y0 P2", "G50"], ["G51.1 X0", "G50.1"]]) {
+    await moveTo(code);
+    await disabled(zero);
+    await page.getByText(`is in force, which turns, scales or mirrors positions: run ${end}, then set zero.`, { exact: false }).waitFor();
+    await moveTo(end);
+    await enabled(zero);
+  }
+  await moveTo("G54");
+  await until(() => elsewhere.count(), 0, "nothing is said where positions count from G54");
+  await moveTo("G52 X5");
+  await elsewhere.waitFor();
+  await moveTo("G52");
+  await until(() => elsewhere.count(), 0, "nothing is said once it has ended");
 });
 
 test("two edges that are touched put zero in the middle", async () => {

@@ -8,6 +8,10 @@ import { axesOf } from "../model.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
 import { numberField, Undo } from "./values.js";
 
+/** What turns, scales or mirrors positions, by modal group, and what ends it: an offset of one axis does not say where zero is then. */
+const TURNS = [{ group: "16", code: "G68", end: "G69" }, { group: "11", code: "G51", end: "G50" }, { group: "22", code: "G51.1", end: "G50.1" }];
+/** Positions are told by so much, mm or degrees. */
+const NEAR = 0.0015;
 const NAMES = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
 /** @type {import("./values.js").Section} */
@@ -66,7 +70,7 @@ class Offsets {
     for (const row of this.#rows) row.render();
     this.#undo.render();
     const active = system.modal?.work_offset;
-    setText(this.#note, sentences(active ? t("offsets.in_force", { offset: active }) : t("offsets.none_in_force"), t("offsets.counts_from", { offset: this.#name }), this.#aboutLength()));
+    setText(this.#note, sentences(active ? t("offsets.in_force", { offset: active }) : t("offsets.none_in_force"), t("offsets.counts_from", { offset: this.#name }), this.#whyNotStraight() ?? this.#elsewhere(), this.#aboutLength()));
     setText(this.#use, t("offsets.use", { offset: this.#name }));
     disableFor(this.#use, whyNot(model, "mdi"), t("offsets.use_about", { offset: this.#name }));
   }
@@ -98,7 +102,7 @@ class Offsets {
       const marked = this.#marks.get(axis);
       setText(middle, marked === undefined ? t("offsets.1st") : t("offsets.2nd"));
       setAttr(middle, "aria-label", marked === undefined ? t("offsets.first_edge_of_the_middle", { axis }) : t("offsets.second_edge_of_the_middle", { axis }));
-      const why = whyNotNow(model) ?? this.#whyNotStanding() ?? this.#whyNoLength(axis);
+      const why = whyNotNow(model) ?? this.#whyNotStanding() ?? this.#whyNotStraight() ?? this.#whyNoLength(axis);
       disableFor(field.element, whyNotNow(model));
       disableFor(zero, why, t("offsets.zero_of_is_where_the", { axis }));
       disableFor(here.element, why, t("offsets.the_tool_stands_at_this", { axis }));
@@ -111,6 +115,27 @@ class Offsets {
   #whyNotStanding() {
     const execution = this.app.model.current?.state?.execution ?? "";
     return ["ACTIVE", "WAIT"].includes(execution) ? t("offsets.a_run_is_on_zero") : null;
+  }
+
+  /** Zero is set where positions are the machine's but for an offset. */
+  #whyNotStraight() {
+    const { modal } = this.app.model.current ?? {};
+    const turn = TURNS.find(({ group, code }) => modal?.g[group] === code);
+    return turn ? t("offsets.turned", turn) : null;
+  }
+
+  /** Whether positions count from elsewhere than the offset in force says. */
+  #elsewhere() {
+    const { position: at, modal, info } = this.app.model.current ?? {};
+    const values = this.#values[modal?.work_offset ?? ""];
+    if (!at || !values || !modal) return "";
+    const length = this.#length();
+    const isElsewhere = Object.keys(info?.axes ?? {}).some((axis) => {
+      if (axis === "Z" && length === undefined) return false;
+      const zero = (at.machine[axis] ?? 0) - (at.work[axis] ?? 0);
+      return Math.abs(zero - (values[axis] ?? 0) - (axis === "Z" ? (length?.adds ?? 0) : 0)) > NEAR;
+    });
+    return isElsewhere ? t("offsets.elsewhere", { offset: modal.work_offset }) : "";
   }
 
   /** The tool length in force: what it adds to Z; null: none is, undefined: nobody knows how long. @returns {{code: string, tool: number, adds: number} | null | undefined} */
