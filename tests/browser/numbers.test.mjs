@@ -19,6 +19,8 @@ const POSITIONS = LONG ? 36_000 : 1_200;
 /** Until then the page keeps what it draws for the first time; in an hour the line of where the tool has been is as long as it may be. */
 const POSITIONS_BEFORE = LONG ? 6_000 : 400;
 const GROWTH_BYTES = 1_000_000;
+/** The limits, the zero, the tool, where it has been. */
+const CARD_KEEPS = 4;
 
 let browser;
 let runtime;
@@ -115,6 +117,8 @@ test("memory, elements and listeners stay as they are however many positions com
   assert.ok(growth < GROWTH_BYTES, `${growth} bytes more after ${POSITIONS} positions`);
   assert.ok(now.Nodes <= before.Nodes + 50, `${before.Nodes} elements, then ${now.Nodes}`);
   assert.ok(now.JSEventListeners <= before.JSEventListeners + 5, `${before.JSEventListeners} listeners, then ${now.JSEventListeners}`);
+  const { kept } = await page.evaluate(() => document.querySelector(".path-lines").statistics());
+  assert.ok(kept <= CARD_KEEPS, `${kept} sets of lines on the graphics card`);
   await close();
   assert.deepEqual(errors, []);
 });

@@ -93,12 +93,18 @@ test("the whole path is there before anything moves, and nothing is uploaded whi
   await screen.sees("ACTIVE");
   await page.getByText(/\d+ %, .* left of/).waitFor();
   const first = await statistics();
-  await page.waitForTimeout(1500);
+  const took = [];
+  for (let i = 0; i < 15; i += 1) {
+    await page.waitForTimeout(100);
+    took.push((await statistics()).tookMs);
+  }
   const later = await statistics();
   assert.ok(later.frames - first.frames > 20, `${later.frames - first.frames} frames in 1.5 s`);
   assert.equal(later.uploaded, first.uploaded, "bytes uploaded while the program runs");
   assert.ok(later.calls <= 6, `${later.calls} draw calls`);
-  assert.ok(later.tookMs < 4, `${later.tookMs} ms of script`);
+  // a busy computer stops some frame on its way
+  const median = took.toSorted((a, b) => a - b)[7];
+  assert.ok(median < 4, `${took} ms of script`);
   await screen.sees("PROGRAM_COMPLETED");
 });
 

@@ -163,6 +163,19 @@ export class Lines {
     }
   }
 
+  /** How many answers are on the card. */
+  get kept() {
+    return this.#kept.size;
+  }
+
+  /** Gives back what is shown no longer. @param {ArrayBuffer} bytes */
+  forget(bytes) {
+    const texture = this.#textures.get(bytes);
+    if (!texture || !this.#kept.delete(texture)) return;
+    this.#gl.deleteTexture(texture);
+    this.#textures.delete(bytes);
+  }
+
   /** Each answer goes to the card once, as it came. @param {ArrayBuffer} bytes */
   #texture(bytes) {
     const known = this.#textures.get(bytes);

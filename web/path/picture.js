@@ -78,12 +78,12 @@ export class Picture {
     }
   }
 
-  /** Draw calls of the last frame, lines that are seen, bytes uploaded so far, and from where the path is seen. */
+  /** Draw calls of the last frame, lines that are seen, bytes uploaded so far, what is kept on the card, and from where the path is seen. */
   get statistics() {
     const { scale, turn, tilt, centre, view } = this.camera;
     return {
       seen: { scale, turn, tilt, centre, view }, calls: this.#lines?.drawn.calls ?? 0, lines: this.#layers?.lines ?? 0,
-      uploaded: this.#lines?.uploaded ?? 0, frames: this.frames, tookMs: this.tookMs,
+      uploaded: this.#lines?.uploaded ?? 0, kept: this.#lines?.kept ?? 0, frames: this.frames, tookMs: this.tookMs,
     };
   }
 
@@ -181,6 +181,7 @@ export class Picture {
   #made(name, key, make) {
     const known = this.#own.get(name);
     if (known?.key === key) return known.lines;
+    if (known) this.#lines?.forget(known.lines.bytes);
     const lines = make();
     this.#own.set(name, { key, lines });
     return lines;
