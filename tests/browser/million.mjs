@@ -86,8 +86,8 @@ async function measure(runtime, browser) {
   await screen.sees("ACTIVE");
   await page.waitForTimeout(4 * LOOKED_AT_MS);
   const { calls, lines } = await page.evaluate(() => document.querySelector(".path-lines").statistics());
-  const [pageMB, processMB] = [await memory(page), await processMemory(browser)];
   const tasks = longest(await browser.stopTracing());
+  const [pageMB, processMB] = [await memory(page), await processMemory(browser)];
   await screen.command("Stop").click();
   await screen.sees("STOPPED");
   await screen.command("Reset").click();

@@ -3,8 +3,10 @@
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 
-import { readPath } from "../../web/path/bytes.js";
+import { placeOf, readPath } from "../../web/path/bytes.js";
+import { Camera } from "../../web/path/camera.js";
 import { corners } from "../../web/path/extent.js";
+import { pick } from "../../web/path/find.js";
 import { launch, openPage } from "./browser.mjs";
 import { picture, SCHEMES, SIZES } from "./pictures.mjs";
 import { plannedPath } from "./planned.mjs";
@@ -37,6 +39,21 @@ test("a path is fitted by what it does at a feedrate: neither rapids nor a wait 
   const rapid = true;
   assert.deepEqual(fitted([[0, 0, 0, 1, 0], [500, 400, 300, 2, 1, rapid], [500, 400, 300, 3, 5], [10, 10, 5, 4, 6, rapid], [10, 10, -2, 5, 7], [60, 30, -2, 6, 8], [0, 0, 90, 7, 9, rapid]]), [[10, 10, -2], [60, 30, 5]]);
   assert.deepEqual(fitted([[0, 0, 0, 1, 0], [500, 400, 300, 2, 1, rapid]]), [[0, 0, 0], [500, 400, 300]], "of rapids alone all of them count");
+});
+
+test("a click on a line that stands for several blocks finds the block that is there", () => {
+  const read = (vertices) => readPath(new Uint8Array(plannedPath(1, 1, vertices)).buffer);
+  const path = read([[0, 0, 0, 1, 0], [10, 0, 0, 2, 1], [20, 0, 0, 3, 2], [30, 0, 0, 4, 3]]);
+  path.chunks[0].levels[3] = read([[0, 0, 0, 1, 0], [30, 0, 0, 4, 3]]).chunks[0].levels[3];
+  const camera = new Camera();
+  [camera.width, camera.height] = [400, 200];
+  camera.look("XY");
+  camera.fit([0, 0, 0], [30, 0, 0]);
+  const [x, y] = camera.project([15, 0, 0]);
+  const found = pick(path, camera, x, y + 3, 12, 3);
+  assert.equal(placeOf(found.word, path.programs).line, 3);
+  assert.ok(Math.abs(found.time - 1.5) < 1e-6 && Math.abs(found.off - 3) < 1e-6, JSON.stringify(found));
+  assert.equal(pick(path, camera, x, y + 13, 12, 3), null);
 });
 
 let browser;
