@@ -33,12 +33,20 @@ async function start() {
 async function stop() {
   const running = client;
   client = undefined;
-  if (running?.isRunning()) await running.stop();
+  try {
+    if (running?.isRunning()) await running.stop();
+  } catch (error) {
+    // it has ended by itself; the next one starts anyway
+    console.error(`tandem lsp did not end in order: ${error}`);
+  }
 }
 
-async function restart() {
-  await stop();
-  await start();
+/** The restart in progress: one after the other, since a client that only starts cannot be stopped. */
+let last = Promise.resolve();
+
+function restart() {
+  last = last.then(stop).then(start);
+  return last;
 }
 
 /** @param {import("vscode").ExtensionContext} context */
@@ -49,7 +57,12 @@ async function activate(context) {
       if (change.affectsConfiguration("tandem")) void restart();
     }),
   );
-  await start();
+  await restart();
 }
 
-module.exports = { activate, deactivate: stop };
+function deactivate() {
+  last = last.then(stop);
+  return last;
+}
+
+module.exports = { activate, deactivate };

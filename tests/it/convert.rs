@@ -47,7 +47,11 @@ fn blocks(random: &mut Random) -> String {
     let (x, y) = (random.length(-9, 9), random.length(-9, 9));
     let (z, r) = (random.length(-9, -2), random.length(-1, 3));
     let level = random.length(4, 9);
-    match random.below(11) {
+    match random.below(12) {
+        10 => format!(
+            "G51X1.Y2.P1.{:03}\nG00X{x}Y{y}Z2.\nG02X-3.Y2.R9.F100.\nG50\nG00X{y}Y{x}Z{level}\n",
+            random.below(1000)
+        ),
         0 => format!("G00X{x}Y{y}Z{level}\n"),
         1 => format!("G01X{x}Y{y}F{}.\nY{x}(on) \nZ{level}\n", 100 + random.below(900)),
         2 => format!(
@@ -83,7 +87,7 @@ fn blocks(random: &mut Random) -> String {
 }
 
 fn moves_equally(text: &str, converted: &Converted) {
-    let of_dgshape = steps(text, dgshape(), &machine_settings(MACHINE));
+    let of_dgshape = steps(text, dgshape(), &machine_settings(&MACHINE));
     let config = MACHINE.replace("dialect = \"dgshape\"\n", "");
     let of_nj = steps(&converted.text, nj(), &machine_settings(&config));
     assert_eq!(
@@ -170,9 +174,11 @@ fn what_has_no_equal_is_told_with_its_line_and_reason_and_stays_as_a_comment() {
             "G10 P1 R3.",
             "G10 has no equal here. Remove it: the configuration",
         ),
-        ("G92 X0", "G92 has no equal here. Write G52"),
+        (
+            "G92 X0",
+            "G92 counts from where the tool is, and its X is not known here. Write G90 and a motion",
+        ),
         ("G39 X5. Y5.", ""),
-        ("G51 X0 P2.", "G51 has no equal"),
         ("G01 A90. F100.", "the feedrate of A"),
         (
             "G43 H2 Z5.",
@@ -197,7 +203,7 @@ fn what_has_no_equal_is_told_with_its_line_and_reason_and_stays_as_a_comment() {
 
 #[test]
 fn programs_of_fanuc_become_programs_of_nj() {
-    let text = "%\nO1234 (BRACKET)\nN1 G21 G94 G97\nT5 M06 (MILL)\nG54 G90 G00 X-10 Y0 S4000 M03\nG43 H5 Z50. M08\nG01 Z-2 F200\nG02 X0 Y10 R10\nG98 G83 X20. Y20. Z-8. R2. Q3. F100\nX40.\nG80 M09\nM98 P1000 L2\nG49\nG53 G00 X-90\nG28 G91 Z0\nM05\nM30\n%\n";
+    let text = "%\nO1234 (BRACKET)\nN1 G21 G94 G97\nT5 M06 (MILL)\nG54 G90 G00 X-10 Y0 S4000 M03\nG43 H5 Z50. M08\nG01 Z-2 F200\nG02 X0 Y10 R10\nG98 G83 X20. Y20. Z-8. R2. Q3. F100\nX40.\nG80 M09\nM98 P1000 L2\nG49\nG90 G53 G00 X-90\nG28 G91 Z0\nM05\nM30\n%\n";
     let converted = convert(text, Source::Fanuc, &NcOptions::default());
     assert_eq!(converted.left, []);
     for line in [
@@ -226,7 +232,33 @@ fn programs_of_fanuc_become_programs_of_nj() {
         ("G65 P9000 A1.", "G65 has no equal"),
         ("M06", "M06 has no T"),
         ("G53 G01 Z0 F100", "G53 moves at rapid speed"),
-        ("G84 Z-5. R2. F1.", "G84 has no equal"),
+        (
+            "G84 Z-5. R2. Q1. F1.",
+            "Q cuts a thread in steps. Write G84 without it",
+        ),
+        ("G84 Z-5. F1.", "a tapping cycle needs Z and R"),
+        ("G76 Z-5. R2. Q1. F1.", "G76 has no equal here. Write the motions"),
+        ("G91 G92 X0", "G92 stands with G91. Write G90"),
+        ("G92", "G92 names no axis"),
+        (
+            "G92 Z0",
+            "G92 counts from where the tool is, and its Z is not known",
+        ),
+        ("G51 X0 Y0 P2000", "P2000 counts in steps"),
+        ("G51 X0 Y0", "G51 has no factor"),
+        ("G68 X0 Y0", "it has no R, the angle"),
+        (
+            "G68 X0 Y0 Z0 I0 J0 K1 R30",
+            "I, J and K turn about an axis of space",
+        ),
+        (
+            "G68 X0 Y0 R400",
+            "R400 (angle, counter-clockwise) is out of its range",
+        ),
+        (
+            "G81 Z-1. R1. M98 P1000",
+            "the positions of the subprogram are holes",
+        ),
         ("M98 P51000", "the number of a subprogram"),
     ] {
         let converted = convert(&format!("{line}\nM30\n"), Source::Fanuc, &NcOptions::default());
@@ -247,7 +279,7 @@ fn twins(random: &mut Random) -> (String, String) {
     let mut length = |from, to| format!("{:.3}", random.thousandths(from, to) as f64 / 1000.0);
     let (x, y, z) = (length(-9, 9), length(-9, 9), length(4, 9));
     let tool = 1 + random.below(2);
-    match random.below(8) {
+    match random.below(8 + SHAPES) {
         0 => (
             format!("G00X{x}Y{y}Z{z}; over (the) part\n"),
             format!("G00X{x}Y{y}Z{z}\n"),
@@ -277,9 +309,46 @@ fn twins(random: &mut Random) -> (String, String) {
             format!("G52X2Y-1\nG00X{x}Y{y}\nG52X0Y0\nG00X{x}Y{y}\n"),
             format!("G10L2P0X2.Y-1.\nG00X{x}Y{y}\nG10L2P0X0Y0\nG00X{x}Y{y}\n"),
         ),
-        _ => (
+        7 => (
             "G50G69G91G02X5Y0R4F300G61\nG64G03X-5.I-2.5\nG90G00\n".to_owned(),
             "G91G02X5.Y0R4.F300.\nG03X-5.I-2.5\nG90G00\n".to_owned(),
+        ),
+        shape => shapes(shape - 8, [&x, &y, &z]),
+    }
+}
+
+/// Forms of [`shapes`].
+const SHAPES: i64 = 4;
+
+/// Blocks that dialect dgshape writes in another way altogether.
+fn shapes(shape: i64, [x, y, z]: [&str; 3]) -> (String, String) {
+    let number = |text: &str| text.parse::<f64>().unwrap();
+    match shape {
+        0 => (
+            format!("G00X{x}Y{y}Z{z}\nG92X1Y2Z3\nG00X{y}Y{x}\nG52X2\nG00X{x}\nG52X0\nG00X1\n"),
+            format!("G00X{x}Y{y}Z{z}\nG92X1.Y2.Z3.\nG00X{y}Y{x}\nG10L2P0X2.\nG00X{x}\nG10L2P0X0\nG00X1.\n"),
+        ),
+        1 => {
+            // a quarter of a turn about X1 Y2 leads from X, Y to 3 - Y, 1 + X
+            let (turned_y, turned_x) = (1.0 + number(x), 3.0 - number(y));
+            (
+                format!("G17G68X1Y2R90\nG00X{x}Y{y}\nG01X{y}F200\nG91X1Y2\nG90G69\nG00X{x}Y{y}Z{z}\n"),
+                format!(
+                    "G00X{turned_x:.3}Y{turned_y:.3}\nG01Y{:.3}F200.\nG91X-2.Y1.\nG90\nG00X{x}Y{y}Z{z}\n",
+                    1.0 + number(y)
+                ),
+            )
+        }
+        2 => (
+            format!("M03S1000\nG00Z9\nG98G73X{x}Y{y}Z-5R2Q3F100\nG80\nG00X1Z{z}\n"),
+            // each cut begins half a millimetre above the last depth
+            format!(
+                "M03S1000\nG00Z9.\nG00X{x}Y{y}\nZ2.\nG01Z-1.F100.\nG00Z-.5\nG01Z-4.\nG00Z-3.5\nG01Z-5.\nG00Z9.\nX1.Z{z}\n"
+            ),
+        ),
+        _ => (
+            format!("G09G01X{x}F300\nG91G30P2Z0\nG90G00X{x}Y{y}Z{z}\n"),
+            format!("G01X{x}F300.\nG53Z0\nG00X{x}Y{y}Z{z}\n"),
         ),
     }
 }
@@ -301,6 +370,89 @@ fn programs_of_fanuc_made_at_random_move_as_their_twins_of_dgshape() {
         assert_eq!(converted.left, [], "{of_fanuc}");
         moves_equally(&format!("{head}{twin}M05\nM30\n%\n"), &converted);
     }
+}
+
+#[test]
+fn threads_of_fanuc_are_tapped_at_the_same_places_to_the_same_depths() {
+    let mut random = Random(0x0c0d_e000_0000_0003);
+    for _ in 0..50 {
+        // eighths, whose sums are exact
+        #[expect(clippy::cast_precision_loss, reason = "at most 72")]
+        let mut length = |from: i64, to: i64| (from * 8 + random.below((to - from) * 8 + 1)) as f64 / 8.0;
+        let (x, y, z, r) = (length(-9, 9), length(-9, 9), length(-9, -2), length(1, 3));
+        let head = "G21 G90 G54\nS500 M03\nG00 X0 Y0 Z10\n";
+        // from Z10 in G91: R counts from there, Z from R
+        let of_fanuc = format!(
+            "{head}M29 S400\nG99 G84 X{x} Y{y} Z{z} R{r} P300 F500\nX{y}\nG98 Y{x}\nG80\nG91 G98 G74 X1. Z{:.3} R{:.3}\nG90 G00 X0\n",
+            z - r,
+            r - 10.0
+        );
+        let by_hand = format!(
+            "G500 ta0 td0 ts0\n{head}S400\nG99 G84 X{x} Y{y} Z{z} R{r} P300 F500\nX{y}\nG98 Y{x}\nG80\nG98 G74 X{:.3} Z{z} R{r} P0\nG00 X0\nM30\n",
+            y + 1.0
+        );
+        let converted = convert(&of_fanuc, Source::Fanuc, &NcOptions::default());
+        assert_eq!(converted.left, [], "{of_fanuc}");
+        let config = MACHINE.replace("dialect = \"dgshape\"\n", "");
+        let done = |text: &str| steps(text, nj(), &machine_settings(&config)).unwrap();
+        assert_eq!(done(&converted.text), done(&by_hand), "{}", converted.text);
+    }
+}
+
+#[test]
+fn a_spindle_that_turned_before_tapping_turns_behind_it_where_it_does_there() {
+    let text = "G90 G00 X0 Y0 Z10\nS500 M03\nG98 G84 X1 Z-5 R2 F500\nG80\nG01 X5\n";
+    let converted = convert(text, Source::Fanuc, &NcOptions::default());
+    assert_eq!(converted.left, []);
+    let lines: Vec<&str> = converted.text.lines().skip(3).collect();
+    assert_eq!(
+        lines,
+        [
+            "F500 G98 G84 X1 Z-5 R2 P0 K1",
+            "G80 M03",
+            "G01 X5",
+            "M30 // the text ends"
+        ]
+    );
+    let rigid = convert(
+        &text.replace("G98 G84", "M29 G98 G84"),
+        Source::Fanuc,
+        &NcOptions::default(),
+    );
+    let starts = |text: &str| text.lines().filter(|line| line.contains("M03")).count();
+    assert_eq!((starts(&converted.text), starts(&rigid.text)), (2, 1));
+}
+
+#[test]
+fn coordinates_of_g92_and_g52_add_up_and_g92_ends_g52() {
+    let text = "G90 G00 X10\nG52 X4\nX1\nG92 X0\nX2\nG52 X0\nG52 X1\n";
+    let converted = convert(text, Source::Fanuc, &NcOptions::default());
+    assert_eq!(converted.left, []);
+    let lines: Vec<&str> = converted.text.lines().skip(2).collect();
+    // X1 on top of 4 is 5, and 0 from there on
+    let expected = [
+        "G52 X4",
+        "G00 X1",
+        "G52 X5",
+        "G00 X2",
+        "G52 X5",
+        "G52 X6",
+        "M30 // the text ends",
+    ];
+    assert_eq!(lines, expected);
+}
+
+#[test]
+fn a_subprogram_of_fanuc_keeps_what_is_in_force_where_it_is_called_and_so_does_what_follows_a_call() {
+    let subprogram = "O1000\nX5\nG91 G01 Y2 F100\nG90\nM99\n";
+    let converted = convert(subprogram, Source::Fanuc, &NcOptions::default());
+    assert_eq!(converted.left, []);
+    assert_eq!(converted.text, "// O1000\nX5\nG91 F100 G01 Y2\nG90\nM99\n");
+    let main = "G90 G00 X1\nM98 P1000\nX2\nG81 Z-1 R1 F100\nM30\n";
+    let converted = convert(main, Source::Fanuc, &NcOptions::default());
+    let told: Vec<u32> = converted.left.iter().map(|left| left.line).collect();
+    assert_eq!(told, [4], "G90 or G91: {:?}", converted.left);
+    assert!(converted.text.contains("M98 P1000\nX2\n"), "{}", converted.text);
 }
 
 #[test]
@@ -359,19 +511,19 @@ fn no_text_makes_convert_panic_or_leaves_something_unsaid() {
 #[test]
 fn convert_writes_the_program_tells_what_is_left_and_ends_with_1() {
     let machine = Machine::new("");
-    machine.write("old.nc", "%\nO1 (one)\nG90 G00 X1.\nG92 X0\nM30\n%\n");
+    machine.write("old.nc", "%\nO1 (one)\nG90 G00 X1.\nG92 Y0\nM30\n%\n");
     let arguments = [
         "convert", "old.nc", "--from", "dgshape", "--to", "nj", "-o", "new.nc",
     ];
     let ran = run(machine.folder(), &arguments);
     assert_eq!((ran.code, ran.stdout.as_str()), (1, ""));
     assert!(
-        ran.stderr.contains("old.nc:4: not converted: G92 X0\n  "),
+        ran.stderr.contains("old.nc:4: not converted: G92 Y0\n  "),
         "{}",
         ran.stderr
     );
     let new = fs::read_to_string(machine.path("new.nc")).unwrap();
-    assert!(new.contains("G90 G00 X1\n// not converted: G92 X0\n"), "{new}");
+    assert!(new.contains("G90 G00 X1\n// not converted: G92 Y0\n"), "{new}");
     let ran = run_with(
         machine.folder(),
         &["convert", "-", "--from", "fanuc"],

@@ -11,7 +11,7 @@ mod simulated;
 mod tool_diameter;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use tandem_interp::dialects::dgshape;
 use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, Modal, check_source};
@@ -25,53 +25,19 @@ use tandem_syntax::parse;
 
 /// A machine with X, Y, Z from -100 to 100 and A, whose speeds are 100 mm/s, 100 mm/s, 50 mm/s and 90 degrees/s; G54 is at X 10,
 /// tools 1 and 2 have the radii 3 and 2 and the lengths 8 and 5.
-pub const MACHINE: &str = r#"
-[[motor]]
-number = 1
-kind = "linear"
-max_velocity = 100.0
-max_acceleration = 1000.0
-soft_limits = [-100.0, 100.0]
-reference_points = [-90.0, 0.0, 0.0, 0.0]
-[[motor]]
-number = 2
-kind = "linear"
-max_velocity = 100.0
-max_acceleration = 1000.0
-soft_limits = [-100.0, 100.0]
-reference_points = [-80.0, 0.0, 0.0, 0.0]
-[[motor]]
-number = 3
-kind = "linear"
-max_velocity = 50.0
-max_acceleration = 1000.0
-soft_limits = [-100.0, 100.0]
-reference_points = [100.0, 0.0, 0.0, 0.0]
-[[motor]]
-number = 4
-kind = "rotary"
-max_velocity = 90.0
-max_acceleration = 1000.0
-[[motor]]
-number = 5
-kind = "spindle"
-max_velocity = 12000.0
-max_acceleration = 12000.0
-[[coordinate_system]]
-number = 1
-dialect = "dgshape"
-axes = { X = 1, Y = 2, Z = 3, A = 4 }
-spindle = 5
-max_feedrate = 3000.0
-[[tool]]
-id = 1
-radius = 3.0
-length = 8.0
-[[tool]]
-id = 2
-radius = 2.0
-length = 5.0
-"#;
+pub static MACHINE: LazyLock<String> = LazyLock::new(|| {
+    let ends = [
+        ("LIMITS_OF_X", "[-100.0, 100.0]"),
+        ("LIMITS_OF_Y", "[-100.0, 100.0]"),
+        ("LIMITS_OF_Z", "[-100.0, 100.0]"),
+        ("REFERENCE_OF_X", "-90.0"),
+        ("REFERENCE_OF_Y", "-80.0"),
+        ("REFERENCE_OF_Z", "100.0"),
+    ];
+    let base = include_str!("../../runtime/tests/mill.toml").to_owned();
+    let fill = |text: String, (mark, value)| text.replace(mark, value);
+    ends.into_iter().fold(base, fill)
+});
 
 /// The settings of [`MACHINE`] with more keys of `[coordinate_system.dgshape]`.
 pub fn settings(keys: &str) -> CoordinateSystemSettings {

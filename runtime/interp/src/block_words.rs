@@ -461,7 +461,7 @@ impl BlockWords {
             return;
         };
         let may_differ = self.unknown_code && !dialect.modal_words.is_feed_word(word.address);
-        let has_least = word.address == Address::F && with.options.min_feedrate_mm_min > 0.0;
+        let has_least = word.address == Address::F && dialect.policy.least_feedrate(with.options) > 0.0;
         if may_differ || has_least || self.refused.contains(word.address) {
             // a code that is not known may read it differently; a feedrate is never less than the least one
             return;

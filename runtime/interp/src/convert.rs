@@ -5,6 +5,7 @@
 //! out is checked as a program of nj: a block that is wrong there counts as one that could not be converted.
 
 mod block;
+mod coordinates;
 mod cycles;
 mod fanuc;
 mod state;
@@ -64,13 +65,20 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
         };
         found.extend(check(&program, dialects::dgshape(), &context).diagnostics);
     }
+    let mut state = State::new(from, options);
+    let mut lines = vec![(0, START.to_owned())];
+    if from == Source::Fanuc && fanuc::is_subprogram(&program) {
+        // what is in force is that of the program that calls it
+        state.lose_modal_state();
+        lines.clear();
+    }
     let mut writer = Writer {
         source: read,
         shown: source.lines().map(str::trim).collect(),
         program: &program,
         wrong: wrong_lines(read, &found, from),
-        state: State::new(from, options),
-        lines: vec![(0, START.to_owned())],
+        state,
+        lines,
         left: Vec::new(),
         at: 0,
     };

@@ -1,6 +1,6 @@
 //! A dialect: a grammar, a list of codes, words, and defaults.
 
-use tandem_model::settings::PathRules;
+use tandem_model::settings::{NcOptions, PathRules};
 use tandem_syntax::{Address, AddressSet, CodeRole, Codes, Grammar};
 
 use crate::codes::{Code, CodeTable, WordSpec, tenths};
@@ -55,6 +55,8 @@ pub struct Policy {
     pub output: OutputDefault,
     /// What an arc is whose end is not on its circle.
     pub spiral: Spiral,
+    /// F below the least feedrate of the machine counts as that.
+    pub has_least_feedrate: bool,
 }
 
 impl Policy {
@@ -67,7 +69,17 @@ impl Policy {
         other_m_codes: OtherMCodes::Output,
         output: OutputDefault::AfterMotion,
         spiral: Spiral::Meant,
+        has_least_feedrate: false,
     };
+
+    /// The feedrate that F is never below, mm/min; 0: none.
+    pub(crate) fn least_feedrate(self, options: &NcOptions) -> f64 {
+        if self.has_least_feedrate {
+            options.min_feedrate_mm_min
+        } else {
+            0.0
+        }
+    }
 }
 
 /// What S says.

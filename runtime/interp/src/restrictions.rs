@@ -180,8 +180,12 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if let Some(value) = words.m_code().and_then(|code| code.sets) {
         modal.in_force.set(value);
     }
-    modal.unit_settled |=
-        !words.present.intersection(AXIS_ADDRESSES).is_empty() || words.sets().unit.is_some();
+    if !modal.unit_settled {
+        let selects_coordinates = |code: &Code| code.group == ModalGroup::WorkCoordinates;
+        modal.unit_settled = !words.present.intersection(AXIS_ADDRESSES).is_empty()
+            || words.sets().unit.is_some()
+            || g_code(words, selects_coordinates).is_some();
+    }
 }
 
 /// True when the motion in force takes a word that may move in the plane of the compensation.

@@ -33,16 +33,18 @@ fn dgshape_g04_needs_its_time() {
 #[test]
 fn dgshape_f_below_the_least_feedrate_counts_as_that() {
     let mut context = CheckContext::default();
-    for f in ["F0", "F-5.", "F0.5"] {
+    for (f, is_motion) in [("F0", false), ("F-5.", false), ("F0.5", true)] {
         let text = format!("%\nM03\nG01X1.{f}\nM30\n");
-        context.options = NcOptions {
-            min_feedrate_mm_min: 1.0,
-            ..NcOptions::default()
-        };
-        assert_eq!(codes_in(&text, dgshape(), &context), NONE, "{f}");
         context.options = NcOptions::default();
-        let is_motion = f == "F0.5";
+        assert_eq!(codes_in(&text, dgshape(), &context), NONE, "{f}");
+        // without a least feedrate it must move
+        context.options.min_feedrate_mm_min = 0.0;
         assert_eq!(codes_in(&text, dgshape(), &context).is_empty(), is_motion, "{f}");
+    }
+    for f in ["F0", "F-5."] {
+        let text = format!("G01X1{f}\nM30\n");
+        let told = codes_in(&text, nj(), &CheckContext::default());
+        assert!(!told.is_empty(), "dialect nj has no least feedrate: {f}");
     }
 }
 

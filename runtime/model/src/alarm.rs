@@ -158,7 +158,7 @@ alarms! {
         "End the compensation with G40 before the block, and look at the rules of G41.";
     OFFSET_REFUSED = 41, Reset, "Not allowed with an offset of the tool",
         "The block moves to a place of the machine (G28, G30, G53), which offsets of the tool would shift.",
-        "Write G40 and G49 before G28, G30 and G53 (D23).";
+        "Write G40 before G28, G30 and G53, and G49 with G90 and a motion to a free Z: under G91 Z comes down by the offset (D23).";
     FIXED_CYCLE_REFUSED = 42, Reset, "Not allowed in a fixed cycle",
         "Between the first block of a fixed cycle and its end stands a code that is neither a position of the cycle nor its end.",
         "End the cycle with G80 before the block.";
@@ -180,7 +180,7 @@ alarms! {
         "Set a limit above zero in the configuration.";
     OFFSET_IN_FORCE = 110, Reset, "Cutter compensation or a tool offset is on",
         "Cutter compensation or a tool offset is still in force where the machine's own positions count.",
-        "Cancel it with G40 or G49 before G53, G28 and G30 (D23).";
+        "Cancel it before G53, G28 and G30: with G40, or with G49, G90 and a motion to a free Z (D23).";
     ARC_IMPOSSIBLE = 111, Reset, "There is no such arc",
         "Start, target, centre and radius do not belong to one circle, within arc_radius_tolerance.",
         "Correct the target, the centre (I, J, K) or the radius (R).";

@@ -104,7 +104,7 @@ pub struct NcOptions {
     pub calculator: Calculator,
     /// Degrees of 1 in an angle without a decimal point.
     pub angle_increment_deg: f64,
-    /// F below it counts as this, mm/min.
+    /// F below it counts as this in a dialect that has a least feedrate, mm/min; 0: none.
     pub min_feedrate_mm_min: f64,
     /// S below it counts as this, r/min.
     pub min_spindle_speed_r_min: f64,
@@ -125,7 +125,7 @@ impl Default for NcOptions {
         Self {
             calculator: Calculator::None,
             angle_increment_deg: 0.001,
-            min_feedrate_mm_min: 0.0,
+            min_feedrate_mm_min: 0.001,
             min_spindle_speed_r_min: 0.0,
             max_spindle_speed_r_min: 0.0,
             peck_clearance_mm: 0.5,

@@ -20,7 +20,7 @@ pub struct DgshapeConfig {
     /// Degrees of 1 in an angle without a decimal point.
     #[schemars(range(min = RATE_MIN, max = 360.0), extend("x-unit" = "deg"))]
     pub angle_increment: f64,
-    /// F below it counts as this.
+    /// F below it counts as this; with 0 an F that is not above 0 is an error.
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "mm/min"))]
     pub min_feedrate: f64,
     /// S below it counts as this, and S00 means it.
@@ -44,7 +44,7 @@ impl Default for DgshapeConfig {
         Self {
             calculator: Calculator::None,
             angle_increment: 0.001,
-            min_feedrate: 0.0,
+            min_feedrate: 0.001,
             min_spindle_speed: 0.0,
             max_spindle_speed: 0.0,
             peck_clearance: 0.5,

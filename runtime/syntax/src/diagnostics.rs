@@ -187,8 +187,8 @@ diagnostics! {
         "Cutter compensation is led in by G01 and led out by G00 or G01. In between only G01, G02 and G03 move, the plane and the side stay, and M00, M01, M02, M30, M codes with parameters, G28, G30 and G53 do not stand (D23).",
         "wrong: G41 and then G00 X5   right: G41 and then G01 X5";
     TOOL_OFFSET_RULE = "E0120", "Not allowed with a tool offset",
-        "G28, G30 and G53 need G49 before them (D23).",
-        "wrong: G43 and then G28   right: G43, G49 and then G28";
+        "G28, G30 and G53 need G49 before them (D23). The first motion behind it goes to its Z without the offset: under G91 Z comes down by it.",
+        "wrong: G43 and then G28   right: G43, then G90 G49 G00 Z100, and then G28";
     FIXED_CYCLE_RULE = "E0121", "Not allowed in a fixed cycle",
         "From G74 or G84 to G80 no other code than these, G98 and G99 stands; G00 to G03 end the cycle. The first block needs Z and R.",
         "wrong: G84 Z-5 R1 and then M98 P1000   right: G80 before M98";

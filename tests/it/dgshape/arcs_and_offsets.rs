@@ -100,5 +100,10 @@ fn dgshape_2_5_f_is_held_within_the_feedrates_of_the_machine() {
         run_with("G01X1.F5.", "min_feedrate = 20.0").unwrap(),
         ["line X1 F20"]
     );
+    assert_eq!(
+        run("G01X1.F0"),
+        ["line X1 F0.001"],
+        "the least one where none is set"
+    );
     assert_eq!(alarm("G01X1."), 101, "without F");
 }

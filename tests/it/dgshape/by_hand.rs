@@ -10,7 +10,7 @@ use super::MACHINE;
 
 #[test]
 fn dgshape_manual_input_needs_no_mark_and_home_moves_what_g28_can() {
-    let machine = Config::from_toml(MACHINE, "").unwrap().resolve().unwrap();
+    let machine = Config::from_toml(&MACHINE, "").unwrap().resolve().unwrap();
     let at = Arc::<Mutex<[f64; 4]>>::default();
     let (seen, sink) = (Arc::clone(&at), Arc::clone(&at));
     let bench = Bench::on_machine(machine).on_cycle(move |servo| {

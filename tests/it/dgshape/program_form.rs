@@ -156,6 +156,9 @@ fn dgshape_2_2_units_are_selected_once_before_coordinates() {
     assert_eq!(findings_of("%\nG21\nG00X1.0\nG21\nM30\n"), NONE, "the same one");
     assert_eq!(findings_of("%\nG21\nG00X1.0\nG20\nM30\n"), ["E0124"]);
     assert_eq!(findings_of("%\nG00X1.0\nG20\nM30\n"), ["E0124"]);
+    assert_eq!(findings_of("%\nG54\nG20\nM30\n"), ["E0124"]);
+    assert_eq!(findings_of("%\nG54G20\nM30\n"), NONE, "in one block");
+    assert_eq!(findings_of("%\nG54\nG21\nM30\n"), NONE, "no change");
 }
 
 #[test]

@@ -6,7 +6,8 @@ use crate::support::simulated::simulate_on;
 
 fn machine(more: &str) -> Machine {
     Machine::with_config(&format!(
-        "[machine]\nname = \"mill-1\"\nservo_late_ms = 1500\n{MACHINE}{more}"
+        "[machine]\nname = \"mill-1\"\nservo_late_ms = 1500\n{}{more}",
+        *MACHINE
     ))
 }
 

@@ -47,8 +47,9 @@ pub(crate) fn take_over(execution: &mut Execution<'_>) {
         }
         let feedrate = programmed * execution.modal.unit();
         execution.modal.is_feed_programmed = true;
-        execution.modal.feedrate_mm_min = feedrate.max(execution.limits.options.min_feedrate_mm_min);
-        execution.modal.feedrate_deg_min = programmed.max(execution.limits.options.min_feedrate_mm_min);
+        let least = execution.dialect.policy.least_feedrate(&execution.limits.options);
+        execution.modal.feedrate_mm_min = feedrate.max(least);
+        execution.modal.feedrate_deg_min = programmed.max(least);
     } else if !execution.modal.is_feed_programmed {
         execution.modal.feedrate_mm_min = execution.limits.default_feedrate_mm_min * execution.modal.unit();
     }

@@ -14,10 +14,10 @@ const FACTOR_MIN: f64 = 0.000_01;
 const FACTOR_MAX: f64 = 10_000.0;
 
 /// Least factor of dialect dgshape.
-const SAME_FACTOR_MIN: f64 = 0.001;
+pub(crate) const SAME_FACTOR_MIN: f64 = 0.001;
 
 /// Largest factor of dialect dgshape.
-const SAME_FACTOR_MAX: f64 = 999.999;
+pub(crate) const SAME_FACTOR_MAX: f64 = 999.999;
 
 /// What P may be written as there (range 1).
 const POINT_MAX: f64 = 99_999_999.0;

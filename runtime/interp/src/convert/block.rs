@@ -8,6 +8,9 @@ use super::state::{Cycle, POSITIONS, Source, State, Words, shown};
 /// M codes that these controls carry out before the motion of their block.
 const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
 
+/// M29: the spindle turns in step with Z in a tapping cycle.
+const RIGID_TAPPING: u32 = 29;
+
 /// G91.1: I, J and K count from the start of an arc, as they do here.
 const CENTRES_ARE_DISTANCES: f64 = 91.1;
 
@@ -35,7 +38,7 @@ impl State {
             lines.push(String::new());
         }
         if !skip.is_empty() {
-            self.z = None;
+            self.lose_position();
         }
         let number = number.unwrap_or_default();
         let begin = |(at, line): (usize, String)| {
@@ -76,12 +79,23 @@ impl State {
         }
         let action = match codes.action {
             Action::Dwell => vec![self.dwell(words)?],
-            Action::Reference => vec![self.reference(words)?],
-            Action::Coordinates(code) => vec![self.coordinates(words, code)?],
+            Action::Reference(code) => vec![self.reference(words, code)?],
+            Action::Local => vec![self.local_coordinates(words)?],
+            Action::Shift => vec![self.shifted_coordinates(words)?],
+            Action::Machine => vec![self.machine_position(words)?],
+            Action::Rotation => vec![self.rotation(words)?],
+            Action::Scaling => vec![self.scaling(words)?],
             Action::Length(on) => self.length(words, on)?,
             Action::Motion if self.cycle.is_some() => self.holes(words, codes.begins_cycle)?,
-            Action::Motion => self.motion(words, codes.names_motion)?,
+            Action::Motion => self.motion(words, &codes)?,
         };
+        if behind.iter().any(|line| line.starts_with("M98")) {
+            self.lose_modal_state();
+        }
+        if let Some(number) = codes.ends_tapping {
+            // nj stops it there
+            before.insert(0, format!("M{number:02}"));
+        }
         // what stays in force stands before what moves
         let modal = modal.join(" ");
         let mut lines = Vec::new();
@@ -101,11 +115,8 @@ impl State {
 
     /// Takes the G codes: what they set, and what the block does.
     fn codes(&mut self, words: &mut Words<'_>, modal: &mut Vec<String>) -> Result<Codes, String> {
-        let mut codes = Codes {
-            action: Action::Motion,
-            names_motion: false,
-            begins_cycle: false,
-        };
+        let mut codes = Codes::default();
+        let taps = self.cycle.as_ref().is_some_and(Cycle::taps);
         while let Some(word) = words.take(Address::G) {
             if self.from == Source::Fanuc && word.number() == Some(CENTRES_ARE_DISTANCES) {
                 continue;
@@ -125,42 +136,81 @@ impl State {
                     } else {
                         Unit::Millimetre
                     };
-                    self.z = None;
+                    self.lose_position();
                     modal.push(format!("G{number}"));
                 }
-                28 => codes.action = Action::Reference,
+                28 => codes.action = Action::Reference("G28"),
                 41 | 42 => {
                     self.own_tool(words.take(Address::D), "D")?;
                     modal.push(format!("G{number}"));
                 }
                 43 => codes.action = Action::Length(true),
+                50 => {
+                    self.is_scaled = false;
+                    self.lose_position();
+                    modal.push("G50".to_owned());
+                }
+                51 => codes.action = Action::Scaling,
                 49 => codes.action = Action::Length(false),
                 54..=59 => {
-                    self.z = None;
+                    self.in_plain_shape(&format!("G{number}"))?;
+                    self.lose_position();
                     modal.push(format!("G{number}"));
                 }
                 80 => self.cycle = None,
                 81 | 82 | 83 | 85 | 86 | 89 => {
-                    self.cycle = Some(Cycle::new(number, self.cycle.take(), self.z, self.absolute));
+                    self.begin_cycle(number)?;
                     codes.begins_cycle = true;
                 }
                 90 | 91 => {
-                    self.absolute = number == 90;
+                    self.absolute = Some(number == 90);
                     modal.push(format!("G{number}"));
                 }
-                52 if self.from == Source::Fanuc => {
-                    self.is_local = true;
-                    codes.action = Action::Coordinates("G52");
-                }
-                53 if self.from == Source::Fanuc => codes.action = Action::Coordinates("G53"),
-                61 | 64 | 50 | 69 if self.from == Source::Fanuc => modal.push(format!("G{number}")),
-                // feedrates in mm/min, speeds in r/min
-                94 | 97 if self.from == Source::Fanuc => {}
-                98 | 99 => self.to_initial = number == 98,
+                92 => codes.action = Action::Shift,
+                98 | 99 => self.to_initial = Some(number == 98),
+                _ if self.from == Source::Fanuc => self.fanuc_code(word, number, &mut codes, modal)?,
                 _ => return Err(Self::no_equal(word)),
             }
         }
+        if taps && !self.cycle.as_ref().is_some_and(Cycle::taps) {
+            modal.insert(0, "G80".to_owned());
+            if std::mem::take(&mut self.is_rigid) {
+                self.spindle = None;
+            }
+            codes.ends_tapping = self.spindle;
+        }
         Ok(codes)
+    }
+
+    /// A G code that dialect dgshape does not have, or has for something else.
+    fn fanuc_code(
+        &mut self,
+        word: &Word,
+        number: u32,
+        codes: &mut Codes,
+        modal: &mut Vec<String>,
+    ) -> Result<(), String> {
+        match number {
+            9 => codes.stops_exactly = true,
+            30 => codes.action = Action::Reference("G30"),
+            52 => codes.action = Action::Local,
+            53 => codes.action = Action::Machine,
+            68 => codes.action = Action::Rotation,
+            69 => {
+                self.is_rotated = false;
+                self.lose_position();
+                modal.push("G69".to_owned());
+            }
+            61 | 64 => modal.push(format!("G{number}")),
+            73 | 74 | 84 => {
+                self.begin_cycle(number)?;
+                codes.begins_cycle = true;
+            }
+            // feedrates in mm/min, speeds in r/min
+            94 | 97 => {}
+            _ => return Err(Self::no_equal(word)),
+        }
+        Ok(())
     }
 
     /// The offset of a number is that of the tool of this number: nj takes that of the tool in the spindle.
@@ -207,8 +257,15 @@ impl State {
                     self.tool = Some(tool);
                     format!("M06 VA{tool}")
                 }
+                RIGID_TAPPING if self.from == Source::Fanuc => {
+                    // here the spindle always turns in step with the thread
+                    self.is_rigid = true;
+                    continue;
+                }
                 98 if self.from == Source::Fanuc => {
-                    self.z = None;
+                    if self.cycle.is_some() {
+                        return Err("the positions of the subprogram are holes of the cycle in force. Write G80 before it, and the cycle in the subprogram.".to_owned());
+                    }
                     let program = words.take(Address::P).and_then(Word::whole);
                     let program = program.filter(|number| (1000..=9999).contains(number));
                     let program = program.ok_or("the number of a subprogram is 1000 to 9999. Rename it.")?;
@@ -220,6 +277,11 @@ impl State {
                 }
                 _ => format!("M{number:02}"),
             };
+            match number {
+                3 | 4 => self.spindle = Some(number),
+                5 => self.spindle = None,
+                _ => {}
+            }
             let is_before = self.from == Source::Dgshape || BEFORE_MOTION.contains(&number);
             if is_before { &mut *before } else { &mut *behind }.push(text);
         }
@@ -238,32 +300,6 @@ impl State {
         Ok(format!("G04 X{}", shown(seconds)))
     }
 
-    /// A return to the reference point, of the axes that it names.
-    fn reference(&mut self, words: &mut Words<'_>) -> Result<String, String> {
-        let named: Vec<Address> = POSITIONS.into_iter().filter(|axis| words.has(&[*axis])).collect();
-        let remembers = self.from == Source::Dgshape;
-        if remembers && self.returned.iter().any(|axis| !named.contains(axis)) {
-            return Err("axes that an earlier G28 has named return, too. Name them in this one.".to_owned());
-        }
-        if named.is_empty() {
-            return Err("it names no axis. Name those that return.".to_owned());
-        }
-        self.returned.clone_from(&named);
-        self.z = None;
-        Ok(format!("G28 {}", self.positions(words)?.join(" ")))
-    }
-
-    /// G52 and G53.
-    fn coordinates(&mut self, words: &mut Words<'_>, code: &str) -> Result<String, String> {
-        if code == "G53" && (self.is_local || !self.absolute || self.motion != "G00") {
-            let why = "G53 moves at rapid speed to absolute positions here, and ends G52. Write G90, G00 and G52 with it.";
-            return Err(why.to_owned());
-        }
-        let positions = self.positions(words)?.join(" ");
-        self.z = None;
-        Ok(format!("{code} {positions}").trim_end().to_owned())
-    }
-
     /// G43 and G49: without axis words they move Z by the change of the offset.
     fn length(&mut self, words: &mut Words<'_>, on: bool) -> Result<Vec<String>, String> {
         let code = if on { "G43" } else { "G49" };
@@ -273,7 +309,7 @@ impl State {
         let offset = self.tool.filter(|_| on);
         let changes = std::mem::replace(&mut self.offset, offset) != offset;
         if words.has(&POSITIONS) {
-            let mut lines = self.motion(words, false)?;
+            let mut lines = self.motion(words, &Codes::default())?;
             if let Some(first) = lines.first_mut() {
                 *first = format!("{code} {first}");
             }
@@ -283,17 +319,17 @@ impl State {
             return Ok(vec![code.to_owned()]);
         }
         let motion = if self.motion == "G00" { "G00" } else { "G01" };
-        let back = self.absolute.then(|| "G90".to_owned());
+        let back = (self.absolute == Some(true)).then(|| "G90".to_owned());
         let moves = [code.to_owned(), format!("G91 {motion} Z0")];
         Ok(moves.into_iter().chain(back).collect())
     }
 
-    fn motion(&mut self, words: &mut Words<'_>, named: bool) -> Result<Vec<String>, String> {
-        let is_arc = matches!(self.motion, "G02" | "G03");
+    fn motion(&mut self, words: &mut Words<'_>, codes: &Codes) -> Result<Vec<String>, String> {
+        let may_be_arc = !matches!(self.motion, "G00" | "G01");
         let centre = [Address::I, Address::J, Address::K, Address::R];
-        let moves = words.has(&POSITIONS) || (is_arc && words.has(&centre));
+        let moves = words.has(&POSITIONS) || (may_be_arc && words.has(&centre));
         if !moves {
-            return Ok(if named {
+            return Ok(if codes.names_motion {
                 vec![self.motion.to_owned()]
             } else {
                 Vec::new()
@@ -305,33 +341,54 @@ impl State {
                     .to_owned(),
             );
         }
-        let mut parts = vec![self.motion.to_owned()];
+        let mut parts: Vec<String> = Some(self.motion.to_owned())
+            .filter(|motion| !motion.is_empty())
+            .into_iter()
+            .collect();
         parts.extend(self.positions(words)?);
-        if is_arc {
+        if may_be_arc {
             for address in centre {
                 if let Some(word) = words.take(address) {
                     parts.push(format!("{}{}", address.text(), shown(self.value(word)?)));
                 }
             }
         }
+        if codes.stops_exactly {
+            // behind the positions it stops at their end
+            parts.push("G09".to_owned());
+        }
         Ok(vec![parts.join(" ")])
     }
 }
 
 /// What the G codes of a block say.
+#[derive(Default)]
 struct Codes {
     action: Action,
     names_motion: bool,
     begins_cycle: bool,
+    /// The motion ends with an exact stop.
+    stops_exactly: bool,
+    /// A tapping cycle ends, behind which the spindle turns by this M code.
+    ends_tapping: Option<u32>,
 }
 
 /// What a block does.
+#[derive(Default)]
 enum Action {
+    #[default]
     Motion,
     Dwell,
-    Reference,
-    /// Local coordinates, or a move to a position of the machine: G52, G53.
-    Coordinates(&'static str),
+    /// G28 or G30.
+    Reference(&'static str),
+    /// Local coordinates: G52.
+    Local,
+    /// Coordinates of where the tool is: G92.
+    Shift,
+    /// A move to a position of the machine: G53.
+    Machine,
+    Rotation,
+    Scaling,
     /// The tool length offset begins or ends.
     Length(bool),
 }

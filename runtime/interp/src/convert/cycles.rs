@@ -2,7 +2,7 @@
 
 use tandem_syntax::{Address, Word};
 
-use super::state::{Cycle, State, Words, shown};
+use super::state::{Cycle, State, Words, Z, shown};
 
 /// Holes of one block; more would be a program of their own.
 const REPETITIONS_MAX: u32 = 100;
@@ -42,7 +42,7 @@ impl State {
         let Some(mut cycle) = self.cycle.clone() else {
             return Ok(Vec::new());
         };
-        if cycle.absolute != self.absolute {
+        if Some(cycle.absolute) != self.absolute {
             return Err(
                 "G90 and G91 change within a fixed cycle. Write G80 before, and the cycle anew.".to_owned(),
             );
@@ -59,6 +59,9 @@ impl State {
         if !begins && !words.has(&own) {
             return Ok(Vec::new());
         }
+        if cycle.taps() {
+            return self.threads(words, cycle);
+        }
         let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
         cycle.z = take(Address::Z)?.or(cycle.z);
         cycle.r = take(Address::R)?.or(cycle.r);
@@ -71,7 +74,7 @@ impl State {
         if words.has(&[Address::A]) {
             return Err("A does not move in a fixed cycle. Write it in a block before.".to_owned());
         }
-        let mut place = self.positions(words)?.join(" ");
+        let mut place = self.place(words, repetitions)?;
         if !place.is_empty() {
             place = format!("G00 {place}");
         }
@@ -88,6 +91,17 @@ impl State {
         Ok(lines)
     }
 
+    /// Where the holes of a block are.
+    fn place(&mut self, words: &mut Words<'_>, repetitions: u32) -> Result<String, String> {
+        let place = self.positions(words)?.join(" ");
+        if repetitions != 1 {
+            let z = self.z();
+            self.lose_position();
+            self.at[Z] = z;
+        }
+        Ok(place)
+    }
+
     /// One hole, from where the tool is above it.
     fn hole(&mut self, cycle: &mut Cycle, lines: &mut Vec<String>) -> Result<(), String> {
         let levels = self.levels(cycle)?;
@@ -97,8 +111,11 @@ impl State {
             at: cycle.at,
         };
         way.go("G00", levels.r);
-        if let Some(depth) = cycle.depth.filter(|depth| cycle.code == 83 && *depth > 0.0) {
-            self.cuts(&mut way, &levels, depth)?;
+        if let Some(depth) = cycle
+            .depth
+            .filter(|depth| matches!(cycle.code, 73 | 83) && *depth > 0.0)
+        {
+            self.cuts(&mut way, &levels, depth, cycle.code == 83)?;
         }
         way.go("G01", levels.z);
         if let Some(dwell_ms) = cycle.dwell_ms.filter(|_| matches!(cycle.code, 82 | 89)) {
@@ -108,27 +125,89 @@ impl State {
         if slowly {
             way.go("G01", levels.r);
         }
-        if !slowly || self.to_initial {
+        if !slowly || self.to_initial == Some(true) {
             way.go("G00", levels.end);
         }
         let at = way.at;
         cycle.at = if cycle.absolute { 0.0 } else { at };
-        self.z = if cycle.absolute {
-            Some(levels.end)
-        } else {
-            cycle.initial.map(|initial| initial + at)
-        };
+        self.ends_at(cycle, levels.end);
         Ok(())
     }
 
-    /// All cuts but the last one, each with its way out and back.
-    fn cuts(&self, way: &mut Way<'_>, levels: &Levels, depth: f64) -> Result<(), String> {
+    /// The hole has ended at this position of Z, or so far from the initial level.
+    fn ends_at(&mut self, cycle: &Cycle, end: f64) {
+        self.at[Z] = if cycle.absolute {
+            Some(end)
+        } else {
+            cycle.initial.map(|initial| initial + end)
+        };
+    }
+
+    /// Begins a cycle, or goes on with another one that keeps its words.
+    pub(super) fn begin_cycle(&mut self, code: u32) -> Result<(), String> {
+        let unknown =
+            "whether its words are positions or distances is not known here. Write G90 or G91 before it.";
+        let absolute = self.absolute.ok_or(unknown)?;
+        let before = self.cycle.take();
+        let cycle = Cycle::new(code, before.clone(), self.z(), absolute);
+        let anew = before.filter(|before| before.taps() != cycle.taps());
+        if anew.is_some_and(|before| before.initial.is_none() || before.initial != self.z()) {
+            let why = "the level where the first cycle began would not be that of this one. Write G80 and a motion to it before.";
+            return Err(why.to_owned());
+        }
+        self.cycle = Some(cycle);
+        Ok(())
+    }
+
+    /// A block of a tapping cycle, which nj has, too.
+    fn threads(&mut self, words: &mut Words<'_>, mut cycle: Cycle) -> Result<Vec<String>, String> {
+        if words.has(&[Address::Q]) {
+            return Err("Q cuts a thread in steps. Write G84 without it, once for each depth.".to_owned());
+        }
+        if words.has(&[Address::A]) {
+            return Err("A does not move in a fixed cycle. Write it in a block before.".to_owned());
+        }
+        let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
+        cycle.z = take(Address::Z)?.or(cycle.z);
+        cycle.r = take(Address::R)?.or(cycle.r);
+        cycle.dwell_ms = words.take(Address::P).and_then(Word::number).or(cycle.dwell_ms);
+        let (z, r) = cycle
+            .z
+            .zip(cycle.r)
+            .ok_or("a tapping cycle needs Z and R. Write both in its first block.")?;
+        let repetitions = words.take(Address::K).map_or(Some(1), Word::whole);
+        let repetitions = repetitions.ok_or("K is a whole number")?;
+        let mut place = self.place(words, repetitions)?;
+        if !place.is_empty() {
+            place.push(' ');
+        }
+        let code = cycle.code;
+        let level = if self.to_initial()? { "G98" } else { "G99" };
+        let dwell_ms = shown(cycle.dwell_ms.unwrap_or_default());
+        let line = format!(
+            "{level} G{code} {place}Z{} R{} P{dwell_ms} K{repetitions}",
+            shown(z),
+            shown(r)
+        );
+        if let Ok(levels) = self.levels(&cycle) {
+            self.ends_at(&cycle, levels.end);
+        } else {
+            self.at[Z] = None;
+        }
+        self.cycle = Some(cycle);
+        Ok(vec![line])
+    }
+
+    /// All cuts but the last one, each with its way up: out to the R point and back, or a short one.
+    fn cuts(&self, way: &mut Way<'_>, levels: &Levels, depth: f64, goes_out: bool) -> Result<(), String> {
         let below = |way: f64| levels.r + way.max(0.0).copysign(levels.z - levels.r);
         let mut cuts = 1;
         while f64::from(cuts) * depth < (levels.z - levels.r).abs() {
             let reached = f64::from(cuts) * depth;
             way.go("G01", below(reached));
-            way.go("G00", levels.r);
+            if goes_out {
+                way.go("G00", levels.r);
+            }
             way.go("G00", below(reached - self.clearance()));
             cuts += 1;
             if cuts > CUTS_MAX {
@@ -140,16 +219,21 @@ impl State {
         Ok(())
     }
 
+    fn to_initial(&self) -> Result<bool, String> {
+        let unknown = "whether it returns to the initial level is not known here. Write G98 or G99 in it.";
+        self.to_initial.ok_or_else(|| unknown.to_owned())
+    }
+
     fn levels(&self, cycle: &Cycle) -> Result<Levels, String> {
         let z = cycle.z.unwrap_or_default();
         if !cycle.absolute {
             let r = cycle.r.unwrap_or_default();
-            let end = if self.to_initial { 0.0 } else { r };
+            let end = if self.to_initial()? { 0.0 } else { r };
             return Ok(Levels { r, z: r + z, end });
         }
         let unknown = "the level of Z where the cycle begins is not known. Write a motion to a position of Z before it.";
         let r = cycle.r.or(cycle.initial).ok_or(unknown)?;
-        let end = if self.to_initial {
+        let end = if self.to_initial()? {
             cycle.initial.ok_or(unknown)?
         } else {
             r

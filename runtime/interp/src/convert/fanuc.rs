@@ -40,9 +40,23 @@ fn semicolon(line: &str) -> Option<usize> {
     })
 }
 
+/// M codes that end a main program.
+const MAIN_ENDS: [u32; 2] = [2, 30];
+
+/// The M code that ends a subprogram.
+const RETURN: u32 = 99;
+
+fn has(program: &NcProgram, is_meant: impl Fn(u32) -> bool) -> bool {
+    let mut words = program.all_words().iter();
+    words.any(|word| word.address == Address::M && word.whole().is_some_and(&is_meant))
+}
+
+/// True where it ends as a subprogram does, and never as a main program.
+pub(super) fn is_subprogram(program: &NcProgram) -> bool {
+    has(program, |m| m == RETURN) && !has(program, |m| MAIN_ENDS.contains(&m))
+}
+
 /// True where an M code says that the program ends; these controls end it with its text, too.
 pub(super) fn has_end(program: &NcProgram) -> bool {
-    let ends =
-        |word: &tandem_syntax::Word| word.address == Address::M && matches!(word.whole(), Some(2 | 30 | 99));
-    program.all_words().iter().any(ends)
+    has(program, |m| m == RETURN || MAIN_ENDS.contains(&m))
 }

@@ -22,13 +22,26 @@ pub(super) struct State {
     pub from: Source,
     pub options: NcOptions,
     pub unit: Unit,
+    /// The code of the motions in force; empty where a program that was called, or that calls this one, has set it.
     pub motion: &'static str,
-    pub absolute: bool,
-    /// Fixed cycles return to the initial level.
-    pub to_initial: bool,
+    /// Positions are absolute; `None` where another program has set it.
+    pub absolute: Option<bool>,
+    /// Fixed cycles return to the initial level; `None` where another program has set it.
+    pub to_initial: Option<bool>,
     pub cycle: Option<Cycle>,
-    /// Z as it is programmed, where it is known.
-    pub z: Option<f64>,
+    /// The positions of the axes as they are programmed, where they are known.
+    pub at: [Option<f64>; 4],
+    /// How far G92 has shifted the coordinates, mm or degrees.
+    pub shift: [f64; 4],
+    /// How far G52 has, on top of it.
+    pub local: [f64; 4],
+    /// The coordinates are rotated, and scaled.
+    pub is_rotated: bool,
+    pub is_scaled: bool,
+    /// The M code that has made the spindle turn.
+    pub spindle: Option<u32>,
+    /// The spindle stops when tapping ends.
+    pub is_rigid: bool,
     /// The tool in the spindle, and one that was called before its change.
     pub tool: Option<u32>,
     pub next_tool: Option<u32>,
@@ -36,8 +49,6 @@ pub(super) struct State {
     pub offset: Option<u32>,
     /// Axes that an earlier reference point return has named.
     pub returned: Vec<Address>,
-    /// Local coordinates may be in force.
-    pub is_local: bool,
     /// What is said of the block beside what it becomes.
     pub note: Option<String>,
 }
@@ -69,6 +80,11 @@ impl<'a> Words<'a> {
 
 pub(super) const POSITIONS: [Address; 4] = [Address::X, Address::Y, Address::Z, Address::A];
 
+/// The place of Z in [`POSITIONS`].
+pub(super) const Z: usize = 2;
+
+const INCH: f64 = 25.4;
+
 impl State {
     pub fn new(from: Source, options: NcOptions) -> Self {
         Self {
@@ -76,22 +92,46 @@ impl State {
             options,
             unit: Unit::Millimetre,
             motion: "G00",
-            absolute: true,
-            to_initial: true,
+            absolute: Some(true),
+            to_initial: Some(true),
             cycle: None,
-            z: None,
+            at: [None; 4],
+            shift: [0.0; 4],
+            local: [0.0; 4],
+            is_rotated: false,
+            is_scaled: false,
+            spindle: None,
+            is_rigid: false,
             tool: None,
             next_tool: None,
             offset: None,
             returned: Vec::new(),
-            is_local: false,
             note: None,
         }
     }
 
-    /// Something has moved the tool that is not known.
+    /// Something has moved the tool or the coordinates that is not known.
     pub fn lose_position(&mut self) {
-        self.z = None;
+        self.at = [None; 4];
+    }
+
+    /// Another program has set what it likes.
+    pub fn lose_modal_state(&mut self) {
+        self.lose_position();
+        self.motion = "";
+        self.absolute = None;
+        self.to_initial = None;
+    }
+
+    /// Z as it is programmed, where it is known.
+    pub fn z(&self) -> Option<f64> {
+        self.at[Z]
+    }
+
+    /// Millimetres or degrees of one unit of an axis word.
+    pub fn unit_of(&self, axis: usize) -> f64 {
+        let is_inch = self.unit == Unit::Inch && POSITIONS[axis] != Address::A;
+        if is_inch { INCH } else { 1.0 }
     }
 
     /// What a word means, in the unit in force; for times in seconds.
@@ -110,16 +150,14 @@ impl State {
     /// Takes the axis words, and follows Z.
     pub fn positions(&mut self, words: &mut Words<'_>) -> Result<Vec<String>, String> {
         let mut parts = Vec::new();
-        for address in POSITIONS {
+        for (axis, address) in POSITIONS.into_iter().enumerate() {
             let Some(word) = words.take(address) else { continue };
             let value = self.value(word)?;
-            if address == Address::Z {
-                self.z = if self.absolute {
-                    Some(value)
-                } else {
-                    self.z.map(|z| z + value)
-                };
-            }
+            self.at[axis] = match self.absolute {
+                Some(true) => Some(value),
+                Some(false) => self.at[axis].map(|at| at + value),
+                None => None,
+            };
             parts.push(format!("{}{}", address.text(), shown(value)));
         }
         Ok(parts)
@@ -127,7 +165,6 @@ impl State {
 
     /// How far above the last depth a peck begins, in the unit in force.
     pub fn clearance(&self) -> f64 {
-        const INCH: f64 = 25.4;
         match self.unit {
             Unit::Millimetre => self.options.peck_clearance_mm,
             Unit::Inch => self.options.peck_clearance_mm / INCH,
@@ -165,6 +202,11 @@ impl Cycle {
             depth: None,
         };
         before.map_or(begins, |before| Cycle { code, ..before })
+    }
+
+    /// It cuts threads.
+    pub fn taps(&self) -> bool {
+        matches!(self.code, 74 | 84)
     }
 }
 

@@ -125,6 +125,7 @@ pub(super) static DGSHAPE: Dialect = Dialect {
         other_m_codes: OtherMCodes::Declared,
         output: OutputDefault::WithMotion,
         spiral: Spiral::Doubted,
+        has_least_feedrate: true,
     },
     path: PathRules {
         rapid: RapidPath::Straight,

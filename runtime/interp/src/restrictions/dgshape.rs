@@ -114,7 +114,7 @@ pub static DGSHAPE: [Restriction; 20] = [
         During::ToolOffset,
         What::Has(Role::ToMachine),
         "{code} stands with a tool-length offset",
-        "Write {no tool offset} before it.",
+        "Write {no tool offset} before it, with G90 and a free Z: alone it moves Z down by the offset.",
     ),
     Restriction::new(
         &MACHINE_POSITION_RULE,

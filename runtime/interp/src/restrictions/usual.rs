@@ -95,6 +95,6 @@ pub static USUAL: [Restriction; 13] = [
         During::ToolOffset,
         What::Has(Role::ToMachine),
         "{code} stands with a tool offset",
-        "Write {no tool offset} before it.",
+        "Write {no tool offset} before it, with G90 and a motion to a free Z: under G91 Z comes down by the offset.",
     ),
 ];

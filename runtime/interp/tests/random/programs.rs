@@ -157,8 +157,8 @@ fn program(random: &mut Random, calls: &[u16], end: &str) -> String {
 /// A main program and those that it calls.
 pub struct Made {
     pub dialect: &'static Dialect,
-    main: String,
-    called: Vec<(u16, String)>,
+    pub main: String,
+    pub called: Vec<(u16, String)>,
 }
 
 impl Made {

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{after, never, select};
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
@@ -25,8 +25,17 @@ use super::setup::Setup;
 use super::timing::Timing;
 use super::{features, outline};
 
-/// How long the editor has been quiet when what was typed is checked.
-const QUIET: Duration = Duration::from_millis(150);
+/// How long the editor has been quiet at least when what was typed is checked: one key often brings several messages.
+const QUIET_MIN: Duration = Duration::from_millis(10);
+
+/// And at most, where a check takes long.
+const QUIET_MAX: Duration = Duration::from_millis(150);
+
+/// How long nothing has been typed when the program is simulated.
+const SETTLED: Duration = Duration::from_millis(400);
+
+/// How long the editor may take from its shutdown to its exit.
+const EXIT_MAX: Duration = Duration::from_secs(30);
 
 struct Server<'a> {
     connection: &'a Connection,
@@ -35,6 +44,10 @@ struct Server<'a> {
     documents: BTreeMap<String, Document>,
     /// Those that are to be checked.
     due: BTreeSet<String>,
+    /// How long the last check took.
+    check_took: Duration,
+    /// The one that is simulated when nothing more is typed.
+    untimed: Option<String>,
     timing: Timing,
     /// The editor asks for times again when it is told that there are new ones.
     refreshes: bool,
@@ -57,19 +70,20 @@ pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> 
         setup,
         documents: BTreeMap::new(),
         due: BTreeSet::new(),
+        check_took: Duration::ZERO,
+        untimed: None,
         timing: Timing::new(command),
         refreshes: lens.and_then(|lens| lens.refresh_support).unwrap_or_default(),
         requests: 0,
     };
     loop {
-        let quiet = if server.due.is_empty() {
-            never()
-        } else {
-            after(QUIET)
-        };
+        let quiet = server.quiet().map_or_else(never, after);
         select! {
             recv(connection.receiver) -> message => match message {
-                Ok(Message::Request(request)) if connection.handle_shutdown(&request)? => return Ok(true),
+                Ok(Message::Request(request)) if request.method == request::Shutdown::METHOD => {
+                    server.send(Response::new_ok(request.id, Value::Null));
+                    return Ok(server.ends());
+                }
                 Ok(Message::Request(request)) => server.request(request),
                 Ok(Message::Notification(notice)) if notice.method == notification::Exit::METHOD => return Ok(false),
                 Ok(Message::Notification(notice)) => server.notice(notice),
@@ -85,7 +99,7 @@ pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> 
                 server.timing.give_up();
                 server.refresh_times();
             },
-            recv(quiet) -> _ => server.check_due(),
+            recv(quiet) -> _ => server.go_on(),
         }
     }
 }
@@ -124,6 +138,36 @@ fn capabilities() -> ServerCapabilities {
 }
 
 impl Server<'_> {
+    /// How long the editor is to be quiet before what is left to do is done.
+    fn quiet(&self) -> Option<Duration> {
+        if !self.due.is_empty() {
+            // typing goes on while a long program is checked
+            return Some((self.check_took / 2).clamp(QUIET_MIN, QUIET_MAX));
+        }
+        self.untimed.as_ref().map(|_| SETTLED)
+    }
+
+    /// True when the editor ends as it has said. What was on its way meanwhile does not matter.
+    fn ends(&self) -> bool {
+        loop {
+            match self.connection.receiver.recv_timeout(EXIT_MAX) {
+                Ok(Message::Notification(notice)) if notice.method == notification::Exit::METHOD => {
+                    return true;
+                }
+                Ok(Message::Request(request)) => {
+                    let text = "the server is ending".to_owned();
+                    self.send(Response::new_err(
+                        request.id,
+                        ErrorCode::InvalidRequest as i32,
+                        text,
+                    ));
+                }
+                Ok(_) => {}
+                Err(_) => return false,
+            }
+        }
+    }
+
     fn send(&self, message: impl Into<Message>) {
         // when the editor has gone, the next message says so
         let _ = self.connection.sender.send(message.into());
@@ -287,8 +331,18 @@ impl Server<'_> {
         }
     }
 
-    /// Checks what has changed, tells what was found, and begins to simulate the last one.
+    /// Does what is left to do.
+    fn go_on(&mut self) {
+        if self.due.is_empty() {
+            self.start_timing();
+        } else {
+            self.check_due();
+        }
+    }
+
+    /// Checks what has changed, and tells what was found.
     fn check_due(&mut self) {
+        let begun = Instant::now();
         for uri in std::mem::take(&mut self.due) {
             let Some(document) = self.documents.get_mut(&uri) else {
                 continue;
@@ -303,14 +357,28 @@ impl Server<'_> {
                 .next()
                 .map(|own| own.diagnostics)
                 .unwrap_or_default();
-            self.timing.start(document);
+            if document.found.iter().any(tandem_model::Diagnostic::is_error) {
+                self.timing.refuse(&uri);
+                self.untimed.take_if(|untimed| *untimed == uri);
+            } else {
+                self.untimed = Some(uri.clone());
+            }
             let document = &self.documents[&uri];
             let found = features::diagnostics(document);
             let params = PublishDiagnosticsParams::new(document.uri.clone(), found, Some(document.version));
             self.tell::<notification::PublishDiagnostics>(params);
             self.warn(wrong);
         }
+        self.check_took = begun.elapsed();
         self.refresh_times();
+    }
+
+    /// Begins to simulate the program that was checked last.
+    fn start_timing(&mut self) {
+        let uri = self.untimed.take();
+        if let Some(document) = uri.and_then(|uri| self.documents.get(&uri)) {
+            self.timing.start(document);
+        }
     }
 
     fn refresh_times(&mut self) {

@@ -376,6 +376,17 @@ fn what_is_not_offered_malformed_or_not_open_is_answered_and_nothing_ends() {
 }
 
 #[test]
+fn an_answer_or_a_question_between_shutdown_and_exit_is_no_failure() {
+    let mut editor = Editor::new(&[], None);
+    editor.ask("shutdown", Value::Null);
+    let late = lsp_server::Response::new_ok(1.into(), Value::Null);
+    editor.connection.sender.send(late.into()).unwrap();
+    assert_eq!(editor.ask("textDocument/hover", json!({}))["code"], -32600);
+    editor.tell("exit", Value::Null);
+    assert!(editor.server.join().unwrap().unwrap(), "it has ended in order");
+}
+
+#[test]
 fn an_editor_that_goes_without_a_word_ends_the_server() {
     let editor = Editor::new(&[], None);
     drop(editor.connection);

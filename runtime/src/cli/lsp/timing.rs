@@ -72,15 +72,16 @@ impl Timing {
         }
     }
 
-    /// Simulates a program that has been checked, in place of the one that runs.
+    /// A program with errors is not simulated.
+    pub fn refuse(&mut self, uri: &str) {
+        let title = "no time: correct the errors first".to_owned();
+        self.titles.insert(uri.to_owned(), title);
+    }
+
+    /// Simulates a program without errors, in place of the one that runs.
     pub fn start(&mut self, document: &Document) {
         let uri = document.uri.as_str().to_owned();
         self.end();
-        if document.found.iter().any(tandem_model::Diagnostic::is_error) {
-            self.titles
-                .insert(uri, "no time: correct the errors first".to_owned());
-            return;
-        }
         let mut command = Command::new(&self.command);
         command.args([
             "simulate",

@@ -1,0 +1,162 @@
+//! Blocks that set coordinates, or move in those of the machine.
+
+use tandem_syntax::{Address, Word};
+
+use crate::codes::g50_g51_scaling::{SAME_FACTOR_MAX as SCALE_MAX, SAME_FACTOR_MIN as SCALE_MIN};
+
+use super::state::{POSITIONS, Source, State, Words, shown};
+
+impl State {
+    /// A return to a reference point, of the axes that it names.
+    pub(super) fn reference(&mut self, words: &mut Words<'_>, code: &str) -> Result<String, String> {
+        let named: Vec<Address> = POSITIONS.into_iter().filter(|axis| words.has(&[*axis])).collect();
+        let remembers = self.from == Source::Dgshape;
+        if remembers && self.returned.iter().any(|axis| !named.contains(axis)) {
+            return Err("axes that an earlier G28 has named return, too. Name them in this one.".to_owned());
+        }
+        if named.is_empty() {
+            return Err("it names no axis. Name those that return.".to_owned());
+        }
+        self.in_plain_shape(code)?;
+        self.returned.clone_from(&named);
+        let point = if code == "G30" {
+            words.take(Address::P)
+        } else {
+            None
+        };
+        let point = point
+            .and_then(Word::whole)
+            .map_or_else(String::new, |point| format!("P{point} "));
+        let positions = self.positions(words)?.join(" ");
+        self.lose_position();
+        Ok(format!("{code} {point}{positions}"))
+    }
+
+    /// Scaling and rotation end with some codes of nj, and go on there.
+    pub(super) fn in_plain_shape(&self, code: &str) -> Result<(), String> {
+        let (begin, end) = match (self.is_rotated, self.is_scaled) {
+            (false, false) => return Ok(()),
+            (true, _) => ("G68", "G69"),
+            (false, true) => ("G51", "G50"),
+        };
+        Err(format!(
+            "{code} stands within {begin}. Write {end} before it, and {begin} anew behind it."
+        ))
+    }
+
+    /// G52, on top of what G92 has shifted.
+    pub(super) fn local_coordinates(&mut self, words: &mut Words<'_>) -> Result<String, String> {
+        self.in_plain_shape("G52")?;
+        let mut parts = vec!["G52".to_owned()];
+        for (axis, address) in POSITIONS.into_iter().enumerate() {
+            let Some(word) = words.take(address) else { continue };
+            let unit = self.unit_of(axis);
+            self.local[axis] = self.value(word)? * unit;
+            let all = (self.shift[axis] + self.local[axis]) / unit;
+            parts.push(format!("{}{}", address.text(), shown(all)));
+        }
+        self.lose_position();
+        Ok(parts.join(" "))
+    }
+
+    /// G92: the coordinates of where the tool is, as local coordinates.
+    pub(super) fn shifted_coordinates(&mut self, words: &mut Words<'_>) -> Result<String, String> {
+        self.in_plain_shape("G92")?;
+        if self.from == Source::Fanuc && self.absolute != Some(true) {
+            return Err("G92 stands with G91. Write G90 before it.".to_owned());
+        }
+        let mut parts = vec!["G52".to_owned()];
+        for (axis, address) in POSITIONS.into_iter().enumerate() {
+            let Some(word) = words.take(address) else { continue };
+            let letter = address.text();
+            let wanted = self.value(word)?;
+            let at = self.at[axis].ok_or_else(|| {
+                format!(
+                    "G92 counts from where the tool is, and its {letter} is not known here. Write G90 and a motion to \
+                     a position of {letter} before it, or G54 to G59 with this zero in the configuration."
+                )
+            })?;
+            let unit = self.unit_of(axis);
+            let all = self.shift[axis] + self.local[axis] + (at - wanted) * unit;
+            (self.shift[axis], self.local[axis]) = (all, 0.0);
+            self.at[axis] = Some(wanted);
+            parts.push(format!("{letter}{}", shown(all / unit)));
+        }
+        if parts.len() == 1 {
+            return Err("G92 names no axis. Name those that it gives coordinates.".to_owned());
+        }
+        Ok(parts.join(" "))
+    }
+
+    /// G53.
+    pub(super) fn machine_position(&mut self, words: &mut Words<'_>) -> Result<String, String> {
+        let is_shifted = self.shift.iter().chain(&self.local).any(|way| way.abs() > 0.0);
+        if is_shifted
+            || self.in_plain_shape("G53").is_err()
+            || self.absolute != Some(true)
+            || self.motion != "G00"
+        {
+            let why = "G53 moves at rapid speed to absolute positions here, and ends G52, G51 and G68. Write G90, G00, and the codes that end these, with it.";
+            return Err(why.to_owned());
+        }
+        let positions = self.positions(words)?.join(" ");
+        self.lose_position();
+        Ok(format!("G53 {positions}").trim_end().to_owned())
+    }
+
+    /// G51, with one factor for all axes or one for each: its centre is absolute in all languages.
+    pub(super) fn scaling(&mut self, words: &mut Words<'_>) -> Result<String, String> {
+        let mut parts = vec!["G51".to_owned()];
+        for address in [Address::X, Address::Y, Address::Z] {
+            let Some(word) = words.take(address) else { continue };
+            parts.push(format!("{}{}", address.text(), shown(self.value(word)?)));
+        }
+        let factors = [Address::P, Address::I, Address::J, Address::K];
+        if !words.has(&factors) {
+            return Err("G51 has no factor. Write P.".to_owned());
+        }
+        for address in factors {
+            let Some(word) = words.take(address) else { continue };
+            let factor = word.number().unwrap_or_default();
+            let factor = match self.from {
+                Source::Dgshape => factor.clamp(SCALE_MIN, SCALE_MAX),
+                Source::Fanuc if word.is_whole() => {
+                    return Err(format!(
+                        "{}{factor} counts in steps that a setting of the control says. Write the factor with a point.",
+                        address.text()
+                    ));
+                }
+                Source::Fanuc => factor,
+            };
+            parts.push(format!("{}{}", address.text(), shown(factor)));
+        }
+        self.is_scaled = true;
+        self.lose_position();
+        Ok(parts.join(" "))
+    }
+
+    /// G68: its centre is absolute in both languages.
+    pub(super) fn rotation(&mut self, words: &mut Words<'_>) -> Result<String, String> {
+        let mut parts = vec!["G68".to_owned()];
+        for address in POSITIONS {
+            let Some(word) = words.take(address) else { continue };
+            parts.push(format!("{}{}", address.text(), shown(self.value(word)?)));
+        }
+        if words.has(&[Address::I, Address::J, Address::K]) {
+            return Err(
+                "I, J and K turn about an axis of space. Write G68 X_ Y_ R_ in the plane.".to_owned(),
+            );
+        }
+        let angle = words.take(Address::R).and_then(Word::number);
+        let angle = angle.ok_or("it has no R, the angle. Write it.")?;
+        if self.is_rotated && self.absolute != Some(true) {
+            let why =
+                "R may count from the angle in force under G91. Write G90 before it, and the whole angle.";
+            return Err(why.to_owned());
+        }
+        self.is_rotated = true;
+        self.lose_position();
+        parts.push(format!("R{}", shown(angle)));
+        Ok(parts.join(" "))
+    }
+}
