@@ -14,16 +14,17 @@ const FIRST = 8_000;
 /** A card that says when it is done with what it was given, and the lines that it was asked to draw. */
 function card() {
   const drawn = [];
+  const order = [];
   const told = { isDone: true };
-  const gl = new Proxy({ drawingBufferWidth: 800, drawingBufferHeight: 400, SIGNALED, getSyncParameter: () => (told.isDone ? SIGNALED : 0) }, {
+  const gl = new Proxy({ drawingBufferWidth: 800, blitFramebuffer: () => order.push("copy"), drawingBufferHeight: 400, SIGNALED, getSyncParameter: () => (told.isDone ? SIGNALED : 0) }, {
     get: (known, name) => known[name] ?? (() => ({})),
   });
-  const lines = { drawn: { calls: 0, lines: 0 }, begin() {}, clear() {}, draw: (_, first, count) => drawn.push({ first, count }) };
+  const lines = { drawn: { calls: 0, lines: 0 }, begin() {}, clear: () => order.push("clear"), draw: (_, first, count) => drawn.push({ first, count }) };
   const layers = new Layers(gl, lines);
   const frame = (scene) => {
-    drawn.length = 0;
-    const isMore = layers.draw(scene, () => {});
-    return { isMore, lines: drawn.reduce((sum, { count }) => sum + count, 0), drawn: [...drawn] };
+    [drawn.length, order.length] = [0, 0];
+    const isMore = layers.draw(scene, () => order.push("tool"));
+    return { isMore, order: [...order], lines: drawn.reduce((sum, { count }) => sum + count, 0), drawn: [...drawn] };
   };
   return { told, layers, frame };
 }
@@ -56,7 +57,7 @@ test("nothing is drawn while the card draws what it was given", () => {
   const path = [piece(10)];
   frame(scene(path));
   told.isDone = false;
-  assert.deepEqual(frame(scene(path, path, 5)), { isMore: true, lines: 0, drawn: [] });
+  assert.deepEqual(frame(scene(path, path, 5)), { isMore: true, order: [], lines: 0, drawn: [] });
   told.isDone = true;
   assert.ok(frame(scene(path, path, 5)).lines > 0);
 });
@@ -76,4 +77,11 @@ test("a view that changes in each frame is shown all the same, each time when it
   const path = [piece(30_000)];
   for (let i = 0; i < 8; i += 1) frame(scene(path, path, -1, [i]));
   assert.equal(layers.lines, 30_000);
+});
+
+test("the screen is cleared before the picture is copied to it, since the browser clears it at what is drawn first, and the tool comes last", () => {
+  const { frame } = card();
+  const path = [piece(10)];
+  frame(scene(path));
+  for (const now of [-1, 3]) assert.deepEqual(frame(scene(path, path, now)).order, ["clear", "copy", "tool"]);
 });

@@ -143,9 +143,10 @@ export class Layers {
   #show({ view, now }, over) {
     const gl = this.#gl;
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    // what the browser has shown it clears before it is drawn upon, but not before it is copied upon
+    this.#lines.clear();
     if (this.shown) this.#front.copy();
     this.#lines.begin(view, now);
-    if (!this.shown) this.#lines.clear();
     const { lines } = this.#lines.drawn;
     over();
     this.#over = this.#lines.drawn.lines - lines;
