@@ -3,7 +3,7 @@
 import { Trail } from "./trail.js";
 
 /** Topics of the machine as a whole. */
-export const MACHINE_TOPICS = ["presence", "birth", "alarm/active", "io/#"];
+export const MACHINE_TOPICS = ["presence", "birth", "alarm/active", "io/#", "variables", "tools"];
 
 /** Topics of a coordinate system that the screen shows, with the field that keeps them. */
 const CS_TOPICS = /** @type {const} */ ({
@@ -21,6 +21,8 @@ const CS_TOPICS = /** @type {const} */ ({
   "lease/state": "lease",
   run: "runState",
   time_left: "timeLeft",
+  variables: "variables",
+  work_offsets: "workOffsets",
 });
 
 /**
@@ -42,6 +44,8 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").LastRun | null} lastRun the last run before this start of the runtime
  * @property {import("./types.d.ts").OverridesMessage | null} overrides
  * @property {import("./types.d.ts").LeaseStateMessage | null} lease
+ * @property {import("./types.d.ts").ToldVariablesMessage | null} variables Q variables that the machine tells of
+ * @property {import("./types.d.ts").WorkOffsetValuesMessage | null} workOffsets
  * @property {{hash: string | null, text: string} | null} note what the last load was accepted with
  * @property {Trail} trail
  */
@@ -60,6 +64,10 @@ export class Model {
   alarms = [];
   /** Inputs and outputs of the plant by topic. @type {Map<string, import("./types.d.ts").IoStateMessage>} */
   io = new Map();
+  /** P variables that the machine tells of. @type {import("./types.d.ts").ToldVariablesMessage | null} */
+  variables = null;
+  /** The tool table. @type {import("./types.d.ts").ToolTableMessage | null} */
+  tools = null;
   /** @type {Map<number, CoordinateSystem>} */
   systems = new Map();
   /** The coordinate system on the screen. */
@@ -102,6 +110,8 @@ export class Model {
     if (topic === "birth") this.#takeBirth(message);
     else if (topic === "presence") this.presence = message;
     else if (topic === "alarm/active") this.alarms = message.alarms ?? [];
+    else if (topic === "variables") this.variables = message;
+    else if (topic === "tools") this.tools = message;
     else if (topic.startsWith("io/")) this.io.set(topic, message);
     else this.#takeCs(topic, message);
     return restarted;

@@ -524,6 +524,10 @@ export type Timestamp = string;
 /** When an output is made (D30). */
 export type Timing = "after_motion" | "with_motion";
 
+/** The variables that the configuration names in `[[variables.told]]`, as they were at one moment: of the topics `variables` and
+ * `cs/{cs}/variables`. */
+export interface ToldVariablesMessage { boot_id: BootId; rev?: number; ts: string; v: 1; variables: VariableValues[]; }
+
 /** A tool of the table: what G41 to G44 take (D17). */
 export interface ToolData { id: number; length: number; radius: number; }
 
@@ -532,6 +536,9 @@ export interface ToolMessage { boot_id: BootId; id: number; rev?: number; ts: st
 
 /** The tool table, ascending by number: of `GET /tools`. */
 export interface ToolTable { tools: ToolData[]; }
+
+/** The tool table, ascending by number: of `GET /tools`. */
+export interface ToolTableMessage { boot_id: BootId; rev?: number; tools: ToolData[]; ts: string; v: 1; }
 
 /** Samples of the last minute, in the order of time: of `GET /cs/{n}/trace`. */
 export interface Trace {
@@ -577,6 +584,11 @@ export interface WebSocketMessage {
  * there, offsets and axes that it does not name stay, and it is carried out as a whole or not at all. */
 export interface WorkOffsetTable { work_offsets: Record<string, Record<string, number>>; }
 
+/** Work offsets of a coordinate system, mm or degrees: of the topic `cs/{cs}/work_offsets`. */
+export interface WorkOffsetValuesMessage {
+  boot_id: BootId; rev?: number; ts: string; v: 1; work_offsets: Record<string, Record<string, number>>;
+}
+
 /** The message of a topic, such as `cs/1/state`; where it is not known before, any. */
 export type MessageOf<Topic extends string> =
   Topic extends `presence` ? PresenceMessage :
@@ -588,6 +600,8 @@ export type MessageOf<Topic extends string> =
   Topic extends `handler/${string}/result` ? HandlerResultMessage :
   Topic extends `io/in/${string}` ? IoStateMessage :
   Topic extends `io/out/${string}` ? IoStateMessage :
+  Topic extends `variables` ? ToldVariablesMessage :
+  Topic extends `tools` ? ToolTableMessage :
   Topic extends `cs/${number}/state` ? StateMessage :
   Topic extends `cs/${number}/program` ? ProgramPlaceMessage :
   Topic extends `cs/${number}/position` ? PositionMessage :
@@ -606,6 +620,8 @@ export type MessageOf<Topic extends string> =
   Topic extends `cs/${number}/lease/state` ? LeaseStateMessage :
   Topic extends `cs/${number}/run` ? RunStateMessage :
   Topic extends `cs/${number}/time_left` ? TimeLeftMessage :
+  Topic extends `cs/${number}/variables` ? ToldVariablesMessage :
+  Topic extends `cs/${number}/work_offsets` ? WorkOffsetValuesMessage :
   Topic extends `cs/${number}/m_code/${number}/output` ? OutputNoticeMessage :
   Topic extends `cs/${number}/m_code/${number}/result` ? HandshakeResultMessage :
   Topic extends `cs/${number}/m_code/${number}/cancel` ? CancelMessage :

@@ -51,6 +51,7 @@ use crate::io_points::IoPoints;
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::{BoxFuture, Port};
+use crate::types::data::VariableArea;
 use crate::types::heartbeat::Heartbeat;
 use crate::types::io::{IoDeclaration, IoDeclarations, IoPoint};
 use crate::types::machine::{AlarmRecord, Birth, CoordinateSystemInfo, Presence};
@@ -278,6 +279,13 @@ impl FakePort {
         self.publish_birth(&mut inner);
     }
 
+    /// Tells of variables whenever they change, as a configuration says by `[[variables.told]]`.
+    pub fn tell_variables(&self, area: VariableArea, from: u32, count: u32) {
+        let mut inner = lock(&self.inner);
+        inner.data.tell(area, from, count);
+        self.publish_data(&mut inner);
+    }
+
     /// Decides as the operator about an output whose handler was lost.
     pub fn redeliver(&self, cs: CoordinateSystemNumber, seq: u64, how: Redelivery) {
         let boot_id = self.boot_id();
@@ -451,6 +459,7 @@ impl FakePort {
         self.publish(inner, Topic::Birth, Payload::Birth(birth));
         self.publish_alarms(inner);
         self.publish_all_io(inner);
+        self.publish_data(inner);
         for cs in inner.numbers() {
             self.carry_out(inner, cs, Effect::PendingChanged);
             self.publish(
@@ -465,17 +474,27 @@ impl FakePort {
     }
 
     /// Publishes state and inputs where they have changed.
+    fn publish_data(&self, inner: &mut Inner) {
+        let systems = inner.numbers();
+        for (topic, payload) in inner.data.said(&systems) {
+            self.publish_new(inner, topic, payload);
+        }
+    }
+
     fn publish_system(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
         let alarm_count = inner.alarm_count(cs);
         let Some(system) = inner.systems.get_mut(&cs) else {
             return;
         };
         for (topic, payload) in system.follow(alarm_count) {
-            let topic = Topic::cs(cs, topic);
-            let last = self.hub.read(&topic);
-            if last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot)) {
-                self.publish(inner, topic, payload);
-            }
+            self.publish_new(inner, Topic::cs(cs, topic), payload);
+        }
+    }
+
+    fn publish_new(&self, inner: &mut Inner, topic: Topic, payload: Payload) {
+        let last = self.hub.read(&topic);
+        if last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot)) {
+            self.publish(inner, topic, payload);
         }
     }
 

@@ -48,7 +48,9 @@ impl Filter {
                 | Topic::AlarmEvent
                 | Topic::AlarmActive
                 | Topic::Reply(_)
-                | Topic::Io(_) => false,
+                | Topic::Io(_)
+                | Topic::Variables
+                | Topic::Tools => false,
             },
         }
     }

@@ -9,10 +9,10 @@ use tokio::sync::watch;
 use crate::error::Result;
 use crate::lock::lock;
 use crate::port::{Port, RETRY};
-use crate::types::CoordinateSystemNumber;
 use crate::types::io::{IoPoint, IoSet, IoValue};
 use crate::types::lock::LockSet;
 use crate::types::request::{Input, Request};
+use crate::types::{BootId, CoordinateSystemNumber};
 
 /// Which of the two inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -64,8 +64,8 @@ fn request(place: &Place, level: Level, handler_id: Option<String>) -> Option<Re
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Owner {
     handler_id: Arc<str>,
-    /// The machine has been told of it.
-    is_announced: bool,
+    /// The start of the machine that knows it.
+    known_in: Option<BootId>,
 }
 
 /// What a program has set.
@@ -89,7 +89,7 @@ impl Levels {
     pub(crate) fn begin(&self, handler_id: &Arc<str>) {
         self.owner.send_replace(Some(Owner {
             handler_id: Arc::clone(handler_id),
-            is_announced: false,
+            known_in: None,
         }));
     }
 
@@ -98,10 +98,14 @@ impl Levels {
         self.owner.send_replace(None);
     }
 
-    /// Waits until the machine knows the program that serves it.
-    pub(crate) async fn announced(&self) {
+    /// Waits until this start of the machine knows the program that serves it.
+    pub(crate) async fn announced(&self, boot: &BootId) {
         let mut owner = self.owner.subscribe();
-        let known = owner.wait_for(|owner| owner.as_ref().is_some_and(|owner| owner.is_announced));
+        let known = owner.wait_for(|owner| {
+            owner
+                .as_ref()
+                .is_some_and(|owner| owner.known_in.as_ref() == Some(boot))
+        });
         // the sender is this value itself, which is there
         let _is_there = known.await.is_ok();
     }
@@ -109,15 +113,15 @@ impl Levels {
     /// The handler that owns a source, once the machine knows it.
     pub(crate) fn owner(&self) -> Option<Arc<str>> {
         let owner = self.owner.borrow();
-        let known = owner.as_ref().filter(|owner| owner.is_announced);
+        let known = owner.as_ref().filter(|owner| owner.known_in.is_some());
         known.map(|owner| Arc::clone(&owner.handler_id))
     }
 
-    /// The machine has been told who is there: it is told the levels, too.
-    pub(crate) async fn write_all(&self, asking: Asking<'_>) {
+    /// This start of the machine has been told who is there: it is told the levels, too.
+    pub(crate) async fn write_all(&self, asking: Asking<'_>, boot: &BootId) {
         self.owner.send_modify(|owner| {
             if let Some(owner) = owner {
-                owner.is_announced = true;
+                owner.known_in = Some(boot.clone());
             }
         });
         let places: Vec<_> = lock(&self.set).keys().cloned().collect();
@@ -181,7 +185,7 @@ impl Levels {
         loop {
             let mut owner = self.owner.subscribe();
             // the sender is this value itself, which is there
-            let ready = owner.wait_for(|owner| owner.as_ref().is_none_or(|owner| owner.is_announced));
+            let ready = owner.wait_for(|owner| owner.as_ref().is_none_or(|owner| owner.known_in.is_some()));
             let owner = ready.await.ok().and_then(|owner| owner.clone());
             let turn = self.turn.lock().await;
             let level = lock(&self.set).get(place).cloned();

@@ -201,6 +201,7 @@ extern crate self as plc_api;
 pub mod alarm;
 mod alarm_level;
 mod ask;
+mod changes;
 mod claim;
 mod coordinate_system;
 mod error;
@@ -241,6 +242,7 @@ pub mod wire;
 
 pub use alarm::{Alarm, UserAlarm};
 pub use ask::OpenQuestion;
+pub use changes::Changes;
 pub use coordinate_system::CoordinateSystem;
 pub use error::{Error, Result};
 pub use extract::{State, Va, Vb, Vc, Vd, Ve, Vf, Vg, Vh};

@@ -13,6 +13,7 @@ use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 #[cfg(any(feature = "mqtt", feature = "rest"))]
 use crate::transport::options::MqttOptions;
+use crate::types::BootId;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::data::JournalFilter;
@@ -283,9 +284,9 @@ impl Plc {
         self.levels.set_io((&*self.port, self.name()), point, value).await
     }
 
-    /// Writes again what was set, since the machine has been told anew who is there.
-    pub(crate) async fn write_levels(&self) {
-        self.levels.write_all((&*self.port, self.name())).await;
+    /// Writes again what was set, since this start of the machine has been told who is there.
+    pub(crate) async fn write_levels(&self, boot: &BootId) {
+        self.levels.write_all((&*self.port, self.name()), boot).await;
     }
 
     pub(crate) fn levels(&self) -> &Levels {

@@ -287,13 +287,15 @@ impl Presence {
         match event {
             Event::Message(..) => {}
             Event::Announced => {
-                let plc = self.plc.clone();
-                self.requests.push(Box::pin(async move {
-                    plc.write_levels().await;
-                    Ok(None)
-                }));
                 if replace(&mut self.announced, Announcement::Done) == Announcement::PendingAgain {
+                    // the machine that has accepted it may be another one now
                     self.announce();
+                } else if let Some(boot) = self.open.online.clone() {
+                    let plc = self.plc.clone();
+                    self.requests.push(Box::pin(async move {
+                        plc.write_levels(&boot).await;
+                        Ok(None)
+                    }));
                 }
             }
             Event::Reclaimed(id, _) => {

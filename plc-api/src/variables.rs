@@ -34,6 +34,14 @@ impl Variables {
         Self { plc, area }
     }
 
+    pub(crate) fn plc(&self) -> &Plc {
+        &self.plc
+    }
+
+    pub(crate) fn area(&self) -> VariableArea {
+        self.area
+    }
+
     /// The value of one variable. It may be infinite or NaN, as results of NC programs may (D07).
     ///
     /// # Errors

@@ -37,7 +37,7 @@ use crate::tables::Tables;
 pub(crate) use opening::everything;
 use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
 
-/// How often positions and the heartbeat are published, at the most; program places and spindles half as often.
+/// How often positions, variables and the heartbeat are published, at the most; program places and spindles half as often.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Why a runtime does not start.
@@ -380,6 +380,8 @@ impl Parts {
         }
         shared.publish_birth();
         shared.publish_io();
+        shared.tell_areas();
+        shared.tell_tables();
         shared.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms::default()));
         shared.publish(Topic::Presence, Payload::Presence(presence(shared, true)));
         Self {
@@ -414,6 +416,7 @@ async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
         if let Some(first) = mailboxes.first() {
             shared.publish(Topic::Heartbeat, Payload::Heartbeat(first.view.heartbeat()));
         }
+        shared.tell_variables();
         for mailbox in &mailboxes {
             let topic = |topic| Topic::cs(mailbox.number, topic);
             let position = mailbox.view.position();

@@ -28,6 +28,7 @@ pub mod simulation;
 mod tables;
 pub mod test;
 mod threads;
+mod told;
 pub mod trial;
 #[cfg(test)]
 mod world;

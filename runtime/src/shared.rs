@@ -14,6 +14,7 @@ use plc_api::hub::Hub;
 use plc_api::io_points::IoPoints;
 use plc_api::types::alarm_text::AlarmText;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
+use plc_api::types::data::VariableArea;
 use plc_api::types::handler::HandlerResult;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
@@ -69,6 +70,8 @@ pub(crate) struct Shared {
     pub io: Mutex<IoPoints>,
     /// Held while `birth` is published: what is published last is what is so.
     birth: Mutex<()>,
+    /// The variables that were told last, by their bits. Held while these, tools and offsets are published.
+    pub told: Mutex<BTreeMap<VariableArea, Vec<u64>>>,
     pub runs: Arc<Mutex<RunBook>>,
     commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
@@ -104,6 +107,7 @@ impl Shared {
             alarms: Mutex::default(),
             handlers: Mutex::default(),
             birth: Mutex::default(),
+            told: Mutex::default(),
             runs: Arc::default(),
             commands: Mutex::default(),
             wakes: Mutex::default(),

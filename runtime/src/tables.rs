@@ -199,6 +199,22 @@ impl Tables {
         Ok(values)
     }
 
+    /// Values of ranges that are there, as they are between two writes of ranges; of a lost one, the mark that it is.
+    pub fn ranges(&self, area: VariableArea, ranges: &[(u32, u32)]) -> Vec<Vec<f64>> {
+        let array = match area {
+            VariableArea::Global => Some(&self.global),
+            VariableArea::CoordinateSystem(cs) => {
+                self.variables.get(&cs).map(|of_cs| &of_cs.coordinate_system)
+            }
+        };
+        let _no_range_is_written = self.read();
+        let values = |(from, count): &(u32, u32)| {
+            let numbers = (*from as usize..).take(*count as usize);
+            numbers.filter_map(|number| array?.get(number)).collect()
+        };
+        ranges.iter().map(values).collect()
+    }
+
     /// Writes a range between two blocks, all of it or nothing.
     pub fn write_variables(&self, area: VariableArea, from: u32, values: &[f64]) -> Result<(), Refusal> {
         let array = self.range(area, from, values.len())?;

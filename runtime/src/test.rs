@@ -81,12 +81,16 @@
 //! where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. The clock of tokio
 //! (`tokio::time`, so that of libraries too) is the same clock, in milliseconds: a `tokio::time::timeout` comes at its simulated time,
 //! and `tokio::time::Instant` tells it. Nobody waits for sockets and other threads (`spawn_blocking`, `tokio::fs`): a run in which
-//! something uses them ends with an error that says so. `std::thread::sleep` and `std::time` stay outside of simulated time. What
-//! waits for anything else, which does not come, ends the run, too, and [`Run::completed`] says what the program waited for.
+//! something uses them ends with an error that says so, and so does one in which a handler, a task or a plant stands still for 0.4 s of
+//! real time, as in `std::thread::sleep` (on Linux, which tells it from a busy computer). `std::time` stays outside of simulated time, and
+//! nobody sees who asks it: a loop of `plc.sleep` until an `Instant` of the standard library is over goes through simulated hours in
+//! that real second. Ask `tokio::time::Instant` or [`Plc::now_s`](plc_api::Plc::now_s). What waits for anything else, which does not
+//! come, ends the run, too, and [`Run::completed`] says what the program waited for.
 
 mod beside;
 mod perform;
 mod record;
+mod standing;
 #[cfg(test)]
 mod tests;
 mod trace;
@@ -97,6 +101,7 @@ use std::path::Path;
 
 use plc_api::port::BoxFuture;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::data::VariableArea;
 use plc_api::types::io::{IoDeclaration, IoPoint};
 use plc_api::{Execution, SequenceProgram};
 
@@ -354,6 +359,12 @@ impl Bench {
     /// ```
     pub fn declare_io(mut self, point: IoPoint, declaration: IoDeclaration) -> Self {
         self.machine.io.insert(point, declaration);
+        self
+    }
+
+    /// Tells of `count` variables from `from` on whenever one changes, as `[[variables.told]]` of a configuration does.
+    pub fn tell_variables(mut self, area: VariableArea, from: u32, count: u32) -> Self {
+        self.machine.told.entry(area).or_default().push((from, count));
         self
     }
 

@@ -41,6 +41,11 @@ text = "Strokes"
 variable = "P100"
 unit = "strokes"
 [[hmi.card]]
+text = "Parts"
+variable = "P101"
+[[variables.told]]
+from = "P101"
+[[hmi.card]]
 text = "Lamp"
 m_code = 100
 [[hmi.card]]
@@ -117,12 +122,17 @@ test("buttons and cards of the configuration are a panel: they run, ask, switch 
   await send("POST", "/cs/1/reset?wait=1", {});
   const { page, errors, close } = await openPage(browser);
   const screen = new Screen(page);
+  // what is told is not read
+  await page.route(/variables\/p\?from=101/, (route) => route.abort());
   await page.goto(runtime.url);
   await page.getByRole("tab", { name: "Machine" }).click();
   const group = page.getByRole("group", { name: "Machine" });
   const card = (name) => page.getByRole("region", { name, exact: true });
   await send("PUT", "/variables/p?from=100", { values: [120] });
   await card("Strokes").getByText("120 strokes").waitFor();
+  await card("Parts").getByText("0", { exact: true }).waitFor();
+  await send("PUT", "/variables/p?from=101", { values: [7] });
+  await card("Parts").getByText("7", { exact: true }).waitFor();
   await card("Oil").getByText("strokes left").waitFor();
   await card("Lamp").getByText("M100 is not open").waitFor();
 

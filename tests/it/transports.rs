@@ -40,8 +40,9 @@ const PROGRAMS: &str = "programs = { 50 = \"tool.nc\", 51 = \"clamp.nc\", 52 = \
 const M_CODES: &str =
     "[m_code.100]\nunhandled = \"wait\"\nwait_state = \"TOOL_LOAD\"\n[m_code.12]\nunhandled = \"wait\"\n";
 
-/// What the plant has.
-const IO: &str = "[io.in.level]\nkind = \"number\"\nunit = \"l\"\nmax = 60\n[io.out.lamp]\n";
+/// What the plant has, and what is told of variables.
+const IO: &str = "[io.in.level]\nkind = \"number\"\nunit = \"l\"\nmax = 60\n[io.out.lamp]\n\
+                  [[variables.told]]\nfrom = \"P300\"\ncount = 2\n";
 
 fn machine(mqtt: &str) -> Machine {
     let machine = Machine::new(&format!("{PROGRAMS}{M_CODES}{IO}{mqtt}"));

@@ -4,7 +4,7 @@ import { h, setText } from "../dom.js";
 import { duration, plain } from "../format.js";
 import { t } from "../language.js";
 import { machine } from "../machine.js";
-import { addressOf, inputOf, picture, seenFrom, variableOf } from "./values.js";
+import { addressOf, inputOf, picture, seenFrom, toldValueOf, variableOf } from "./values.js";
 
 /** How often a variable is read while it is looked at, ms. */
 const AGAIN_MS = 1000;
@@ -39,17 +39,20 @@ function inputText({ current }, name) {
   return isOn ? [t("card.on"), lock?.text].filter(Boolean).join(": ") : t("card.off");
 }
 
-/** Reads the variable again and again while it is looked at. @param {HmiCard} wanted @param {() => ReturnType<typeof seenFrom>} seen @param {HTMLElement} value */
+/** Shows what the machine tells of the variable; one that it does not tell of is read again and again while it is looked at. @param {HmiCard} wanted @param {() => ReturnType<typeof seenFrom>} seen @param {HTMLElement} value */
 function variable({ variable: name = "", unit = "" }, seen, value) {
   const { kind, number } = variableOf(name);
   let askedAt = 0;
+  const show = (/** @type {number | string | undefined} */ now) =>
+    setText(value, now === undefined ? "–" : `${typeof now === "number" ? plain(now) : now} ${unit}`.trim());
   const read = async () => {
     const path = kind === "p" ? "/variables/p" : `/cs/${seen().selected}/variables/q`;
     const answer = await machine.get(`${path}?from=${number}&count=1`).catch(() => null);
-    const [now] = answer?.values ?? [];
-    setText(value, now === undefined ? "–" : `${typeof now === "number" ? plain(now) : now} ${unit}`.trim());
+    show(answer?.values?.[0]);
   };
   return () => {
+    const told = toldValueOf(seen(), name);
+    if (told !== undefined) return show(told);
     if (!seen().online || Date.now() - askedAt < AGAIN_MS) return;
     askedAt = Date.now();
     void read();

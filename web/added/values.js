@@ -7,12 +7,12 @@ import { h } from "../dom.js";
 /**
  * What is known as if this coordinate system were on the screen; without a number, the one that is.
  * @param {Model} model @param {number | undefined} cs
- * @returns {Pick<Model, "online" | "user" | "viewing" | "selected" | "current">}
+ * @returns {Pick<Model, "online" | "user" | "viewing" | "selected" | "current" | "variables">}
  */
 export function seenFrom(model, cs) {
   if (cs === undefined) return model;
-  const { online, user, viewing } = model;
-  return { online, user, viewing, selected: cs, current: model.systems.get(cs) ?? null };
+  const { online, user, viewing, variables } = model;
+  return { online, user, viewing, variables, selected: cs, current: model.systems.get(cs) ?? null };
 }
 
 /** Whether an input is on; null: not known yet. @param {import("../model.js").CoordinateSystem | null} system @param {string} name */
@@ -27,6 +27,17 @@ export function inputOf(system, name) {
 /** Kind and number of a variable, such as `P100`. @param {string} name */
 export function variableOf(name) {
   return { kind: /** @type {"p" | "q"} */ (name.charAt(0).toLowerCase()), number: Number(name.slice(1)) };
+}
+
+/**
+ * The value of a variable that the machine tells of; undefined: it does not.
+ * @param {Pick<Model, "variables" | "current">} seen @param {string} name
+ */
+export function toldValueOf({ variables, current }, name) {
+  const { kind, number } = variableOf(name);
+  const told = (kind === "p" ? variables : current?.variables)?.variables ?? [];
+  const row = told.find(({ from, values }) => from <= number && number < from + values.length);
+  return row?.values[number - row.from];
 }
 
 /** A picture of the folder of the machine builder. @param {string | undefined} file */

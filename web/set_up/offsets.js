@@ -24,6 +24,8 @@ class Offsets {
   /** First of two points whose middle becomes zero, by axis: what the work position was there. @type {Map<string, number>} */
   #marks = new Map();
   #key = "";
+  /** What was told last of offsets and tools. @type {unknown[]} */
+  #told = [];
   #picks = NAMES.map((name) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(name) }, name));
   /** @type {import("../types.d.ts").ToolData[]} */
   #tools = [];
@@ -56,10 +58,22 @@ class Offsets {
     this.app.invalidate();
   }
 
+  /**
+   * What the machine tells takes the place of what was read.
+   * @param {import("../types.d.ts").WorkOffsetValuesMessage | null} offsets @param {import("../types.d.ts").ToolTableMessage | null} tools
+   */
+  #take(offsets, tools) {
+    if (this.#told[0] === offsets && this.#told[1] === tools) return;
+    this.#told = [offsets, tools];
+    if (offsets !== null) this.#values = offsets.work_offsets;
+    if (tools !== null) this.#tools = tools.tools;
+  }
+
   render() {
     const { model } = this.app;
     const system = model.current;
     if (!system) return;
+    this.#take(system.workOffsets, model.tools);
     const key = `${model.selected} ${Object.keys(system.info.axes).join("")}`;
     if (key !== this.#key) {
       this.#key = key;

@@ -15,6 +15,8 @@ export const tools = {
     /** @type {import("../types.d.ts").ToolData[]} */
     let table = [];
     let shown = "";
+    /** @type {unknown} */
+    let told = null;
     const scale = () => lengthScale(unitOf(app.model.current));
     const read = async () => {
       await app.attempt(async () => {
@@ -50,6 +52,10 @@ export const tools = {
       return h("div", { class: "tool-row", "data-in-spindle": tool.id === app.model.current?.modal?.tool }, h("strong", {}, `T${tool.id}`), length.element, radius.element, remove);
     };
     const render = () => {
+      if (app.model.tools !== null && app.model.tools !== told) {
+        told = app.model.tools;
+        table = app.model.tools.tools;
+      }
       const key = JSON.stringify([table, scale(), app.model.current?.modal?.tool]);
       if (key !== shown) {
         shown = key;

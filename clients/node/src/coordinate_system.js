@@ -2,6 +2,7 @@
 
 import { CommandFailed, NotConnected, Refused } from "./errors.js";
 import { lockLevel } from "./levels.js";
+import { changesOf } from "./told.js";
 
 /** How long a command may take until its effect, where it does not move. */
 const COMMAND_TIMEOUT_MS = 5_000;
@@ -285,6 +286,19 @@ export class CoordinateSystem {
   /** The state of now, then each that comes. @returns {AsyncIterableIterator<State>} */
   states() {
     return this.#plc.connection.hub.follow(`cs/${this.number}/state`);
+  }
+
+  /** Q variables, as `Plc.pChanges`. @param {number} first @param {number} [count] @returns {AsyncGenerator<number[], void>} */
+  qChanges(first, count = 1) {
+    return changesOf(this.#plc, `cs/${this.number}/variables`, "Q", first, count);
+  }
+
+  /**
+   * Work offsets `G54` to `G59`, each by axis letter, mm or degrees: those of now, and again each time that one has changed.
+   * @returns {AsyncGenerator<Record<string, Record<string, number>>, void>}
+   */
+  async *workOffsetChanges() {
+    for await (const { work_offsets: offsets } of this.#plc.connection.hub.follow(`cs/${this.number}/work_offsets`)) yield offsets;
   }
 
   /** Waits for a state word, and gives that state. @param {import("./messages.d.ts").Execution} execution @param {{signal?: AbortSignal}} [options] */

@@ -5,9 +5,11 @@ import { CoordinateSystem } from "./coordinate_system.js";
 import { Refused } from "./errors.js";
 import { Io } from "./io.js";
 import { Levels } from "./levels.js";
+import { changesOf, numberOf } from "./told.js";
 
 /** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
 /** @typedef {import("./messages.d.ts").AlarmRecord} AlarmRecord */
+/** @typedef {import("./messages.d.ts").ToolData} ToolData */
 
 /** One machine behind a broker: `const plc = await Plc.connect("mqtt://127.0.0.1:1883/mill-1"); await plc.cs(1).start()`. */
 export class Plc {
@@ -121,12 +123,27 @@ export class Plc {
     await this.writeVariables(1, "P", first, values);
   }
 
+  /**
+   * P variables: their values now, and again each time that one of them has changed, whoever wrote it. A machine tells of the variables
+   * that its configuration names in `[[variables.told]]`, at most 10 times a second; of values that follow each other faster, the latest.
+   * A program writes a variable when its block is interpreted, ahead of the motion. Throws `Refused`: not all of them are told.
+   * @param {number} first @param {number} [count] @returns {AsyncGenerator<number[], void>}
+   */
+  pChanges(first, count = 1) {
+    return changesOf(this, "variables", "P", first, count);
+  }
+
+  /** The tool table, ascending by number: that of now, and again each time that it has changed. @returns {AsyncGenerator<ToolData[], void>} */
+  async *toolChanges() {
+    for await (const { tools } of this.connection.hub.follow("tools")) yield tools;
+  }
+
   /** @internal @param {number} cs @param {"P" | "Q"} kind @param {number} first @param {number} count @returns {Promise<number[]>} */
   async readVariables(cs, kind, first, count) {
     const { variables } = await this.ask(`cs/${cs}/variable/get`, { kind, from: first, count });
     const values = variables?.values;
     if (!Array.isArray(values) || values.length !== count) throw new Refused("unavailable", `the machine did not answer with ${count} values`);
-    return values.map((value) => (typeof value === "number" ? value : (WORDS.get(value) ?? NaN)));
+    return values.map(numberOf);
   }
 
   /** @internal @param {number} cs @param {"P" | "Q"} kind @param {number} first @param {readonly number[]} values */
@@ -148,9 +165,3 @@ export class Plc {
     return this.connection.request(path, { ...payload, command_id: id, client_id: clientId }, { commandId: id, timeoutMs });
   }
 }
-
-const WORDS = new Map([
-  ["NaN", NaN],
-  ["inf", Infinity],
-  ["-inf", -Infinity],
-]);

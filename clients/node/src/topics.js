@@ -17,6 +17,7 @@ const PARAM = "number?";
 const PARAMS = { A: PARAM, B: PARAM, C: PARAM, D: PARAM, E: PARAM, F: PARAM, G: PARAM, H: PARAM };
 const ALARM = { id: "number", number: "number", severity: "string", text: "string" };
 const LOCK = { value: "boolean", text: "string", sources: new ListOf({ source: "string", value: "boolean", lost: "boolean" }) };
+const TOLD = new ListOf({ kind: "string", from: "number", values: new ListOf("number|string") });
 const OUTPUT = {
   id: "string",
   seq: "number",
@@ -39,6 +40,10 @@ const FORMS = {
   "handler/+/presence": { online: "boolean" },
   "handler/+/result": { status: "string", instance: "string?", text: "string?" },
   "io/+/+": { boot_id: "string", value: "boolean|number", written: "boolean|number", lost: "boolean", owner: "string?" },
+  variables: { variables: TOLD },
+  tools: { tools: new ListOf({ id: "number", radius: "number", length: "number" }) },
+  "cs/+/variables": { variables: TOLD },
+  "cs/+/work_offsets": { work_offsets: "object" },
   "reply/+": { command_id: "string", status: "string", code: "string", text: "string" },
   "cs/+/state": { boot_id: "string", execution: "string" },
   "cs/+/run": { boot_id: "string" },

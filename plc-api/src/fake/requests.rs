@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::data::Data;
 use super::system::System;
 use super::{FakePort, Inner};
 use crate::handler_registry::Registered;
@@ -72,14 +73,14 @@ impl FakePort {
             } => lock(&self.inner).data.read(area, from, count),
             MachineRequest::WriteVariables {
                 area, from, values, ..
-            } => lock(&self.inner).data.write(area, from, &values),
+            } => self.change_data(|data| data.write(area, from, &values)),
             MachineRequest::WriteIo(point, set) => self.write_io(point, set),
             MachineRequest::ForceIo(point, force) => self.force_io(point, force),
             MachineRequest::Tools => Ok(lock(&self.inner).data.tools()),
-            MachineRequest::WriteTools(change) => Ok(lock(&self.inner).data.change_tools(&change)),
+            MachineRequest::WriteTools(change) => self.change_data(|data| Ok(data.change_tools(&change))),
             MachineRequest::WorkOffsets(cs) => Ok(lock(&self.inner).data.work_offsets(cs)),
             MachineRequest::WriteWorkOffsets(cs, change) => {
-                Ok(lock(&self.inner).data.change_work_offsets(cs, change))
+                self.change_data(|data| Ok(data.change_work_offsets(cs, change)))
             }
             MachineRequest::LastRun(_) => Ok(Answer::LastRun(None)),
             MachineRequest::Journal { .. } => Ok(Answer::Journal(Vec::new())),
@@ -93,6 +94,17 @@ impl FakePort {
             | MachineRequest::Run { .. }
             | MachineRequest::Runs(_) => unsupported(),
         }
+    }
+
+    /// Changes variables, tools or offsets, and tells of what is new.
+    fn change_data(
+        &self,
+        change: impl FnOnce(&mut Data) -> Result<Answer, Refusal>,
+    ) -> Result<Answer, Refusal> {
+        let mut inner = lock(&self.inner);
+        let answer = change(&mut inner.data)?;
+        self.publish_data(&mut inner);
+        Ok(answer)
     }
 
     fn ledger<T>(

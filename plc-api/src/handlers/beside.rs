@@ -189,17 +189,18 @@ impl Task {
     /// It has failed, or panicked.
     async fn run(self, plc: Plc) -> Result<()> {
         let mut presence = plc.port().subscribe(Filter::Topics(vec![Topic::Presence]));
-        let mut boot = None;
+        let mut boot: Option<BootId> = None;
         loop {
             while boot.is_none() {
                 boot = another(&mut presence, None).await;
             }
+            let Some(of) = boot.clone() else { continue };
             tokio::select! {
                 biased;
-                now = another(&mut presence, boot.as_ref()) => boot = now,
-                ended = self.of_this_boot(&plc) => {
+                now = another(&mut presence, Some(&of)) => boot = now,
+                ended = self.of_this_boot(&plc, &of) => {
                     ended?;
-                    boot = another(&mut presence, boot.as_ref()).await;
+                    boot = another(&mut presence, Some(&of)).await;
                 }
             }
         }
@@ -209,9 +210,9 @@ impl Task {
     ///
     /// # Errors
     /// It has failed, or panicked.
-    async fn of_this_boot(&self, plc: &Plc) -> Result<()> {
+    async fn of_this_boot(&self, plc: &Plc, boot: &BootId) -> Result<()> {
         loop {
-            plc.levels().announced().await;
+            plc.levels().announced(boot).await;
             let work = AssertUnwindSafe(async { (self.0)(plc.clone()).await });
             match work.catch_unwind().await {
                 Ok(Err(error)) if error.may_pass() => {

@@ -302,6 +302,7 @@ explained! {
     /// How far a command is.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[non_exhaustive]
     pub enum CommandStatus {
         /// It will be carried out.
         Accepted = "accepted",

@@ -131,6 +131,29 @@ impl VariableValues {
     }
 }
 
+/// The variables that the configuration names in `[[variables.told]]`, as they were at one moment: of the topics `variables` and
+/// `cs/{cs}/variables`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ToldVariables {
+    /// Variables in a row, in the order of the configuration. One whose value is damaged (warning 406) is `"NaN"`.
+    pub variables: Vec<VariableValues>,
+}
+
+impl ToldVariables {
+    /// Values of `count` variables from `from` on; `None`: not all of them are told.
+    pub fn values(&self, from: u32, count: u32) -> Option<Vec<f64>> {
+        let numbers = from..from.checked_add(count)?;
+        numbers.map(|number| self.value(number)).collect()
+    }
+
+    fn value(&self, number: u32) -> Option<f64> {
+        let mut rows = self.variables.iter();
+        rows.find_map(|row| row.values.get(number.checked_sub(row.from)? as usize))
+            .map(|number| number.0)
+    }
+}
+
 /// A tool of the table: what G41 to G44 take (D17).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -173,6 +196,14 @@ pub struct ToolChange {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WorkOffsetTable {
+    /// `G54` to `G59`, each with its value by axis letter.
+    pub work_offsets: BTreeMap<String, BTreeMap<String, f64>>,
+}
+
+/// Work offsets of a coordinate system, mm or degrees: of the topic `cs/{cs}/work_offsets`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct WorkOffsetValues {
     /// `G54` to `G59`, each with its value by axis letter.
     pub work_offsets: BTreeMap<String, BTreeMap<String, f64>>,
 }

@@ -46,6 +46,7 @@ explained! {
     /// Why a state is as it is.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[non_exhaustive]
     pub enum Reason {
         /// WAIT: the handler that owned the output has gone.
         HandlerLost = "HANDLER_LOST",

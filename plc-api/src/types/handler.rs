@@ -175,6 +175,7 @@ pub struct HandledCode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum HandlerStatus {
     /// The handler serves its M codes.
     Accepted,

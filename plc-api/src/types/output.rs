@@ -29,6 +29,7 @@ explained! {
     /// Where an open output stands in its life.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[non_exhaustive]
     pub enum OutputState {
         /// Not made yet: held back while the program is held (D18).
         Queued = "QUEUED",
@@ -187,6 +188,7 @@ explained! {
     /// What became of a claim or a reset.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[non_exhaustive]
     pub enum HandshakeStatus {
         /// It counts.
         Accepted = "accepted",
@@ -277,6 +279,7 @@ explained! {
     /// Why an output was cancelled.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[non_exhaustive]
     pub enum CancelReason {
         /// The `reset` command.
         Reset = "reset",

@@ -87,6 +87,7 @@ pub struct Rehearsal {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum RehearsalOutcome {
     /// It goes on; what is known so far is here.
     #[default]

@@ -41,6 +41,7 @@ explained! {
     /// Machine-readable reason of a refusal.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[non_exhaustive]
     pub enum RefusalCode {
         /// There is no such coordinate system, program, command, alarm or value (404).
         NotFound = "not_found",

@@ -60,6 +60,7 @@ macro_rules! requests {
     ) => {
         /// A request to a machine.
         #[derive(Debug, Clone, PartialEq)]
+        #[non_exhaustive]
         pub enum Request {
             $($(#[$o_doc])* $o(CoordinateSystemNumber, Option<u16>, $o_type),)*
             $(
@@ -451,6 +452,7 @@ macro_rules! answers {
     ($($(#[$doc:meta])* $name:ident($type:ty),)*) => {
         /// How a machine answers a request that it carries out.
         #[derive(Debug, Clone, PartialEq)]
+        #[non_exhaustive]
         pub enum Answer {
             /// Done, and there is nothing to say.
             Done,

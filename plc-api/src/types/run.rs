@@ -125,6 +125,7 @@ explained! {
     /// How a run has ended.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[non_exhaustive]
     pub enum RunEndedHow {
         /// All its parts are completed.
         Completed = "completed",

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::CoordinateSystemNumber;
 use super::command::CommandReply;
+use super::data::{ToldVariables, ToolTable, WorkOffsetValues};
 use super::form::{Enveloped, Form};
 use super::handler::{HandlerPresence, HandlerResult};
 use super::heartbeat::Heartbeat;
@@ -19,6 +20,7 @@ use super::state::{
 
 /// Names one thing that the runtime says. Paths are relative to `{prefix}/tandem/v1/{machine}/`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
 pub enum Topic {
     /// `presence`
     Presence,
@@ -38,6 +40,10 @@ pub enum Topic {
     HandlerResult(String),
     /// `io/in/{name}` and `io/out/{name}`
     Io(IoPoint),
+    /// `variables`
+    Variables,
+    /// `tools`
+    Tools,
     /// `cs/{cs}/...`
     CoordinateSystem(CoordinateSystemNumber, CsTopic),
 }
@@ -49,6 +55,7 @@ pub enum Topic {
     missing_docs,
     reason = "each variant is the payload type of the same name, documented there"
 )]
+#[non_exhaustive]
 pub enum Payload {
     Presence(Presence),
     Birth(Birth),
@@ -59,6 +66,9 @@ pub enum Payload {
     HandlerPresence(HandlerPresence),
     HandlerResult(HandlerResult),
     Io(IoState),
+    Variables(ToldVariables),
+    Tools(ToolTable),
+    WorkOffsets(WorkOffsetValues),
     State(State),
     Program(ProgramPlace),
     Position(Position),
@@ -81,7 +91,7 @@ pub enum Payload {
 }
 
 /// Topics of one coordinate system: each with its path, variant and type of its payload, and what it says. A state has a
-/// REST route besides, and an event the M number of an output.
+/// REST route besides, empty where a request reads it, and an event the M number of an output.
 macro_rules! cs_topics {
     (
         states {$($state:ident $path:literal $route:literal $payload:ident($type:ident) $says:literal;)*}
@@ -89,6 +99,7 @@ macro_rules! cs_topics {
     ) => {
         /// A topic of one coordinate system.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[non_exhaustive]
         pub enum CsTopic {
             $(#[doc = concat!("`", $path, "`")] $state,)*
             $(#[doc = concat!("`m_code/{m}/", $event_path, "`")] $event(u16),)*
@@ -96,7 +107,7 @@ macro_rules! cs_topics {
 
         impl CsTopic {
             /// Topics whose last value is kept and retained, with their paths.
-            pub const STATES: [(CsTopic, &'static str); 18] = [$((CsTopic::$state, $path),)*];
+            pub const STATES: [(CsTopic, &'static str); 20] = [$((CsTopic::$state, $path),)*];
 
             /// Path below the coordinate system's.
             fn path(self) -> String {
@@ -118,10 +129,10 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// Route of a state, below `/api/v1`.
+            /// Route of a state that is read as its last message, below `/api/v1`.
             pub fn route(self) -> Option<&'static str> {
                 match self {
-                    $(CsTopic::$state => Some(concat!("/cs/{cs}/", $route)),)*
+                    $(CsTopic::$state => Some(concat!("/cs/{cs}/", $route)).filter(|_| !$route.is_empty()),)*
                     $(CsTopic::$event(_) => None,)*
                 }
             }
@@ -199,6 +210,10 @@ cs_topics! {
             "The run of the loaded program that goes on, or the last one that ended: parts, how it ended, waits and alarms.";
         TimeLeft "time_left" "time_left" TimeLeft(TimeLeft)
             "How long the program that runs takes to its end, and which share of it is done; once a second.";
+        Variables "variables" "variables" Variables(ToldVariables)
+            "The Q variables that the configuration names in [[variables.told]], whenever one has changed; at most 10 times a second.";
+        WorkOffsets "work_offsets" "" WorkOffsets(WorkOffsetValues)
+            "Work offsets, whenever one has changed.";
     }
     events {
         Output "output" Output(OutputNotice)
@@ -243,6 +258,10 @@ impl Topic {
                     "An output of the plant: what sequence programs command, who owns it, and whether it is forced."
                 }
             },
+            Topic::Variables => {
+                "The P variables that the configuration names in [[variables.told]], whenever one has changed; at most 10 times a second."
+            }
+            Topic::Tools => "The tool table, whenever it has changed.",
             Topic::CoordinateSystem(_, topic) => topic.summary(),
         }
     }
@@ -259,6 +278,8 @@ impl Topic {
             Topic::HandlerPresence(_) => Form::of::<Enveloped<'static, HandlerPresence>>(),
             Topic::HandlerResult(_) => Form::of::<Enveloped<'static, HandlerResult>>(),
             Topic::Io(_) => Form::of::<Enveloped<'static, IoState>>(),
+            Topic::Variables => Form::of::<Enveloped<'static, ToldVariables>>(),
+            Topic::Tools => Form::of::<Enveloped<'static, ToolTable>>(),
             Topic::CoordinateSystem(_, topic) => topic.form(),
         }
     }
@@ -276,6 +297,8 @@ impl Topic {
             Topic::HandlerPresence(_) => Payload::HandlerPresence(from_slice(json)?),
             Topic::HandlerResult(_) => Payload::HandlerResult(from_slice(json)?),
             Topic::Io(_) => Payload::Io(from_slice(json)?),
+            Topic::Variables => Payload::Variables(from_slice(json)?),
+            Topic::Tools => Payload::Tools(from_slice(json)?),
             Topic::CoordinateSystem(_, topic) => topic.payload(json)?,
         })
     }
@@ -292,6 +315,8 @@ impl Topic {
             Topic::HandlerPresence(id) => format!("handler/{id}/presence"),
             Topic::HandlerResult(id) => format!("handler/{id}/result"),
             Topic::Io(point) => point.to_string(),
+            Topic::Variables => "variables".to_owned(),
+            Topic::Tools => "tools".to_owned(),
             Topic::CoordinateSystem(cs, topic) => format!("cs/{cs}/{}", topic.path()),
         }
     }
@@ -309,6 +334,8 @@ impl Topic {
             "heartbeat" => return Some(Topic::Heartbeat),
             "alarm/event" => return Some(Topic::AlarmEvent),
             "alarm/active" => return Some(Topic::AlarmActive),
+            "variables" => return Some(Topic::Variables),
+            "tools" => return Some(Topic::Tools),
             _ => {}
         }
         let (first, rest) = path.split_once('/')?;
@@ -387,6 +414,8 @@ mod tests {
             Topic::HandlerResult("h".into()),
             Topic::Io(IoPoint::input("door_closed")),
             Topic::Io(IoPoint::output("lamp")),
+            Topic::Variables,
+            Topic::Tools,
         ]);
         for topic in topics {
             assert_eq!(Topic::parse(&topic.path()), Some(topic));

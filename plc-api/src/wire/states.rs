@@ -68,6 +68,7 @@ pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
         (Topic::Birth, "/machine"),
         (Topic::Heartbeat, "/heartbeat"),
         (Topic::AlarmActive, "/alarms"),
+        (Topic::Variables, "/variables"),
     ];
     let of_io = [
         (IoSide::In, "/io/{side=in}/{name}"),

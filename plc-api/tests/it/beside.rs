@@ -158,6 +158,22 @@ async fn a_task_begins_with_each_boot_of_the_machine_and_is_dropped_with_it() {
 }
 
 #[tokio::test]
+async fn a_task_begins_when_this_start_of_the_machine_knows_the_handlers() {
+    let fake = FakePort::new([1]);
+    let heard = Heard::default();
+    let (noted, machine) = (Arc::clone(&heard), fake.clone());
+    let program = SequenceProgram::new().on(10, ok).task(move |_plc| {
+        let known = machine.handlers().values().any(|handler| handler.online);
+        note(&noted, format!("known: {known}"));
+        async { Ok(()) }
+    });
+    serve(&fake, program).await;
+    fake.restart();
+    fake.settle().await;
+    assert_eq!(all(&heard), ["known: true", "known: true"]);
+}
+
+#[tokio::test]
 async fn a_task_that_ends_leaves_the_handlers_alone() {
     let fake = FakePort::new([1]);
     let served = serve(&fake, SequenceProgram::new().on(10, ok).task(async |_plc| Ok(()))).await;

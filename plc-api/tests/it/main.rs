@@ -8,6 +8,7 @@
 mod alarms;
 mod ask;
 mod beside;
+mod changes;
 mod composed;
 mod io;
 mod locks;

@@ -144,7 +144,7 @@ impl Feed {
         let mode = match state.run_kind {
             Some(RunKind::Mdi) => "MANUAL_DATA_INPUT",
             Some(RunKind::Jog | RunKind::Home) => "MANUAL",
-            Some(RunKind::Program) | None => "AUTOMATIC",
+            _ => "AUTOMATIC",
         };
         self.tell(&path, "CONTROLLER_MODE", None, mode, at);
         match &state.waiting_on {

@@ -7,6 +7,7 @@ use std::time::Duration;
 use plc_api::lock_input::LockRules;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::alarm_text::AlarmText;
+use plc_api::types::data::VariableArea;
 use plc_api::types::io::IoDeclarations;
 use plc_api::types::m_code::MCodeDeclaration;
 use plc_api::types::machine::{Identification, Served};
@@ -53,6 +54,8 @@ pub struct Machine {
     pub alarms: BTreeMap<u16, AlarmText>,
     /// Inputs and outputs of the plant.
     pub io: IoDeclarations,
+    /// Variables that are told when they change: the first of each range, and how many, 1024 of an area in all.
+    pub told: BTreeMap<VariableArea, Vec<(u32, u32)>>,
     /// What the file of the sequence side says that it serves; none: there is no file.
     pub served: Option<Served>,
     /// What happens to an output of an M code without settings that no handler is registered for.

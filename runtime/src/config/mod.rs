@@ -16,6 +16,7 @@ mod machine;
 mod reference;
 mod resolve;
 mod text;
+mod variables;
 mod words;
 
 use std::collections::BTreeMap;
@@ -39,6 +40,7 @@ pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use io::{IoConfig, IoPointConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 pub use reference::{ConfigKey, ConfigWord};
+pub use variables::{ToldConfig, VariablesConfig};
 use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
 pub use words::{OnBusLoss, RoundKind};
 
@@ -85,6 +87,9 @@ pub struct Config {
     /// `[io]`
     #[serde(default)]
     pub io: IoConfig,
+    /// `[variables]`
+    #[serde(default)]
+    pub variables: VariablesConfig,
     /// `[[simulated_skip]]`
     #[serde(default)]
     pub simulated_skip: Vec<SimulatedSkipConfig>,

@@ -8,6 +8,7 @@ mod input;
 mod io;
 mod motor;
 mod mqtt;
+mod variables;
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -138,6 +139,7 @@ impl Config {
         let m_codes = self.m_codes(problems);
         let alarms = alarm::alarm_texts(&self.alarm, problems);
         let served = self.served(problems);
+        let told = self.variables.told(&self.coordinate_system, problems);
         let coordinate_systems = self.coordinate_systems(&motors, &m_codes, problems);
         self.check_hmi(&coordinate_systems, problems);
         Machine {
@@ -154,6 +156,7 @@ impl Config {
             m_codes,
             alarms,
             io,
+            told,
             served,
             unhandled: Unhandled::Alarm,
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),

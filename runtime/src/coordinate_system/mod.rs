@@ -195,6 +195,7 @@ impl CoordinateSystem {
         let busy = self.prepare(share) || self.has_command_to_judge() || self.part_is_due();
         self.hold_without_bus();
         self.publish_changes();
+        self.context.shared.tell_variables_simulated();
         busy
     }
 

@@ -62,7 +62,9 @@ impl RuntimePort {
                 Some(writer) => writer.write(values).map_err(|text| unkept(&text)),
                 None => Ok(()),
             };
-            Ok(shared.tables.change(changed, keep))
+            let changed = shared.tables.change(changed, keep);
+            shared.tell_tables();
+            Ok(changed)
         };
         self.on_disk(keep_and_set).await?.map(|()| Answer::Done)
     }
@@ -112,7 +114,11 @@ impl RuntimePort {
         values: &[f64],
         meta: Option<CommandMeta>,
     ) -> Result<Answer, Refusal> {
-        let write = || self.shared.tables.write_variables(area, from, values);
+        let write = || {
+            self.shared.tables.write_variables(area, from, values)?;
+            self.shared.tell_variables_simulated();
+            Ok(())
+        };
         let Some(meta) = meta else {
             return write().map(|()| Answer::Done);
         };

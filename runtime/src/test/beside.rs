@@ -4,12 +4,14 @@ use std::any::Any;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use futures_util::FutureExt;
 use parking_lot::Mutex;
 use tokio::sync::Notify;
 
 use super::TestError;
+use super::standing::watched;
 
 /// What tokio's panics say where its sockets are used in a test.
 const FOREIGN: &str = "IO is disabled";
@@ -26,6 +28,15 @@ pub(super) fn is_foreign(text: &str) -> bool {
 pub(super) fn foreign(what: &str) -> TestError {
     TestError::new(format!(
         "{what} used a socket, and simulated time does not wait for a network: {MODEL}"
+    ))
+}
+
+/// The error of a test in which something waited on another clock.
+fn standing(what: &str, stood: Duration) -> TestError {
+    TestError::new(format!(
+        "{what} stood still for {:.1} s of real time, by std::thread::sleep, a lock or a call that blocks, and simulated time did not \
+         pass meanwhile: wait by plc.sleep(..).await, or {MODEL}",
+        stood.as_secs_f64()
     ))
 }
 
@@ -81,6 +92,7 @@ impl Failures {
 
     /// Runs something beside the test, whose failure is that of the test.
     pub(super) async fn watch(self, what: &str, work: impl Future<Output = plc_api::Result<()>>) {
+        let work = watched(work, |stood| self.error(standing(what, stood)));
         match AssertUnwindSafe(work).catch_unwind().await {
             Ok(Ok(())) => {}
             Ok(Err(error)) if is_foreign(&error.to_string()) => self.error(foreign(what)),

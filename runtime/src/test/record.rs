@@ -268,6 +268,6 @@ const HELP_TO_WAIT: &str =
 fn word(alarm: &AlarmRecord) -> &'static str {
     match alarm.severity {
         AlarmSeverity::Warning => "warning",
-        AlarmSeverity::Alarm => "alarm",
+        _ => "alarm",
     }
 }

@@ -60,6 +60,7 @@ from .messages import (
     RunState,
     RunWait,
     State,
+    ToolData,
     WaitingOn,
 )
 from .output import Output
@@ -115,6 +116,7 @@ __all__ = [
     "State",
     "TakenOver",
     "TandemError",
+    "ToolData",
     "UserAlarm",
     "WaitingOn",
     "stop_signal",

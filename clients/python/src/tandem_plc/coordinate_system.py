@@ -22,6 +22,7 @@ from .messages import (
     State,
     Tool,
 )
+from .told import changes
 
 if TYPE_CHECKING:
     from .plc import Plc
@@ -336,6 +337,17 @@ class CoordinateSystem:
         async with self._following("state") as states:
             async for state in states:
                 yield state
+
+    async def q_changes(self, first: int, count: int = 1) -> AsyncIterator[list[float]]:
+        """Follow Q variables, as :meth:`tandem_plc.Plc.p_changes`."""
+        async for values in changes(self._plc, f"cs/{self.number}/variables", "Q", first, count):
+            yield values
+
+    async def work_offset_changes(self) -> AsyncIterator[dict[str, dict[str, float]]]:
+        """Follow work offsets ``G54`` to ``G59``, each by axis letter, mm or degrees: now, and after each change."""
+        async with self._following("work_offsets") as offsets:
+            async for told in offsets:
+                yield told.work_offsets
 
     async def pendings(self) -> AsyncIterator[tuple[PendingOutput, ...]]:
         """Follow the open outputs: those of now, then after each change."""

@@ -444,6 +444,41 @@ class Tool:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ToldVariables:
+    """Variables that the configuration names in ``[[variables.told]]``."""
+
+    variables: tuple[dict[str, Any], ...]
+    """Variables in a row: ``kind``, ``from`` and ``values``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolData:
+    """A tool of the table."""
+
+    id: int
+    """Its number, from 1."""
+    radius: float
+    """mm: the offset of G41 and G42."""
+    length: float
+    """mm: G43 adds it to Z, G44 takes it away."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolTable:
+    """The tool table, ascending by number."""
+
+    tools: tuple[ToolData, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkOffsetValues:
+    """Work offsets of a coordinate system, mm or degrees."""
+
+    work_offsets: dict[str, dict[str, float]]
+    """``G54`` to ``G59``, each with its value by axis letter."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Overrides:
     """Overrides, percent."""
 

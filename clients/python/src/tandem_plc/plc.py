@@ -12,7 +12,8 @@ from .coordinate_system import CoordinateSystem
 from .errors import Alarm, Refused
 from .io import Io
 from .levels import Levels
-from .messages import AlarmRecord, Birth, CommandReply, Presence
+from .messages import AlarmRecord, Birth, CommandReply, Presence, ToolData
+from .told import changes
 
 
 class Plc:
@@ -133,6 +134,24 @@ class Plc:
             Refused: there are no such variables.
         """
         await self._write_variables(1, "P", first, values)
+
+    async def p_changes(self, first: int, count: int = 1) -> AsyncIterator[list[float]]:
+        """Follow P variables: their values now, and again each time that one of them has changed, whoever wrote it.
+
+        A machine tells of the variables that its configuration names in ``[[variables.told]]``, at most 10 times a
+        second; of values that follow each other faster, the latest. A program writes a variable when its block is
+        interpreted, ahead of the motion.
+
+        Raises:
+            Refused: the machine does not tell of all these variables.
+        """
+        async for values in changes(self, "variables", "P", first, count):
+            yield values
+
+    async def tool_changes(self) -> AsyncIterator[tuple[ToolData, ...]]:
+        """Follow the tool table, ascending by number: that of now, and again each time that it has changed."""
+        async for table in self._connection.hub.follow("tools"):
+            yield table.tools
 
     async def _read_variables(self, cs: int, kind: str, first: int, count: int) -> list[float]:
         reply = await self._ask(f"cs/{cs}/variable/get", {"kind": kind, "from": first, "count": count})

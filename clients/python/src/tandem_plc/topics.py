@@ -23,8 +23,11 @@ from .messages import (
     Presence,
     RunState,
     State,
+    ToldVariables,
     Tool,
+    ToolTable,
     Validate,
+    WorkOffsetValues,
 )
 
 _FORMS: dict[str, Any] = {
@@ -35,6 +38,10 @@ _FORMS: dict[str, Any] = {
     "handler/+/presence": HandlerPresence,
     "handler/+/result": HandlerResult,
     "io/+/+": IoState,
+    "variables": ToldVariables,
+    "tools": ToolTable,
+    "cs/+/variables": ToldVariables,
+    "cs/+/work_offsets": WorkOffsetValues,
     "cs/+/state": State,
     "cs/+/run": RunState,
     "cs/+/captured": Captured,

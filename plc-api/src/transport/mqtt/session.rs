@@ -34,7 +34,7 @@ const SILENCE_MAX: Duration = Duration::from_secs(10);
 const WATCH: Duration = Duration::from_millis(100);
 
 /// Topics of a machine below its root, other than `reply`.
-const FILTERS: [&str; 18] = [
+const FILTERS: [&str; 20] = [
     "presence",
     "birth",
     "alarm/event",
@@ -42,6 +42,8 @@ const FILTERS: [&str; 18] = [
     "handler/+/presence",
     "handler/+/result",
     "io/+/+",
+    "variables",
+    "tools",
     "cs/+/+",
     "cs/+/m_code/pending",
     "cs/+/m_code/+/output",
@@ -152,6 +154,14 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 state.silent_since.get_or_insert_with(Instant::now);
                 drop(state);
                 shared.link.wake.notify_one();
+            }
+            Ok(Event::Outgoing(Sent::Subscribe(_))) => {
+                let mut state = lock(&shared.state);
+                state.silent_since.get_or_insert_with(Instant::now);
+            }
+            Ok(Event::Incoming(Packet::SubAck(_))) => {
+                let mut state = lock(&shared.state);
+                state.silent_since = state.outbox.awaits_acknowledgement().then(Instant::now);
             }
             Ok(Event::Outgoing(Sent::Disconnect)) => return,
             Ok(_) => {}

@@ -21,6 +21,8 @@ pub(super) fn outbound() -> Vec<Topic> {
         Topic::HandlerResult("{id}".into()),
         Topic::Io(IoPoint::input("{name}")),
         Topic::Io(IoPoint::output("{name}")),
+        Topic::Variables,
+        Topic::Tools,
     ];
     let of_cs = of_cs.map(|topic| Topic::cs(CS, topic));
     machine.into_iter().chain(of_cs).collect()

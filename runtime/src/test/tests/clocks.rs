@@ -1,11 +1,12 @@
 //! tokio's clock is that of the machine.
 
+use std::path::Path;
 use std::time::Duration;
 
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 use tokio::time::{Instant, MissedTickBehavior};
 
-use super::super::{Bench, Config, Run, Stopped};
+use super::super::{Bench, Config, Run, Stopped, TestError};
 
 const SECONDS_100: Duration = Duration::from_secs(100);
 
@@ -155,4 +156,42 @@ fn a_task_that_ticks_for_ever_ends_neither_a_run_nor_keeps_one_from_its_time_lim
     assert!((ended.time_s - 1.0).abs() < 0.01, "{}", ended.time_s);
     let waits = bench().max_time_s(60.0).run("M20\nM30").unwrap();
     assert_eq!(waits.stopped, Stopped::TimeLimit);
+}
+
+/// Runs M40 by a handler that does this at once.
+fn run_with(work: fn()) -> Result<Run, TestError> {
+    let handler = move |_output: AuxOutput| async move {
+        work();
+        Ok::<(), Alarm>(())
+    };
+    Bench::new()
+        .serve(SequenceProgram::new().on(40, handler))
+        .run("M40\nM30")
+}
+
+#[test]
+fn a_handler_that_stands_still_in_real_time_ends_the_run_with_what_to_write() {
+    if !Path::new("/proc/thread-self/schedstat").exists() {
+        return; // nobody tells a sleep from a busy computer
+    }
+    let error = run_with(|| std::thread::sleep(Duration::from_millis(600))).unwrap_err();
+    let text = error.to_string();
+    for word in [
+        "a sequence program stood still for 0.6 s",
+        "std::thread::sleep",
+        "plc.sleep(..).await",
+    ] {
+        assert!(text.contains(word), "{text}");
+    }
+}
+
+#[test]
+fn a_handler_that_computes_for_long_does_not_stand_still() {
+    let run = run_with(|| {
+        let begun = std::time::Instant::now();
+        while begun.elapsed() < Duration::from_millis(600) {
+            std::hint::spin_loop();
+        }
+    });
+    run.unwrap().completed().unwrap();
 }

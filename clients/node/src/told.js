@@ -1,0 +1,55 @@
+// Variables as the machine tells of them whenever they change.
+
+import { Refused } from "./errors.js";
+
+const COUNT_MAX = 1_024;
+
+/** Numbers that have no form of their own in JSON. */
+export const WORDS = new Map([
+  ["NaN", NaN],
+  ["inf", Infinity],
+  ["-inf", -Infinity],
+]);
+
+/** A number as JSON has it. @param {unknown} value @returns {number} */
+export function numberOf(value) {
+  return typeof value === "number" ? value : (WORDS.get(/** @type {string} */ (value)) ?? NaN);
+}
+
+/** @typedef {{variables: readonly {from: number, values: readonly unknown[]}[]}} Told */
+
+/** Values of variables; undefined: not all of them are told. @param {Told} told @param {number} first @param {number} count */
+export function valuesOf({ variables }, first, count) {
+  const values = [];
+  for (let number = first; number < first + count; number += 1) {
+    const row = variables.find(({ from, values: told }) => from <= number && number < from + told.length);
+    if (row === undefined) return undefined;
+    values.push(numberOf(row.values[number - row.from]));
+  }
+  return values;
+}
+
+/**
+ * Values of variables that are told on a topic: those of now, then each time that one has changed.
+ * @param {import("./plc.js").Plc} plc @param {string} path @param {"P" | "Q"} kind @param {number} first @param {number} count
+ * @returns {AsyncGenerator<number[], void>}
+ */
+export async function* changesOf(plc, path, kind, first, count) {
+  if (!Number.isInteger(count) || count < 1 || count > COUNT_MAX) throw refused(kind, first, count);
+  /** @type {number[] | undefined} */
+  let last;
+  for await (const message of plc.connection.hub.follow(path)) {
+    const values = valuesOf(message, first, count);
+    if (values === undefined) throw refused(kind, first, count);
+    if (values.every((value, at) => Object.is(value, last?.[at]))) continue;
+    last = values;
+    yield values;
+  }
+}
+
+/** @param {"P" | "Q"} kind @param {number} first @param {number} count */
+function refused(kind, first, count) {
+  const which = count === 1 ? `${kind}${first} is` : `${count} variables from ${kind}${first} on are`;
+  const toWrite = `[[variables.told]] from = "${kind}${first}", count = ${count}`;
+  return new Refused("not_found", `${which} not told by this machine: name them in its configuration, such as ${toWrite}`);
+}

@@ -1,0 +1,55 @@
+"""Variables as the machine tells of them whenever they change."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING
+
+from .errors import Refused
+from .messages import ToldVariables
+
+if TYPE_CHECKING:
+    from .plc import Plc
+
+COUNT_MAX = 1024
+
+
+def values_of(told: ToldVariables, first: int, count: int) -> list[float] | None:
+    """Give values of variables from ``first`` on; ``None``: not all of them are told."""
+    known: dict[int, float] = {}
+    for row in told.variables:
+        start, values = row.get("from"), row.get("values")
+        if isinstance(start, int) and isinstance(values, list):
+            known.update(enumerate((_number(value) for value in values), start))
+    numbers = range(first, first + count)
+    return [known[number] for number in numbers] if all(number in known for number in numbers) else None
+
+
+async def changes(plc: Plc, path: str, kind: str, first: int, count: int) -> AsyncIterator[list[float]]:
+    """Follow variables that are told on a topic."""
+    last: bytes | None = None
+    if not 1 <= count <= COUNT_MAX:
+        raise _refused(kind, first, count)
+    async with contextlib.aclosing(plc._connection.hub.follow(path)) as messages:
+        async for message in messages:
+            values = values_of(message, first, count)
+            if values is None:
+                raise _refused(kind, first, count)
+            # NaN is to equal itself here
+            bits = struct.pack(f"{count}d", *values)
+            if bits != last:
+                last = bits
+                yield values
+
+
+def _refused(kind: str, first: int, count: int) -> Refused:
+    which = f"{kind}{first} is" if count == 1 else f"{count} variables from {kind}{first} on are"
+    to_write = f'[[variables.told]] from = "{kind}{first}", count = {count}'
+    text = f"{which} not told by this machine: name them in its configuration, such as {to_write}"
+    return Refused("not_found", text)
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, (int, float, str)) else float("nan")

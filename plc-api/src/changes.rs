@@ -1,0 +1,174 @@
+//! What the machine tells of variables, tools and work offsets each time that they change.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use crate::coordinate_system::CoordinateSystem;
+use crate::error::{Error, Result};
+use crate::hub::{Filter, Subscription};
+use crate::plc::Plc;
+use crate::types::data::{ToldVariables, ToolData, VARIABLES_AT_ONCE_MAX, VariableKind};
+use crate::types::message::Payload;
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::topic::{CsTopic, Topic};
+use crate::variables::Variables;
+
+/// The value that a message tells of, if it does.
+type Read<T> = Box<dyn Fn(&Payload) -> Option<T> + Send + Sync>;
+
+/// Values of a thing of the machine: the one that it has now, and then each other one, such as of [`Variables::changes`].
+pub struct Changes<T> {
+    messages: Subscription,
+    read: Read<T>,
+    is_same: fn(&T, &T) -> bool,
+    last: Option<T>,
+}
+
+impl<T> fmt::Debug for Changes<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Changes").finish_non_exhaustive()
+    }
+}
+
+impl<T: Clone> Changes<T> {
+    fn new(
+        plc: &Plc,
+        topic: Topic,
+        read: impl Fn(&Payload) -> Option<T> + Send + Sync + 'static,
+        is_same: fn(&T, &T) -> bool,
+    ) -> Self {
+        Self {
+            messages: plc.port().subscribe(Filter::Topics(vec![topic])),
+            read: Box::new(read),
+            is_same,
+            last: None,
+        }
+    }
+
+    /// The next value; `None` when the machine has ended the connection. Of values that follow each other faster than they are
+    /// read, the latest. Cancellation safe.
+    pub async fn next(&mut self) -> Option<T> {
+        loop {
+            let message = self.messages.next().await?;
+            let Some(value) = (self.read)(&message.payload) else {
+                continue;
+            };
+            let is_known = self
+                .last
+                .as_ref()
+                .is_some_and(|last| (self.is_same)(last, &value));
+            if !is_known {
+                self.last = Some(value.clone());
+                return Some(value);
+            }
+        }
+    }
+}
+
+impl Variables {
+    /// Values of `count` variables from `from` on, 1 to 1024 of them: those of now, and again each time that one of them has changed,
+    /// whoever wrote it. A machine tells of the variables that its configuration names in `[[variables.told]]`, at most 10 times a
+    /// second; of values that follow each other faster, the latest.
+    ///
+    /// A program writes a variable when its block is interpreted, ahead of the motion (D16).
+    ///
+    /// ```
+    /// # use plc_api::types::data::VariableArea;
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # let fake = plc_api::fake::FakePort::new([1]);
+    /// # fake.tell_variables(VariableArea::Global, 200, 2);
+    /// # let plc = fake.plc();
+    /// let mut parts = plc.variables().changes(200, 2).await?;
+    /// assert_eq!(parts.next().await, Some(vec![0.0, 0.0]));
+    /// plc.variables().set(201, 5.0).await?;
+    /// assert_eq!(parts.next().await, Some(vec![0.0, 5.0]));
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// The machine does not tell of all these variables.
+    pub async fn changes(&self, from: u32, count: u32) -> Result<Changes<Vec<f64>>> {
+        let topic = self.topic();
+        let said = self.plc().port().read(&topic).await;
+        if let Some(Payload::Variables(told)) = said.as_deref().map(|message| &message.payload) {
+            self.judge(told, from, count)?;
+        }
+        let read = move |payload: &Payload| match payload {
+            Payload::Variables(told) => told.values(from, count),
+            _ => None,
+        };
+        let is_same: fn(&Vec<f64>, &Vec<f64>) -> bool = |one, other| {
+            // NaN is to equal itself here
+            one.len() == other.len()
+                && one
+                    .iter()
+                    .zip(other)
+                    .all(|(one, other)| one.to_bits() == other.to_bits())
+        };
+        Ok(Changes::new(self.plc(), topic, read, is_same))
+    }
+
+    /// Waits until a variable that the machine tells of has a value for which `is_it` is true, and returns it. One that has it now
+    /// is not waited for. To wait no longer than a time: [`Plc::timeout`].
+    ///
+    /// # Errors
+    /// As [`changes`](Self::changes), or the machine has ended the connection.
+    pub async fn wait_until(&self, number: u32, is_it: impl Fn(f64) -> bool) -> Result<f64> {
+        let mut changes = self.changes(number, 1).await?;
+        while let Some(values) = changes.next().await {
+            if let Some(value) = values.first().copied().filter(|value| is_it(*value)) {
+                return Ok(value);
+            }
+        }
+        Err(Error::Closed)
+    }
+
+    fn judge(&self, told: &ToldVariables, from: u32, count: u32) -> Result<()> {
+        if count as usize <= VARIABLES_AT_ONCE_MAX && told.values(from, count).is_some() {
+            return Ok(());
+        }
+        let letter = match self.area().kind() {
+            VariableKind::P => "P",
+            VariableKind::Q => "Q",
+        };
+        let which = match count {
+            1 => format!("{letter}{from} is"),
+            _ => format!("{count} variables from {letter}{from} on are"),
+        };
+        let text = format!(
+            "{which} not told by this machine: name them in its configuration, such as [[variables.told]] from = \"{letter}{from}\", count = {count}"
+        );
+        Err(Refusal::new(RefusalCode::NotFound, text).into())
+    }
+
+    fn topic(&self) -> Topic {
+        match self.area().coordinate_system() {
+            None => Topic::Variables,
+            Some(cs) => Topic::cs(cs, CsTopic::Variables),
+        }
+    }
+}
+
+impl Plc {
+    /// The tool table, ascending by number: that of now, and then each time that it has changed.
+    pub fn tool_changes(&self) -> Changes<Vec<ToolData>> {
+        let read = |payload: &Payload| match payload {
+            Payload::Tools(table) => Some(table.tools.clone()),
+            _ => None,
+        };
+        Changes::new(self, Topic::Tools, read, |one, other| one == other)
+    }
+}
+
+impl CoordinateSystem {
+    /// Work offsets `G54` to `G59`, each with its value by axis letter, mm or degrees: those of now, and then each time that one has
+    /// changed.
+    pub fn work_offset_changes(&self) -> Changes<BTreeMap<String, BTreeMap<String, f64>>> {
+        let read = |payload: &Payload| match payload {
+            Payload::WorkOffsets(told) => Some(told.work_offsets.clone()),
+            _ => None,
+        };
+        let topic = Topic::cs(self.number(), CsTopic::WorkOffsets);
+        Changes::new(self.plc(), topic, read, |one, other| one == other)
+    }
+}

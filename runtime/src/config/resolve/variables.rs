@@ -1,0 +1,158 @@
+//! `[[variables.told]]`.
+
+use std::collections::BTreeMap;
+
+use plc_api::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
+use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, GLOBAL_VARIABLES};
+
+use super::super::text::Problems;
+use super::super::{CoordinateSystemConfig, ToldConfig, VariablesConfig};
+use super::Checked;
+
+/// Ranges of variables that are told: the first of each, and how many.
+pub(crate) type ToldRanges = BTreeMap<VariableArea, Vec<(u32, u32)>>;
+
+impl VariablesConfig {
+    pub(super) fn told(&self, systems: &[CoordinateSystemConfig], problems: &mut Problems<'_>) -> ToldRanges {
+        let mut told = ToldRanges::new();
+        for (index, config) in self.told.iter().enumerate() {
+            let name = format!("[[variables.told]] from = \"{:.16}\": ", config.from);
+            let mut checked = problems.of(format!("variables.told.{index}"), name);
+            checked.check_ranges(config, &[]);
+            let Some(first) = config.first(&mut checked) else {
+                continue;
+            };
+            for area in config.areas(systems, &mut checked) {
+                let ranges = told.entry(area).or_default();
+                ranges.push((first, config.count));
+                let all: usize = ranges.iter().map(|(_, count)| *count as usize).sum();
+                if all > VARIABLES_AT_ONCE_MAX {
+                    let text = format!(
+                        "{all} are told with it: write up to {VARIABLES_AT_ONCE_MAX} in all, of P, and of Q"
+                    );
+                    checked.problem("count", text);
+                }
+            }
+        }
+        told
+    }
+}
+
+impl ToldConfig {
+    fn is_global(&self) -> bool {
+        self.from.starts_with('P')
+    }
+
+    /// The number of the first.
+    fn first(&self, checked: &mut Checked<'_, '_>) -> Option<u32> {
+        let (letter, len) = if self.is_global() {
+            ('P', GLOBAL_VARIABLES)
+        } else {
+            ('Q', COORDINATE_SYSTEM_VARIABLES)
+        };
+        let digits = self.from.strip_prefix(letter);
+        let digits = digits.filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()));
+        let Some(first) = digits.and_then(|digits| digits.parse::<u32>().ok()) else {
+            let text = format!(
+                "write a variable, P0 to P{} or Q0 to Q{}",
+                GLOBAL_VARIABLES - 1,
+                COORDINATE_SYSTEM_VARIABLES - 1
+            );
+            checked.problem("from", text);
+            return None;
+        };
+        if (first as usize).saturating_add(self.count as usize) > len {
+            let text = format!(
+                "count = {}: there are {letter}0 to {letter}{}",
+                self.count,
+                len - 1
+            );
+            checked.problem("count", text);
+        }
+        Some(first)
+    }
+
+    fn areas(&self, systems: &[CoordinateSystemConfig], checked: &mut Checked<'_, '_>) -> Vec<VariableArea> {
+        let numbers = systems.iter().map(|system| system.number);
+        match self.coordinate_system {
+            None if self.is_global() => vec![VariableArea::Global],
+            None => numbers.map(VariableArea::CoordinateSystem).collect(),
+            Some(_) if self.is_global() => {
+                let text =
+                    "coordinate_system: P variables are the same for all; take it out, or write a Q variable";
+                checked.problem("coordinate_system", text);
+                Vec::new()
+            }
+            Some(cs) if numbers.clone().any(|number| number == cs) => {
+                vec![VariableArea::CoordinateSystem(cs)]
+            }
+            Some(cs) => {
+                let there: Vec<String> = numbers.map(|number| number.to_string()).collect();
+                let text = format!(
+                    "coordinate_system = {cs}: write one that is there: {}",
+                    there.join(", ")
+                );
+                checked.problem("coordinate_system", text);
+                Vec::new()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plc_api::types::data::VariableArea::{CoordinateSystem, Global};
+
+    use crate::Config;
+
+    const TWO: &str = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+                       [[motor]]\nnumber = 2\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+                       [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n\
+                       [[coordinate_system]]\nnumber = 2\naxes = { X = 2 }\n";
+
+    fn resolved(told: &str) -> Result<crate::config::Machine, String> {
+        let config = Config::from_toml(&format!("{TWO}{told}"), "");
+        let machine = config.and_then(|config| config.resolve());
+        machine.map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn p_is_told_of_the_machine_and_q_of_each_coordinate_system_or_of_one() {
+        let told = "[[variables.told]]\nfrom = \"P200\"\ncount = 16\n[[variables.told]]\nfrom = \"Q0\"\n\
+                    [[variables.told]]\nfrom = \"Q4095\"\ncoordinate_system = 2\n";
+        let told: Vec<_> = resolved(told).unwrap().told.into_iter().collect();
+        let q = |more: &[(u32, u32)]| [&[(0, 1)], more].concat();
+        let expected = [
+            (Global, vec![(200, 16)]),
+            (CoordinateSystem(1), q(&[])),
+            (CoordinateSystem(2), q(&[(4095, 1)])),
+        ];
+        assert_eq!(told, expected);
+    }
+
+    #[test]
+    fn what_cannot_be_told_is_refused_with_what_to_write() {
+        for (told, says) in [
+            ("from = \"X1\"", "write a variable, P0 to P32767 or Q0 to Q4095"),
+            ("from = \"P-1\"", "write a variable"),
+            ("from = \"\"", "write a variable"),
+            ("from = \"P32768\"", "there are P0 to P32767"),
+            ("from = \"Q4090\"\ncount = 7", "count = 7: there are Q0 to Q4095"),
+            ("from = \"P0\"\ncount = 0", "count = 0: write 1 to 1024"),
+            ("from = \"P0\"\ncount = 1025", "count = 1025: write 1 to 1024"),
+            ("from = \"P0\"\ncoordinate_system = 1", "the same for all"),
+            (
+                "from = \"Q0\"\ncoordinate_system = 3",
+                "write one that is there: 1, 2",
+            ),
+        ] {
+            let refused = resolved(&format!("[[variables.told]]\n{told}\n")).err();
+            assert!(
+                refused.as_ref().is_some_and(|text| text.contains(says)),
+                "{told}: {refused:?}"
+            );
+        }
+        let two = "[[variables.told]]\nfrom = \"P0\"\ncount = 1000\n[[variables.told]]\nfrom = \"P5000\"\ncount = 25\n";
+        assert!(resolved(two).unwrap_err().contains("1025 are told with it"));
+    }
+}

@@ -1,0 +1,179 @@
+//! Variables, tools and work offsets that are told when they change.
+
+use plc_api::types::data::{ToldVariables, VariableArea, VariableValues, WorkOffsetValues};
+use plc_api::types::message::Payload;
+use plc_api::types::topic::{CsTopic, Topic};
+
+use crate::shared::Shared;
+
+impl Shared {
+    /// Publishes the variables that the configuration names, of each area in which one has changed.
+    pub fn tell_variables(&self) {
+        if !self.machine.told.is_empty() {
+            self.tell_areas();
+        }
+    }
+
+    /// The same in simulated time, where nothing happens at a rate: after each turn and write.
+    pub fn tell_variables_simulated(&self) {
+        if self.clock.is_simulated() {
+            self.tell_variables();
+        }
+    }
+
+    /// Publishes all areas, those without such variables, too: whoever follows one learns that it is not told.
+    pub fn tell_areas(&self) {
+        let of_systems = self.tables.coordinate_systems();
+        let areas = of_systems.map(VariableArea::CoordinateSystem);
+        let mut last = self.told.lock();
+        for area in std::iter::once(VariableArea::Global).chain(areas) {
+            let ranges = self.machine.told.get(&area).map_or(&[][..], Vec::as_slice);
+            let values = self.tables.ranges(area, ranges);
+            // NaN is to equal itself here
+            let bits: Vec<u64> = values.iter().flatten().map(|value| value.to_bits()).collect();
+            if last.get(&area) == Some(&bits) {
+                continue;
+            }
+            last.insert(area, bits);
+            let told = ranges.iter().zip(values);
+            let variables = told.map(|((from, _), values)| VariableValues::new(area.kind(), *from, values));
+            let topic = match area.coordinate_system() {
+                None => Topic::Variables,
+                Some(cs) => Topic::cs(cs, CsTopic::Variables),
+            };
+            let told = ToldVariables {
+                variables: variables.collect(),
+            };
+            self.publish(topic, Payload::Variables(told));
+        }
+    }
+
+    /// Publishes tool table and work offsets, where they have changed.
+    pub fn tell_tables(&self) {
+        let _one_after_the_other = self.told.lock();
+        self.publish(Topic::Tools, Payload::Tools(self.tables.tools()));
+        for cs in self.tables.coordinate_systems() {
+            if let Ok(table) = self.tables.work_offsets(cs) {
+                let told = WorkOffsetValues {
+                    work_offsets: table.work_offsets,
+                };
+                self.publish(Topic::cs(cs, CsTopic::WorkOffsets), Payload::WorkOffsets(told));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+    use std::time::Duration;
+
+    use plc_api::types::data::{ToolData, VariableArea};
+    use plc_api::types::topic::Topic;
+    use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+
+    use crate::test::Bench;
+
+    type Heard = Arc<Mutex<Vec<Vec<f64>>>>;
+
+    /// A program that notes what it is told of P200 and P201, and works for a second on M20.
+    fn follows(heard: &Heard) -> SequenceProgram {
+        let heard = Arc::clone(heard);
+        let work = async |_output: AuxOutput, plc: Plc| -> Result<(), Alarm> {
+            plc.sleep(Duration::from_secs(1)).await;
+            plc.variables().set(201, 7.0).await?;
+            Ok(())
+        };
+        SequenceProgram::new().on(20, work).task(move |plc| {
+            let heard = Arc::clone(&heard);
+            async move {
+                let mut changes = plc.variables().changes(200, 2).await?;
+                while let Some(values) = changes.next().await {
+                    heard.lock().unwrap().push(values);
+                }
+                Ok(())
+            }
+        })
+    }
+
+    #[test]
+    fn what_programs_and_handlers_write_is_told_once_and_what_stays_is_not() {
+        let heard = Heard::default();
+        let bench = Bench::new().tell_variables(VariableArea::Global, 200, 2);
+        let text = "P200=1\nP202=5\nM20\nP200=1\nG01 X10 F600\nM20\nP200=P201+1\nM30";
+        bench
+            .serve(follows(&heard))
+            .run(text)
+            .unwrap()
+            .completed()
+            .unwrap();
+        let told = [[0.0, 0.0], [1.0, 0.0], [1.0, 7.0], [8.0, 7.0]].map(Vec::from);
+        assert_eq!(*heard.lock().unwrap(), told);
+    }
+
+    #[test]
+    fn a_variable_that_is_no_number_is_told_once() {
+        let bench = Bench::new().tell_variables(VariableArea::Global, 200, 2);
+        let played = bench.play(async move |_, runtime| {
+            let plc = Plc::in_process(runtime.port());
+            let revision = async || plc.port().read(&Topic::Variables).await.unwrap().rev;
+            let at_start = revision().await;
+            plc.variables().set(200, f64::NAN).await.unwrap();
+            let told = revision().await;
+            assert!(told > at_start);
+            plc.variables().set(500, 1.0).await.unwrap();
+            plc.sleep(Duration::from_secs(1)).await;
+            assert_eq!(revision().await, told);
+        });
+        played.unwrap();
+    }
+
+    #[test]
+    fn variables_that_the_configuration_does_not_name_end_the_task_that_follows_them_with_what_to_write() {
+        let heard = Heard::default();
+        let failed = Bench::new().serve(follows(&heard)).run("M20\nM30").unwrap_err();
+        let text = failed.to_string();
+        assert!(
+            text.contains("[[variables.told]] from = \"P200\", count = 2"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn q_variables_tools_and_offsets_are_told_of_their_coordinate_system() {
+        let bench = Bench::new().tell_variables(VariableArea::CoordinateSystem(2), 3, 1);
+        let played = bench.play(async move |_, runtime| {
+            let plc = Plc::in_process(runtime.port());
+            let (mill, loader) = (plc.coordinate_system(1), plc.coordinate_system(2));
+            assert!(mill.variables().changes(3, 1).await.is_err());
+            let mut changes = loader.variables().changes(3, 1).await.unwrap();
+            let (mut tools, mut offsets) = (plc.tool_changes(), loader.work_offset_changes());
+            assert_eq!(changes.next().await, Some(vec![0.0]));
+            let (table, told) = (tools.next().await.unwrap(), offsets.next().await.unwrap());
+            assert_eq!(table, plc.tools().await.unwrap());
+            assert_eq!(told, loader.work_offsets().await.unwrap());
+            mill.variables().set(3, 1.0).await.unwrap();
+            loader.variables().set(3, 2.0).await.unwrap();
+            assert_eq!(changes.next().await, Some(vec![2.0]));
+            let (id, radius, length) = (99, 1.0, 7.5);
+            plc.set_tool(ToolData { id, radius, length }).await.unwrap();
+            let table = tools.next().await.unwrap();
+            assert!(
+                table
+                    .iter()
+                    .any(|tool| tool.id == 99 && tool.length.to_bits() == 7.5_f64.to_bits())
+            );
+            let axis = told["G54"].keys().next().unwrap().clone();
+            mill.set_work_offset("G54", [("X", 4.0)]).await.unwrap();
+            loader
+                .set_work_offset("G54", [(axis.as_str(), 3.0)])
+                .await
+                .unwrap();
+            assert_eq!(
+                offsets.next().await.unwrap()["G54"][&axis].to_bits(),
+                3.0_f64.to_bits()
+            );
+        });
+        played.unwrap();
+    }
+}
