@@ -27,9 +27,10 @@ const CRATES: [&str; 11] = [
 ];
 
 /// Folders that are made by tools, or of what others have written.
-const MADE: [&str; 7] = [
+const MADE: [&str; 8] = [
     "target",
     "node_modules",
+    "dist",
     "vendor",
     ".git",
     "tandem-data",

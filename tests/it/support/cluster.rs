@@ -17,7 +17,7 @@ pub const NODES: usize = 3;
 /// How to start a node: program and arguments.
 pub type Start = (PathBuf, Vec<String>);
 
-/// A link between nodes.
+/// A link between nodes, or from one to what they share.
 pub struct Link {
     /// Who is parted when it is torn.
     pub ends: Vec<usize>,
@@ -31,6 +31,8 @@ pub struct Cluster {
     mqtt: [u16; NODES],
     links: Vec<Link>,
     nodes: [Option<Process>; NODES],
+    /// What the nodes share.
+    _beside: Vec<Process>,
 }
 
 /// A port for each node.
@@ -40,13 +42,20 @@ pub fn ports() -> [u16; NODES] {
 
 impl Cluster {
     /// Starts all nodes in a folder with their files, and waits until they listen for MQTT.
-    pub fn start(folder: TempDir, starts: [Start; NODES], mqtt: [u16; NODES], links: Vec<Link>) -> Self {
+    pub fn start(
+        folder: TempDir,
+        starts: [Start; NODES],
+        mqtt: [u16; NODES],
+        links: Vec<Link>,
+        beside: Vec<Process>,
+    ) -> Self {
         let mut cluster = Self {
             folder,
             starts,
             mqtt,
             links,
             nodes: [const { None }; NODES],
+            _beside: beside,
         };
         for node in 0..NODES {
             cluster.launch(node);

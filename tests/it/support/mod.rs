@@ -1,5 +1,6 @@
 //! What tests share: the built command, machines, simulations, served runtimes and their clients.
 
+pub mod aedes;
 pub mod binary;
 pub mod broker;
 pub mod cluster;
@@ -8,6 +9,7 @@ pub mod http;
 pub mod machine;
 pub mod mqtt;
 pub mod nats;
+pub mod rmqtt;
 pub mod schemas;
 pub mod served;
 pub mod simulated;

@@ -48,9 +48,21 @@ impl Bus {
         let history = History::default();
         let unreadable = History::default();
         let (sink, wrong, prefix) = (history.clone(), unreadable.clone(), root.clone());
+        let again = client.clone();
         let task = tokio::spawn(async move {
+            let mut connections = 0;
             loop {
                 match events.poll().await {
+                    Ok(Event::Incoming(Packet::ConnAck(_))) => {
+                        connections += 1;
+                        // the broker has forgotten it
+                        if connections > 1 {
+                            let filter = format!("{prefix}#");
+                            again
+                                .try_subscribe(filter, QoS::AtLeastOnce)
+                                .expect("room for it");
+                        }
+                    }
                     Ok(Event::Incoming(Packet::Publish(publish))) => {
                         let topic = publish
                             .topic

@@ -33,5 +33,5 @@ pub async fn nats() -> Cluster {
     }
     let program = installed("nats-server");
     let starts = std::array::from_fn(|node| (program.clone(), vec!["-c".into(), format!("n{node}.conf")]));
-    Cluster::start(folder, starts, mqtt, links)
+    Cluster::start(folder, starts, mqtt, links, Vec::new())
 }

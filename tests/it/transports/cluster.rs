@@ -1,6 +1,6 @@
 //! A broker of three nodes: runtime, handler and HMI at one each, which dies, or is parted from the others, in the middle of a program
 //! of M codes.
-//! In every run a few times with NATS Server; with `TANDEM_LONG` all, which takes minutes.
+//! In every run a few times with NATS Server; with `TANDEM_LONG` all, with each broker, which takes minutes.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -10,9 +10,11 @@ use plc_api::{Alarm, AuxOutput, MqttOptions, Plc, Redelivery, SequenceProgram};
 use serde_json::json;
 
 use super::machine;
+use crate::support::aedes::aedes;
 use crate::support::cluster::{Cluster, NODES};
 use crate::support::mqtt::Bus;
 use crate::support::nats::nats;
+use crate::support::rmqtt::rmqtt;
 use crate::support::served::Served;
 use crate::support::wait::{until, within};
 
@@ -99,6 +101,36 @@ async fn in_a_cluster_of_nats_each_output_is_done_once_whichever_node_dies_or_is
     each_output_is_done_once(nats().await, rounds).await;
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn in_a_cluster_of_aedes_each_output_is_done_once_whichever_node_dies_or_is_parted() {
+    if is_long() {
+        each_output_is_done_once(aedes().await, &ALL).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn in_a_cluster_of_rmqtt_each_output_is_done_once_whichever_node_dies_or_is_parted() {
+    if is_long() {
+        each_output_is_done_once(rmqtt().await, &ALL).await;
+    }
+}
+
+async fn befall(cluster: &mut Cluster, trouble: Trouble) {
+    match trouble {
+        Trouble::Dies(node) => {
+            cluster.kill(node);
+            // with a node away NATS Server 2.9 may answer nobody who subscribes anew; what is asked waits
+            tokio::time::sleep(AWAY).await;
+            cluster.start_again(node);
+        }
+        Trouble::IsParted(node) => {
+            cluster.part(node);
+            tokio::time::sleep(PARTED).await;
+            cluster.join(node);
+        }
+    }
+}
+
 async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
     let addresses: Vec<_> = (0..NODES)
         .map(|node| format!("\"mqtt://{}\"", cluster.address(node)))
@@ -136,19 +168,7 @@ async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
             (count(&done) >= begun + 20).then_some(())
         })
         .await;
-        match *trouble {
-            Trouble::Dies(node) => {
-                cluster.kill(node);
-                // with a node away NATS Server 2.9 may answer nobody who subscribes anew; what is asked waits
-                tokio::time::sleep(AWAY).await;
-                cluster.start_again(node);
-            }
-            Trouble::IsParted(node) => {
-                cluster.part(node);
-                tokio::time::sleep(PARTED).await;
-                cluster.join(node);
-            }
-        }
+        befall(&mut cluster, *trouble).await;
         served.execution(1, "PROGRAM_COMPLETED").await;
         assert_eq!(count(&done), begun + OUTPUTS, "after {trouble:?}");
         until("the runtime has a node", async || {
@@ -156,6 +176,11 @@ async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
             (health["status"] == "ok").then_some(())
         })
         .await;
+        let run = served.state(1).await["run_id"].clone();
+        let told = hmi.history.find("cs/1/state", |state| {
+            state["run_id"] == run && state["execution"] == "PROGRAM_COMPLETED"
+        });
+        within("the end of the run at the HMI", told).await;
     }
     let twice: Vec<_> = done
         .lock()

@@ -10,6 +10,7 @@ use std::time::Duration;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::server::ServerNotice;
 use plc_api::types::Timestamp;
+use plc_api::types::handler::REFRESHES;
 use plc_api::types::machine::{BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -63,6 +64,8 @@ pub(super) struct Link<C> {
     hang_ups: u32,
     // what the port was told last
     told_connected: bool,
+    // presences since every state was published
+    presences: u32,
 }
 
 /// What a connection has learned of its broker.
@@ -127,6 +130,7 @@ impl<C: Connect> Link<C> {
             speaks_5: false,
             hang_ups: 0,
             told_connected: true,
+            presences: 0,
         }
     }
 
@@ -297,7 +301,11 @@ impl<C: Connect> Link<C> {
             Wakeup::Message(Some(message)) => {
                 // presence of handlers comes in over MQTT, and would come back for ever
                 if !matches!(message.topic, Topic::HandlerPresence(_)) && !is_position(&message.topic) {
+                    let is_presence = message.topic == Topic::Presence;
                     self.outbox.put(message);
+                    if is_presence {
+                        self.on_presence();
+                    }
                 }
             }
             // the port has closed: nothing more to publish, but the connection stays until the stop
@@ -340,6 +348,16 @@ impl<C: Connect> Link<C> {
         }
     }
 
+    /// Once in the time after which the machine counts as offline, publishes every state again. Reason: the nodes of a cluster
+    /// lose what they are to tell each other while they are parted, acknowledge it all the same, and never tell it later.
+    fn on_presence(&mut self) {
+        self.presences += 1;
+        if self.presences >= REFRESHES {
+            self.presences = 0;
+            self.outbox.say_states_again();
+        }
+    }
+
     /// On every connection, subscribes and publishes everything that is retained; after the first one, also the outputs
     /// whose notices may be lost.
     fn on_connected(&mut self, wire: &C::Wire) {
@@ -353,6 +371,7 @@ impl<C: Connect> Link<C> {
             );
         }
         self.outbox.on_connected();
+        self.presences = 0;
         self.dispatch.on_connected();
         metrics
             .broker

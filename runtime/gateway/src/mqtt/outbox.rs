@@ -133,6 +133,13 @@ impl Outbox {
         }
     }
 
+    /// Queues the last value of every state again, for clients of a broker that has lost one.
+    pub(super) fn say_states_again(&mut self) {
+        for state in self.states.values() {
+            self.queue.put(Parcel::Message(Arc::clone(state)));
+        }
+    }
+
     /// True for the notice of an output that `pending` lists.
     fn is_of_open_output(&self, parcel: &Parcel) -> bool {
         let Parcel::Message(message) = parcel else {

@@ -87,18 +87,7 @@ impl StubPort {
             script: Box::new(script),
             silent: false.into(),
         };
-        stub.say(
-            Topic::Presence,
-            Some(1),
-            Payload::Presence(Presence {
-                online: true,
-                started_at: Timestamp("2026-01-01T00:00:00Z".into()),
-                broker: None,
-                version: "0.1.0".into(),
-                expires_ms: None,
-                url: None,
-            }),
-        );
+        stub.say_presence(1);
         stub.say(
             Topic::Birth,
             Some(1),
@@ -121,6 +110,18 @@ impl StubPort {
 
     pub(super) fn say(&self, topic: Topic, rev: Option<u64>, payload: Payload) {
         self.hub.publish(message(topic, rev, payload));
+    }
+
+    pub(super) fn say_presence(&self, rev: u64) {
+        let presence = Presence {
+            online: true,
+            started_at: Timestamp("2026-01-01T00:00:00Z".into()),
+            broker: None,
+            version: "0.1.0".into(),
+            expires_ms: None,
+            url: None,
+        };
+        self.say(Topic::Presence, Some(rev), Payload::Presence(presence));
     }
 
     pub(super) fn say_dry_run(&self, rev: u64, value: bool) {

@@ -367,25 +367,32 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     MqttEnd::start(parts, at)
 }
 
-/// A broker of two nodes: the first takes everything and acknowledges nothing.
+/// A broker of two nodes; a silent one takes everything and acknowledges nothing.
 #[derive(Clone, Default)]
-struct HalfSilent(Arc<parking_lot::Mutex<Vec<(usize, tokio::time::Instant)>>>);
+struct TwoNodes {
+    silent: Option<usize>,
+    opened: Arc<parking_lot::Mutex<Vec<(usize, tokio::time::Instant)>>>,
+    /// Topics of all that was published.
+    published: Arc<parking_lot::Mutex<Vec<String>>>,
+}
 
 struct Node {
     is_silent: bool,
     is_connected: bool,
     unacknowledged: parking_lot::Mutex<usize>,
+    published: Arc<parking_lot::Mutex<Vec<String>>>,
 }
 
-impl mqtt::Connect for HalfSilent {
+impl mqtt::Connect for TwoNodes {
     type Wire = Node;
 
     fn open(&self, node: usize, _: &str, _: Option<LastWill>, _: mqtt::Version) -> Node {
-        self.0.lock().push((node, tokio::time::Instant::now()));
+        self.opened.lock().push((node, tokio::time::Instant::now()));
         Node {
-            is_silent: node == 0,
+            is_silent: self.silent == Some(node),
             is_connected: false,
             unacknowledged: parking_lot::Mutex::default(),
+            published: Arc::clone(&self.published),
         }
     }
 
@@ -411,8 +418,9 @@ impl mqtt::Wire for Node {
         true
     }
 
-    fn publish(&self, _: String, qos: u8, _: bool, _: String, _: Option<u32>) -> bool {
+    fn publish(&self, topic: String, qos: u8, _: bool, _: String, _: Option<u32>) -> bool {
         *self.unacknowledged.lock() += usize::from(qos);
+        self.published.lock().push(topic);
         true
     }
 
@@ -423,13 +431,39 @@ impl mqtt::Wire for Node {
 
 #[tokio::test(start_paused = true)]
 async fn a_node_that_acknowledges_nothing_for_10_s_is_left_for_the_next_one_which_is_kept() {
-    let nodes = HalfSilent::default();
+    let nodes = TwoNodes {
+        silent: Some(0),
+        ..TwoNodes::default()
+    };
     let end = MqttEnd::over(StubPort::new(), &GatewaySettings::default(), nodes.clone());
     tokio::time::sleep(Duration::from_mins(1)).await;
-    let opened = nodes.0.lock().clone();
+    let opened = nodes.opened.lock().clone();
     let [(0, begun), (1, left)] = opened[..] else {
         panic!("{opened:?}");
     };
     assert_eq!((left - begun).as_secs(), 10);
+    end.crash();
+}
+
+/// Nodes that were parted have lost what they were to tell each other, and whoever listens at one is never told.
+#[tokio::test(start_paused = true)]
+async fn every_state_is_published_again_with_the_third_presence() {
+    let (port, nodes) = (StubPort::new(), TwoNodes::default());
+    let end = MqttEnd::over(
+        Arc::<StubPort>::clone(&port),
+        &GatewaySettings::default(),
+        nodes.clone(),
+    );
+    let mut states = Vec::new();
+    for rev in 2..=7 {
+        tokio::time::sleep(Duration::from_secs(10)).await;
+        nodes.published.lock().clear();
+        port.say_presence(rev);
+        tokio::time::sleep(Duration::from_secs(1)).await;
+        let published = nodes.published.lock();
+        let count = |path: &str| published.iter().filter(|topic| topic.ends_with(path)).count();
+        states.push((count("/cs/1/state"), count("/birth")));
+    }
+    assert_eq!(states, [(0, 0), (0, 0), (1, 1), (0, 0), (0, 0), (1, 1)]);
     end.crash();
 }
