@@ -410,6 +410,6 @@ fn operation_mode(run_kind: Option<RunKind>) -> i32 {
     match run_kind {
         Some(RunKind::Jog | RunKind::Home) => 0,
         Some(RunKind::Mdi) => 1,
-        Some(RunKind::Program) | None => 2,
+        _ => 2,
     }
 }

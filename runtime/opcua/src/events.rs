@@ -226,8 +226,8 @@ impl Of<'_> {
         } = self;
         // OPC 10000-5, 6.4.2: 801 to 1000 is high, 201 to 400 medium low
         let severity = match alarm.severity {
-            AlarmSeverity::Alarm => 900,
             AlarmSeverity::Warning => 300,
+            _ => 900,
         };
         let raised = DateTime::parse_from_rfc3339(&alarm.raised_at.0).unwrap_or_else(|_| DateTime::now());
         let is_new = is_active && alarm.acknowledged_by.is_none();

@@ -279,10 +279,10 @@ pub fn channel_values(info: &CoordinateSystemInfo, channel: &Channel, values: &m
 /// `ChannelMode`: Automatic, `MdaMdi`, `JogManual`; Reference is 6.
 fn channel_mode(run_kind: Option<RunKind>) -> i32 {
     match run_kind {
-        Some(RunKind::Program) | None => 0,
         Some(RunKind::Mdi) => 1,
         Some(RunKind::Jog) => 2,
         Some(RunKind::Home) => 6,
+        _ => 0,
     }
 }
 

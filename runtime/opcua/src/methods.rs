@@ -241,9 +241,7 @@ fn handshake(result: HandshakeResult) -> Outcome {
         HandshakeStatus::Accepted | HandshakeStatus::Duplicate => StatusCode::Good,
         HandshakeStatus::Unknown => StatusCode::BadNotFound,
         HandshakeStatus::Refused => StatusCode::BadInvalidArgument,
-        HandshakeStatus::Stale | HandshakeStatus::NotOwner | HandshakeStatus::Withheld => {
-            StatusCode::BadInvalidState
-        }
+        _ => StatusCode::BadInvalidState,
     };
     let code = plc_api::execution::word(&result.status);
     Outcome::of(status, code, result.text.unwrap_or_default())
