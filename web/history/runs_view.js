@@ -1,4 +1,4 @@
-// All runs that the machine keeps: when, which program, how it ended, how long it took, where it waited, how many parts.
+// All runs that the machine keeps: when, which program, how it ended, how long it took, how many parts, where it waited.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { dayAndTime, programName } from "../format.js";
@@ -64,7 +64,7 @@ export function runsView(app) {
   const timer = setInterval(tell, TELL_MS);
   open = goOn(app.model, "").map(({ id }) => id).join();
   void read(0, []);
-  const names = [t("runs.started"), t("common.cs_short"), t("runs.program"), t("runs.took"), t("runs.parts"), t("runs.ended"), t("runs.place"), t("runs.m_codes")];
+  const names = [t("runs.started"), t("common.cs_short"), t("runs.program"), t("runs.ended"), t("runs.took"), t("runs.parts"), t("runs.place"), t("runs.m_codes")];
   const head = h("tr", {}, ...names.map((name) => h("th", { scope: "col" }, name)));
   const filters = h("div", { class: "history-tools" }, ...[cs, program, how, text].map(labelled), again, save);
   const table = h("table", { class: "history-table runs-table" }, h("thead", {}, head), body);
@@ -87,10 +87,10 @@ function fits(run, { how, program, text }) {
 
 /** @param {Run} run */
 function row(run) {
-  const [, took = "", parts = "", ended = "", waits = ""] = cells(run);
+  const [, ended = "", took = "", parts = "", waits = ""] = cells(run);
   const place = run.end?.place;
   const at = place ? t("common.program_line", { program: programName(place.program), line: place.line }) : "";
-  return [dayAndTime(run.began), String(run.cs), programName(run.program), took, parts, ended, at, waits];
+  return [dayAndTime(run.began), String(run.cs), programName(run.program), ended, took, parts, at, waits];
 }
 
 /** For other programs: times of day as the machine says them, a point as the decimal sign. @param {Run[]} runs */

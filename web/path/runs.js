@@ -26,7 +26,7 @@ export function lastRuns(program, cs) {
     if (!of.length) return;
     const parts = production.find((made) => made.program === program)?.parts ?? 0;
     const rows = of.map((run) => h("tr", {}, ...cells(run).map((cell) => h("td", {}, cell))));
-    const head = h("tr", {}, ...[t("runs.started"), t("runs.took"), t("runs.parts"), t("runs.ended"), t("runs.m_codes")].map((name) => h("th", { scope: "col" }, name)));
+    const head = h("tr", {}, ...[t("runs.started"), t("runs.ended"), t("runs.took"), t("runs.parts"), t("runs.m_codes")].map((name) => h("th", { scope: "col" }, name)));
     element.append(
       h("h3", {}, t("runs.completed", { count: parts })),
       h("table", { class: "rehearsal-table" }, h("thead", {}, head), h("tbody", {}, ...rows)),
@@ -40,7 +40,7 @@ export function cells(run) {
   const alarm = run.alarms.at(-1);
   const ended = [run.end ? t(ENDS[run.end.how]) : t("runs.goes_on"), alarm?.text, run.end?.text, run.waits_for].filter(Boolean).join(": ");
   const waits = listed(run.waits.map(({ m, total_s }) => `M${m} ${took(total_s)}`));
-  return [timeOfDay(run.began), took(run.took_s), run.parts === 1 ? `${run.parts_done}` : t("runs.of", { done: run.parts_done, parts: run.parts }), ended, waits || t("runs.none")];
+  return [timeOfDay(run.began), ended, took(run.took_s), run.parts === 1 ? `${run.parts_done}` : t("runs.of", { done: run.parts_done, parts: run.parts }), waits || t("runs.none")];
 }
 
 /** @param {number} s */
