@@ -174,12 +174,12 @@ test("a run tells how long it took, its parts, how it ended and for which M code
     end: { at: "2026-01-01T00:00:05Z", how: "completed", text: "" }, took_s: 5, last_part_s: 5, waits_for: null, alarms: [],
     waits: [{ m: 6, count: 2, total_s: 2.5, longest_s: 2 }],
   };
-  assert.deepEqual(cells(run).slice(1), ["5.0 s", "1", "completed", "M6 2.5 s"]);
+  assert.deepEqual(cells(run).slice(1), ["completed", "5.0 s", "1", "M6 2.5 s"]);
   const cut = {
     ...run, parts: 10, parts_done: 3, took_s: 75, waits: [], alarms: [{ number: 101, text: "X is at its soft limit", line: 3 }],
     end: { ...run.end, how: "alarm" },
   };
-  assert.deepEqual(cells(cut).slice(1), ["1 min 15 s", "3 of 10", "alarm: X is at its soft limit", "none"]);
+  assert.deepEqual(cells(cut).slice(1), ["alarm: X is at its soft limit", "1 min 15 s", "3 of 10", "none"]);
   assert.equal(partsSaid(cut), "");
   assert.equal(partsSaid({ ...cut, end: null }), "part 4 of 10");
   assert.equal(partsSaid({ ...cut, end: null, waits_for: "the start lock is on: no blank" }), "part 4 of 10 waits: the start lock is on: no blank");
