@@ -473,7 +473,7 @@ impl FakePort {
         }
     }
 
-    /// Publishes state and inputs where they have changed.
+    /// Publishes variables, tools and work offsets where they have changed.
     fn publish_data(&self, inner: &mut Inner) {
         let systems = inner.numbers();
         for (topic, payload) in inner.data.said(&systems) {
@@ -481,6 +481,7 @@ impl FakePort {
         }
     }
 
+    /// Publishes state and inputs where they have changed.
     fn publish_system(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
         let alarm_count = inner.alarm_count(cs);
         let Some(system) = inner.systems.get_mut(&cs) else {
@@ -491,6 +492,7 @@ impl FakePort {
         }
     }
 
+    /// Publishes a value that is not the last of its topic, or the first of this start.
     fn publish_new(&self, inner: &mut Inner, topic: Topic, payload: Payload) {
         let last = self.hub.read(&topic);
         if last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot)) {
