@@ -306,6 +306,11 @@ impl Event {
     fn is_heard_of(&self) -> bool {
         matches!(self, Event::Start { .. } | Event::Output(_))
     }
+
+    /// True for an event that closes outputs.
+    fn closes_outputs(&self) -> bool {
+        matches!(self, Event::Reset { .. } | Event::End(_))
+    }
 }
 
 /// How an output was reset.
@@ -419,6 +424,9 @@ pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
     /// # Errors
     /// The operating system refuses, or the line has no room.
     fn write(&self, n: u64, line: &Line, time: SystemTime) -> io::Result<()>;
+
+    /// Hears of outputs that are closed, without I/O: the next output's line says which are open.
+    fn close(&self, line: &Line);
 }
 
 /// The way to the thread that writes to disk. Cloning gives another handle to the same journal.
@@ -437,11 +445,14 @@ impl JournalWriter {
     /// Hands a line over, without waiting. One of which a handler may hear is safe from a kill when this returns.
     pub fn write(&self, line: Line, time: SystemTime) {
         let n = self.last.fetch_add(1, Ordering::Relaxed) + 1;
-        if line.event.is_heard_of()
-            && let Some(ahead) = &self.ahead
-            && let Err(error) = ahead.write(n, &line, time)
-        {
-            tracing::debug!("line {n} of the journal is not written ahead: {error}");
+        if let Some(ahead) = &self.ahead {
+            if line.event.closes_outputs() {
+                ahead.close(&line);
+            } else if line.event.is_heard_of()
+                && let Err(error) = ahead.write(n, &line, time)
+            {
+                tracing::debug!("line {n} of the journal is not written ahead: {error}");
+            }
         }
         let message = Message::Line {
             n,

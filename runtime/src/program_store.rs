@@ -26,7 +26,7 @@ use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 
 pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
-use folder::{Accepted, Found, Look, Outside, ProgramFolder};
+use folder::{Accepted, Found, Look, Outside, ProgramFolder, look};
 use places::Places;
 pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
@@ -72,6 +72,8 @@ pub(crate) struct ProgramFindings {
     pub edits: Vec<Edit>,
     /// What is not read.
     pub not_read: Vec<String>,
+    /// The folder, where it was there at an earlier start and is gone.
+    pub lost: Option<PathBuf>,
     /// Programs that had no sum yet.
     pub without_sum: usize,
 }
@@ -150,18 +152,24 @@ impl ProgramStore {
     /// The folder cannot be made, read or written.
     pub fn open(folder: &Path, rules: TextRules) -> io::Result<Self> {
         let mut store = Self::in_memory(rules);
-        store.open_folder(folder)?;
+        store.open_folder(folder).1?;
         Ok(store)
     }
 
-    /// Reads the programs of a folder, and keeps what is written in it from now on. After an error it keeps trying when
-    /// something is written.
-    pub(crate) fn open_folder(&mut self, path: &Path) -> io::Result<ProgramFindings> {
+    /// Reads the programs of a folder, and keeps what is written in it from now on. A folder that the disk lets nobody write
+    /// is read all the same; when something is written, it is tried again.
+    pub(crate) fn open_folder(&mut self, path: &Path) -> (ProgramFindings, io::Result<()>) {
         self.path = Some(path.to_owned());
-        let (folder, look) = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed)?;
-        *self.folder.get_mut() = Some(folder);
+        let opened = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed);
         *self.places.get_mut() = Places::read(path);
-        Ok(self.take_over(look))
+        let (look, opened) = match opened {
+            Ok((folder, look)) => {
+                *self.folder.get_mut() = Some(folder);
+                (look, Ok(()))
+            }
+            Err(error) => (look(path, self.is_mixed).unwrap_or_default(), Err(error)),
+        };
+        (self.take_over(look), opened)
     }
 
     fn take_over(&self, look: Look) -> ProgramFindings {
@@ -505,7 +513,7 @@ impl ProgramStore {
                 return Ok(Ok(None));
             }
             if let Some(folder) = folder {
-                folder.remove(number)?;
+                folder.delete(number)?;
             }
             self.places.lock().put(number, "")?;
             self.damaged.write().remove(&number);

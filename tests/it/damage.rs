@@ -1,9 +1,10 @@
-//! A campaign of damage over all files of the data folder: a value that is read is the one that was kept, and whatever is
-//! damaged, the machine starts.
+//! A campaign of damage over all files of a data folder as a kill has left it: a value that is read is the one that was kept,
+//! what was open is told, and whatever is damaged, the machine starts.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use plc_api::Plc;
 use plc_api::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
@@ -83,7 +84,12 @@ async fn read(plc: &Plc) -> Values {
     }
     if let Some(run) = plc.port().ask(typed::LastRun(1)).await.unwrap() {
         // where it is lost, the journal tells as much
-        let told = (run.boot_id, run.run_id, run.program, run.execution, run.outputs);
+        let open = run
+            .outputs
+            .iter()
+            .map(|open| (open.output.seq, open.output.m, &open.output.params));
+        let open: Vec<_> = open.collect();
+        let told = (&run.boot_id, &run.run_id, run.program, run.execution, open);
         values.insert("the last run".to_owned(), format!("{told:?}"));
     }
     values
@@ -96,10 +102,19 @@ async fn journal(plc: &Plc) -> BTreeMap<u64, Value> {
         .ask(typed::Journal { from, count, filter })
         .await
         .unwrap();
-    let numbered = lines
-        .into_iter()
-        .map(|line| (line["n"].as_u64().unwrap_or(0), line));
+    let numbered = lines.into_iter().map(|mut line| {
+        // of the lines before it, which may be lost
+        line.as_object_mut().unwrap().remove("hash");
+        (line["n"].as_u64().unwrap_or(0), line)
+    });
     numbered.collect()
+}
+
+async fn is_waiting(plc: &Plc) -> bool {
+    let pending = plc.port().read(&Topic::cs(1, CsTopic::Pending)).await;
+    pending.is_some_and(
+        |pending| matches!(&pending.payload, Payload::Pending(pending) if !pending.outputs.is_empty()),
+    )
 }
 
 /// Numbers of the active alarms.
@@ -117,8 +132,9 @@ async fn start(machine: &Machine) -> Runtime {
     started.unwrap_or_else(|error| panic!("a refusal to start: {error}"))
 }
 
-/// A machine that has kept something of each kind; gives what it has kept.
-async fn fill(machine: &Machine) -> (Values, BTreeMap<u64, Value>) {
+/// A machine that has kept something of each kind, and is killed while an M code is open; gives what it has kept. `good` is then
+/// the data folder as the kill has left it.
+async fn fill(machine: &Machine, good: &Path) -> (Values, BTreeMap<u64, Value>) {
     let runtime = start(machine).await;
     let plc = Plc::in_process(runtime.port());
     let write = async |area, from, values| {
@@ -156,14 +172,19 @@ async fn fill(machine: &Machine) -> (Values, BTreeMap<u64, Value>) {
     }
     plc.coordinate_system(1).select_tool(17).await.unwrap();
     for number in 1..6_u16 {
-        let text = format!("// program {number}\n") + &format!("G00 X{number}\n").repeat(100) + "M30\n";
+        let text =
+            format!("// program {number}\nM100 VA3\n") + &format!("G00 X{number}\n").repeat(100) + "M30\n";
         plc.port().ask(typed::WriteProgram(number, text)).await.unwrap();
     }
     let cs = plc.coordinate_system(1);
     cs.load(1).await.unwrap();
     cs.start().await.unwrap();
-    cs.abort().await.unwrap();
+    until("an open M code", async || is_waiting(&plc).await.then_some(())).await;
+    // until it is kept
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    copy(&machine.path("tandem-data"), good);
     runtime.shutdown().await;
+    copy(good, &machine.path("tandem-data"));
     // what a start says of it
     let runtime = start(machine).await;
     let plc = Plc::in_process(runtime.port());
@@ -241,10 +262,10 @@ fn damage(path: &Path, of: &Path, random: &mut Random) -> String {
 async fn damage_anywhere_in_the_data_folder_gives_no_wrong_value_and_keeps_no_machine_from_starting() {
     let is_long = std::env::var_os("TANDEM_LONG").is_some();
     let rounds = if is_long { 1000 } else { ROUNDS };
-    let machine = Machine::new("");
-    let (kept, lines) = fill(&machine).await;
+    let machine = Machine::new("[m_code.100]\nunhandled = \"wait\"\n");
     let (data, good) = (machine.path("tandem-data"), machine.path("good"));
-    copy(&data, &good);
+    let (kept, lines) = fill(&machine, &good).await;
+    assert!(kept["the last run"].contains("100"), "{kept:?}");
     let all = files(&good);
     assert!(all.len() >= 11, "{all:?}");
     let mut lost = BTreeMap::<String, usize>::new();

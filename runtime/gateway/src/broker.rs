@@ -30,6 +30,7 @@ use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
 use plc_api::server::{AccessKind, ServerNotice, ServerTransport};
+use plc_api::wire::mqtt::{Inbound, decode};
 use plc_api::wire::right::Right;
 use tokio::sync::{broadcast, mpsc};
 use tokio_util::task::{AbortOnDropHandle, TaskTracker};
@@ -407,6 +408,12 @@ impl Guard {
         topic.strip_prefix(&self.access.root).is_some_and(is_inbound)
     }
 
+    /// True for a request that passes every queue.
+    fn is_urgent(&self, topic: &str, payload: &[u8]) -> bool {
+        let path = topic.strip_prefix(&self.access.root);
+        path.is_some_and(|path| matches!(decode(path, payload, false), Inbound::Ask { urgent: true, .. }))
+    }
+
     fn may_publish(&self, user_id: Option<&str>, topic: &str) -> bool {
         self.user(user_id)
             .is_some_and(|user| may_publish(&user, &self.access.root, topic))
@@ -417,8 +424,9 @@ impl Guard {
         let user_id = event.user_id.as_deref();
         if !self.may_publish(user_id, &event.topic) {
             warn!("MQTT message on {} of {user_id:?} refused: its role", event.topic);
+            let from = self.sessions.address_of(&event.client_id);
             let (over, topic) = (ServerTransport::Mqtt, event.topic.to_string());
-            (self.access.machine).note(AccessKind::Forbidden, user_id, None, over, topic);
+            (self.access.machine).note(AccessKind::Forbidden, user_id, from, over, topic);
             return true;
         }
         if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {

@@ -253,9 +253,13 @@ impl Programs {
         let mut store = machine.new_store();
         let (mut findings, mut reason) = (ProgramFindings::default(), Reason::NoProgram);
         if let Some(folder) = &machine.data_dir {
-            let opened = store.open_folder(&folder.join("programs"));
+            let programs = folder.join("programs");
+            let is_lost = !fs::exists(&programs).unwrap_or(true);
+            let (found, opened) = store.open_folder(&programs);
             health.note(Part::Programs, &opened);
-            findings = opened.unwrap_or_default();
+            findings = found;
+            findings.lost =
+                (is_lost && fs::exists(folder.join(STARTED_FILE)).unwrap_or(false)).then_some(programs);
             reason = mark_started(&folder.join(STARTED_FILE));
         }
         for system in &machine.coordinate_systems {
@@ -286,6 +290,13 @@ impl ProgramFindings {
     pub(super) fn report(self, shared: &Shared) {
         if let Some(text) = list(&self.not_read) {
             warn_standing(shared, &NOT_READ, &text);
+        }
+        if let Some(folder) = &self.lost {
+            let text = format!(
+                "{}: it was gone, and the programs in it are lost",
+                folder.display()
+            );
+            warn_standing(shared, &STORE_DAMAGED, &text);
         }
         for edit in self.edits {
             shared.record(0, Event::Program(edit));

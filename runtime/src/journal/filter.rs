@@ -47,7 +47,7 @@ impl LineFilter {
     /// True for a line that is wanted.
     pub fn takes(&mut self, line: &Value) -> bool {
         let cs = line["cs"].as_u64().unwrap_or(0);
-        let seq = line["seq"].as_u64().map(|seq| (cs, seq));
+        let seq = seq_of(line).map(|seq| (cs, seq));
         self.follow(line, cs, seq);
         let m = line["m"].as_u64().or_else(|| self.outputs.get(&seq?).copied());
         let takes = self.is_in_time(line)
@@ -118,6 +118,15 @@ impl LineFilter {
         };
         self.wanted.run.as_ref().is_none_or(is)
     }
+}
+
+/// Sequence number of the output that a line is about; a request says it in its route.
+fn seq_of(line: &Value) -> Option<u64> {
+    let of_route = || {
+        let (_, seq) = line["request"].as_str()?.split_once("/m_codes/")?;
+        seq.split('/').next()?.parse().ok()
+    };
+    line["seq"].as_u64().or_else(of_route)
 }
 
 /// Seconds from 1970 to the first year of five digits.
@@ -200,7 +209,7 @@ mod tests {
     }
 
     /// A run with an output, and what was around it.
-    fn run_with_an_output() -> [Value; 8] {
+    fn run_with_an_output() -> [Value; 9] {
         let line = |second: u32, cs: u32, mut fields: Value| {
             fields["ts"] = json!(format!("2026-11-25T09:00:{second:02}.000000Z"));
             fields["cs"] = json!(cs);
@@ -228,6 +237,11 @@ mod tests {
             line(
                 5,
                 1,
+                json!({"event": "request", "user": "bert", "request": "POST /cs/1/m_codes/1/reset"}),
+            ),
+            line(
+                5,
+                1,
                 json!({"event": "reset", "seq": 1, "m": null, "handler_id": "door", "result": "ok"}),
             ),
             line(6, 1, json!({"event": "end", "outcome": "PROGRAM_COMPLETED"})),
@@ -239,9 +253,9 @@ mod tests {
     fn lines_are_found_by_time_user_m_code_and_run_also_where_they_do_not_say_it() {
         let lines = run_with_an_output();
         let wanted = JournalFilter::default;
-        assert_eq!(taken(&wanted(), &lines), (0..8).collect::<Vec<_>>());
+        assert_eq!(taken(&wanted(), &lines), (0..9).collect::<Vec<_>>());
         let since = Some("2026-11-25T09:00:06".to_owned());
-        assert_eq!(taken(&JournalFilter { since, ..wanted() }, &lines), [6, 7]);
+        assert_eq!(taken(&JournalFilter { since, ..wanted() }, &lines), [7, 8]);
         let until = Some("2026-11-25T09:00:01".to_owned());
         assert_eq!(taken(&JournalFilter { until, ..wanted() }, &lines), [0]);
         assert_eq!(
@@ -262,21 +276,21 @@ mod tests {
                 },
                 &lines
             ),
-            [2, 4, 5]
+            [2, 4, 5, 6]
         );
         let user = |name: &str| JournalFilter {
             user: Some(name.to_owned()),
             ..wanted()
         };
         assert_eq!(taken(&user("anna"), &lines), [0]);
-        assert_eq!(taken(&user("door"), &lines), [4, 5]);
+        assert_eq!(taken(&user("door"), &lines), [4, 6]);
         let run = |run: &str| JournalFilter {
             run: Some(run.to_owned()),
             ..wanted()
         };
-        assert_eq!(taken(&run("1-1"), &lines), [1, 2, 4, 5, 6]);
-        assert_eq!(taken(&run("b1/1-1"), &lines), [1, 2, 4, 5, 6]);
-        assert_eq!(taken(&run("b1-1-1"), &lines), [1, 2, 4, 5, 6]);
+        assert_eq!(taken(&run("1-1"), &lines), [1, 2, 4, 5, 6, 7]);
+        assert_eq!(taken(&run("b1/1-1"), &lines), [1, 2, 4, 5, 6, 7]);
+        assert_eq!(taken(&run("b1-1-1"), &lines), [1, 2, 4, 5, 6, 7]);
         assert_eq!(taken(&run("2-1"), &lines), [3], "named by an older runtime");
         for other in ["b2/1-1", "b2-1-1", "1-11", "1"] {
             assert_eq!(taken(&run(other), &lines), Vec::<usize>::new(), "{other}");

@@ -4,17 +4,21 @@
 //! already be working on the output. The thread that makes an output therefore first writes its line into a ring of slots
 //! in a file of fixed size. The line is then in the page cache of the operating system, which a kill of the process does
 //! not affect; nothing waits for the disk. At the next start, lines missing from the journal are taken from the ring.
+//!
+//! Resets are not written ahead: each would cost a write. The line of an output says which outputs before it are still open.
 
+use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 use std::path::Path;
 use std::time::SystemTime;
 
-use plc_api::types::{BootId, Timestamp};
+use parking_lot::Mutex;
+use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use serde_json::Value;
 
 use crate::disk::fs::{File, FileExt as _, OpenOptions};
 use crate::disk::{Read, number, open_regular, read, read_regular, seal_in_place};
-use crate::journal::{Line, WriteAhead};
+use crate::journal::{Event, Line, WriteAhead};
 
 /// Its file in the journal's folder.
 const AHEAD_FILE: &str = "ahead";
@@ -25,11 +29,19 @@ const SLOT_BYTES: usize = 1024;
 /// Number of slots. Reason: the busiest machine fills them in about 0.3 s, and the journal lags by 20 ms.
 const SLOTS: u64 = 512;
 
+/// Open outputs that a line names. Reason: with them it has room in its slot; where more are open it names none.
+const NAMED_MAX: usize = 16;
+
+/// Field of an output's line: sequence numbers of the outputs before it that are open. It is in the ring alone.
+pub(super) const OPEN: &str = "open";
+
 /// The ring of a start of the runtime.
 #[derive(Debug)]
 pub(crate) struct Ahead {
     file: File,
     boot_id: BootId,
+    /// Open outputs of each coordinate system.
+    open: Mutex<BTreeMap<CoordinateSystemNumber, Vec<u64>>>,
 }
 
 impl Ahead {
@@ -42,7 +54,23 @@ impl Ahead {
         let file = open_regular(&path, OpenOptions::new().write(true).create(true).truncate(false))?;
         file.set_len(0)?;
         file.write_all_at(&vec![b'\n'; SLOT_BYTES * usize::try_from(SLOTS).unwrap_or(0)], 0)?;
-        Ok(Self { file, boot_id })
+        let open = Mutex::default();
+        Ok(Self { file, boot_id, open })
+    }
+
+    /// Writes which outputs before this one are open, and counts it among them. A run begins without any.
+    fn write_open(&self, line: &Line, cursor: &mut impl Write) -> io::Result<()> {
+        let mut all = self.open.lock();
+        let open = all.entry(line.cs).or_default();
+        let Event::Output(output) = &line.event else {
+            open.clear();
+            return Ok(());
+        };
+        if open.len() <= NAMED_MAX {
+            write!(cursor, ",\"{OPEN}\":{open:?}")?;
+        }
+        open.push(output.seq);
+        Ok(())
     }
 }
 
@@ -57,6 +85,7 @@ impl WriteAhead for Ahead {
             cursor,
             "{{\"n\":{n},\"boot_id\":\"{boot}\",\"ts\":\"{ts}\",\"t_s\":{t_s:?},\"cs\":{cs}"
         )?;
+        self.write_open(line, &mut cursor)?;
         let joint = cursor.position();
         serde_json::to_writer(&mut cursor, &line.event)?;
         let end = usize::try_from(cursor.position()).unwrap_or(usize::MAX);
@@ -65,6 +94,15 @@ impl WriteAhead for Ahead {
         let end = seal_in_place(&mut text, end).ok_or(io::ErrorKind::WriteZero)?;
         self.file
             .write_all_at(&text[..end], n % SLOTS * SLOT_BYTES as u64)
+    }
+
+    fn close(&self, line: &Line) {
+        let mut all = self.open.lock();
+        let Some(open) = all.get_mut(&line.cs) else { return };
+        match &line.event {
+            Event::Reset { seq, .. } => open.retain(|of| of != seq),
+            _ => open.clear(),
+        }
     }
 }
 
@@ -87,8 +125,10 @@ pub(crate) fn recover(folder: &Path) -> Vec<Value> {
 mod tests {
     use std::time::UNIX_EPOCH;
 
+    use serde_json::json;
+
     use super::*;
-    use crate::journal::Event;
+    use crate::journal::ResetOutcome;
 
     fn line(run: u64) -> Line {
         Line {
@@ -120,6 +160,51 @@ mod tests {
         assert_eq!(found[2]["ts"], "1970-01-01T00:00:00.000000Z");
         Ahead::begin(folder.path(), BootId("b2".to_owned())).unwrap();
         assert_eq!(recover(folder.path()), Vec::<Value>::new());
+    }
+
+    fn output(seq: u64) -> Line {
+        let output = json!({
+            "event": "output", "seq": seq, "run_id": "1-1", "m": 100, "params": {}, "timing": "after_motion", "program": 60,
+            "line": 7, "attempt": 1, "redelivered": false, "t_s": 0.5, "cs": 1,
+        });
+        Line::from_json(&output).unwrap()
+    }
+
+    #[test]
+    fn the_line_of_an_output_says_which_outputs_before_it_are_open() {
+        let folder = tempfile::tempdir().unwrap();
+        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned())).unwrap();
+        let reset = |seq| Line {
+            event: Event::Reset {
+                seq,
+                m: Some(100),
+                handler_id: "h".to_owned(),
+                outcome: ResetOutcome::Ok,
+                force: false,
+            },
+            ..line(1)
+        };
+        for seq in 1..4 {
+            ahead.write(seq, &output(seq), UNIX_EPOCH).unwrap();
+        }
+        ahead.close(&reset(2));
+        ahead.write(4, &output(4), UNIX_EPOCH).unwrap();
+        ahead.write(5, &line(2), UNIX_EPOCH).unwrap();
+        for seq in 6..24 {
+            ahead.write(seq, &output(seq), UNIX_EPOCH).unwrap();
+        }
+        let open: Vec<Value> = recover(folder.path())
+            .iter()
+            .map(|line| line[OPEN].clone())
+            .collect();
+        let none = Value::Null;
+        assert_eq!(open[..4], [json!([]), json!([1]), json!([1, 2]), json!([1, 3])]);
+        assert_eq!(open[4..6], [none.clone(), json!([])], "a run begins");
+        assert_eq!(
+            open[21..],
+            [json!((6..22).collect::<Vec<u64>>()), none],
+            "17 are too many"
+        );
     }
 
     #[test]

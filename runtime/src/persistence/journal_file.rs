@@ -8,10 +8,10 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, SystemTime};
 
 use plc_api::types::{BootId, Timestamp};
-use serde_json::json;
+use serde_json::{Value, json};
 use tokio::time::Instant;
 
-use super::ahead::{Ahead, recover};
+use super::ahead::{Ahead, OPEN, recover};
 use super::journal_folder::{FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
 use super::replay::REPLAYED_LINES_MAX;
 use crate::clock::time_of_day;
@@ -45,10 +45,19 @@ struct Begun {
     files: io::Result<Files>,
 }
 
+/// A line of the ring as the journal would have had it.
+fn as_written(line: &Value) -> Object {
+    let mut line = line.clone();
+    if let Some(fields) = line.as_object_mut() {
+        fields.remove(OPEN);
+    }
+    Object::of(&line)
+}
+
 fn begin(folder: &Path, boot_id: BootId) -> Begun {
     let mut newest = newest(folder, 0, REPLAYED_LINES_MAX);
     let missing = newest.missing(recover(folder));
-    let objects: Vec<Object> = missing.iter().map(Object::of).collect();
+    let objects: Vec<Object> = missing.iter().map(as_written).collect();
     newest.lines.extend(missing);
     newest.lines.sort_by_key(number);
     let last = newest.lines.last().map_or(0, number);
@@ -247,8 +256,6 @@ fn gather(boot_id: &BootId, first: Message, inbox: &Receiver<Message>) -> (Vec<O
 #[cfg(test)]
 mod tests {
     use std::fs;
-
-    use serde_json::Value;
 
     use super::*;
     use crate::journal::Event;

@@ -12,6 +12,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::ahead::OPEN;
 use super::image::{Image, KeptRun, LastRuns};
 use crate::disk::number;
 use crate::journal::{Event, Line};
@@ -65,6 +66,10 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value])
             run = Some(begun(boot_id.clone(), run_id, program, ts.clone()));
         }
         if let Some(run) = run.as_mut().filter(|run| run.boot_id == boot_id) {
+            // resets whose lines were lost
+            if let Ok(still_open) = Vec::<u64>::deserialize(&written[OPEN]) {
+                run.outputs.retain(|open| still_open.contains(&open.output.seq));
+            }
             on_event(run, line.event, ts);
         }
     }
@@ -200,6 +205,15 @@ mod tests {
         let run = replay(1, Some(&kept(5)), &journal(&[output(6, 1)])).unwrap();
         assert_eq!((run.execution, run.line), (Execution::Wait, 7));
         assert_eq!(open(&run), [(1, OutputState::Output)]);
+    }
+
+    #[test]
+    fn what_the_line_of_a_later_output_does_not_name_as_open_was_reset() {
+        let (mut second, mut third) = (output(7, 2), output(8, 3));
+        second["open"] = json!([1]);
+        third["open"] = json!([1]);
+        let run = replay(1, Some(&kept(5)), &journal(&[output(6, 1), second, third])).unwrap();
+        assert_eq!(open(&run), [(1, OutputState::Output), (3, OutputState::Output)]);
     }
 
     #[test]

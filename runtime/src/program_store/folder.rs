@@ -343,7 +343,22 @@ impl ProgramFolder {
         Ok(())
     }
 
-    /// Removes a program.
+    /// Removes a program, with the files of its other spellings: one of them would be the program after the next start.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn delete(&mut self, number: u16) -> io::Result<()> {
+        for entry in fs::read_dir(&self.path)? {
+            let path = entry?.path();
+            let is_of_it = program_number(&path) == Some(number);
+            if is_of_it && fs::symlink_metadata(&path).is_ok_and(|metadata| metadata.is_file()) {
+                remove(&path)?;
+            }
+        }
+        self.remove(number)
+    }
+
+    /// Removes a program, whose file may be gone.
     ///
     /// # Errors
     /// The disk refuses.

@@ -32,6 +32,37 @@ fn a_written_program_is_there_after_the_store_is_opened_again() {
 }
 
 #[test]
+fn a_disk_that_takes_nothing_at_a_start_hides_no_program() {
+    use crate::disk::simulated::ROOT;
+    use crate::disk::simulated::memory::{Disk, Mount};
+
+    let disk = Disk::new(7, std::time::SystemTime::UNIX_EPOCH);
+    let disk = Arc::new(Mutex::new(disk));
+    Mount::mount(&disk);
+    let folder = Path::new(ROOT).join("programs");
+    crate::disk::make_folder(&folder).unwrap();
+    let store = ProgramStore::open(&folder, rules()).unwrap();
+    store.write(7, "// Seven\nM30\n").unwrap();
+    for refusal in [io::ErrorKind::StorageFull, io::ErrorKind::ReadOnlyFilesystem] {
+        disk.lock().faults.refuses = Some(refusal);
+        let mut store = ProgramStore::in_memory(rules());
+        let (findings, opened) = store.open_folder(&folder);
+        assert_eq!(opened.unwrap_err().kind(), refusal);
+        assert_eq!(store.get(7).unwrap().text(), "// Seven\nM30\n");
+        assert!(
+            findings.changed.is_empty() && findings.without_sum == 0,
+            "{findings:?}"
+        );
+        assert!(store.write(8, "M30\n").is_err());
+        disk.lock().faults.refuses = None;
+        store.write(8, "M30\n").unwrap();
+        assert_eq!(ProgramStore::open(&folder, rules()).unwrap().list().len(), 2);
+        store.delete(8).unwrap();
+    }
+    Mount::unmount();
+}
+
+#[test]
 fn a_program_with_errors_is_stored_and_says_them() {
     let store = ProgramStore::in_memory(rules());
     let check = store.write(1, "G01 X\nM30\n").unwrap();

@@ -16,7 +16,7 @@ use super::operator::{Current, Operator, PROGRAMS, change, program, read};
 use super::process::Process;
 use super::random::Random;
 use super::trace::Trace;
-use super::truth::{Broken, Rule, SharedTruth, Truth};
+use super::truth::{AtKill, Broken, Rule, SharedTruth, Truth};
 use crate::config::{Config, Machine, ProgramSource};
 use crate::disk::simulated::memory::{Disk, Faults, Mount};
 
@@ -101,8 +101,8 @@ struct World {
     current: Current,
     day: SystemTime,
     begun: Instant,
-    /// What was open when the last start was killed, of which clients had heard.
-    open: Option<(String, Vec<(u8, u64)>)>,
+    /// What the next start must tell of the one that was killed.
+    at_kill: Option<AtKill>,
     ended_s: f64,
     /// Since when the disk has refused, until it has taken all.
     unkept_s: Option<f64>,
@@ -173,7 +173,7 @@ impl History {
             current: Current::default(),
             day,
             begun: Instant::now(),
-            open: None,
+            at_kill: None,
             ended_s: 0.0,
             unkept_s: None,
             broker,
@@ -278,7 +278,7 @@ impl History {
         let flipped = world.disk.lock().flip(|_| true);
         world.trace.line(format_args!("a bit flips in {flipped:?}"));
         world.truth.lock().may_lose = true;
-        world.open = None;
+        world.at_kill = None;
     }
 
     /// Nothing goes wrong any more: the machine works.
@@ -364,13 +364,13 @@ impl World {
         if !Mount::is_dead() {
             self.unkept_s = None;
         }
-        let Some((boot, open)) = self.open.take() else {
+        let Some(at_kill) = self.at_kill.take() else {
             return;
         };
         for cs in [1, 2] {
             let answer = process.witness.request(Request::LastRun(cs)).await;
             if let (Ok(Answer::LastRun(last_run)), false) = (answer, Mount::is_dead()) {
-                self.truth.lock().told(&boot, cs, &open, last_run.as_ref());
+                self.truth.lock().told(&at_kill, cs, last_run.as_ref());
             }
         }
     }
@@ -433,7 +433,7 @@ impl World {
         };
         self.trace.line(format_args!("{end:?}"));
         self.ended_s = self.trace.now_s();
-        self.open = None;
+        self.at_kill = None;
         if end == End::Shutdown {
             self.current.set(None);
             process.shutdown().await;
@@ -443,8 +443,7 @@ impl World {
         if end == End::Kill {
             let boot = process.witness.boot_id().0;
             // a disk that refuses takes no ring either
-            let open = (self.unkept_s.is_none()).then(|| self.truth.lock().open_and_heard());
-            self.open = open.map(|open| (boot, open));
+            self.at_kill = (self.unkept_s.is_none()).then(|| self.truth.lock().at_kill(boot));
             self.disk.lock().kill();
         } else {
             self.disk.lock().cut_power();

@@ -32,7 +32,7 @@ pub(super) enum Rule {
     Believed,
     /// Nothing moves without a command.
     Motion,
-    /// What was open at a kill is told.
+    /// What was open at a kill is told, and nothing else.
     Told,
     /// The machine starts.
     Starts,
@@ -51,9 +51,21 @@ struct Output {
     /// Accepted claims, each with its time.
     claims: Vec<(f64, String)>,
     resets: u32,
-    is_closed: bool,
+    /// When it was said first, and when it was answered or cancelled.
+    said_s: Option<f64>,
+    closed_s: Option<f64>,
     /// A client has heard of it.
     is_heard: bool,
+}
+
+/// Outputs as clients know them when their machine is killed.
+#[derive(Debug)]
+pub(super) struct AtKill {
+    boot: String,
+    /// Open, and heard of.
+    open: BTreeSet<(CoordinateSystemNumber, u64)>,
+    /// Answered before one that is open was said.
+    answered: BTreeSet<(CoordinateSystemNumber, u64)>,
 }
 
 #[derive(Debug, Default)]
@@ -162,7 +174,7 @@ impl Truth {
         let now_s = self.trace.now_s();
         let output = self.outputs.entry((self.boot.clone(), cs, seq)).or_default();
         output.resets += 1;
-        output.is_closed = true;
+        output.closed_s = Some(now_s);
         let (resets, claims) = (output.resets, output.claims.clone());
         if resets > 1 {
             self.broke(Rule::Once, format!("output {seq} was answered {resets} times"));
@@ -200,8 +212,10 @@ impl Truth {
                     .outputs
                     .iter()
                     .any(|((_, other, seq), output)| other == cs && *seq > notice.seq && output.notices > 0);
+                let now_s = self.trace.now_s();
                 let output = self.outputs.entry(key).or_default();
                 output.notices += 1;
+                output.said_s.get_or_insert(now_s);
                 if notice.attempt == 1 && (output.notices > 1 || is_behind) {
                     let how = format!("output {} was made twice, or out of order", notice.seq);
                     self.broke(Rule::Once, how);
@@ -209,8 +223,9 @@ impl Truth {
             }
             (Topic::CoordinateSystem(cs, _), Payload::Cancel(cancel)) => {
                 let key = (message.boot_id.0.clone(), *cs, cancel.seq);
+                let now_s = self.trace.now_s();
                 if let Some(output) = self.outputs.get_mut(&key) {
-                    output.is_closed = true;
+                    output.closed_s = Some(now_s);
                 }
             }
             (Topic::CoordinateSystem(cs, _), Payload::State(state)) => {
@@ -302,33 +317,56 @@ impl Truth {
         kept.acknowledged = vec![(self.trace.now_s(), value.to_owned())];
     }
 
-    /// Open outputs that a client has heard of.
-    pub fn open_and_heard(&self) -> Vec<(CoordinateSystemNumber, u64)> {
-        let open = self.outputs.iter();
-        open.filter(|(_, output)| output.is_heard && !output.is_closed)
-            .map(|((_, cs, seq), _)| (*cs, *seq))
-            .collect()
+    /// What a machine that is killed now must tell of its outputs.
+    pub fn at_kill(&self, boot: String) -> AtKill {
+        let mut at_kill = AtKill {
+            boot,
+            open: BTreeSet::new(),
+            answered: BTreeSet::new(),
+        };
+        for ((_, cs, seq), output) in self.outputs.iter().rev() {
+            let Some(closed_s) = output.closed_s else {
+                if output.is_heard {
+                    at_kill.open.insert((*cs, *seq));
+                }
+                continue;
+            };
+            let of_open = at_kill.open.iter().filter(|(of, _)| of == cs);
+            let said_s = of_open.filter_map(|(_, later)| {
+                let key = (at_kill.boot.clone(), *cs, *later);
+                self.outputs.get(&key)?.said_s
+            });
+            if said_s.into_iter().any(|said_s| closed_s < said_s) {
+                at_kill.answered.insert((*cs, *seq));
+            }
+        }
+        at_kill
     }
 
     /// After a start: what a machine says of the run that was cut short.
-    pub fn told(
-        &mut self,
-        boot: &str,
-        cs: CoordinateSystemNumber,
-        open: &[(CoordinateSystemNumber, u64)],
-        last_run: Option<&LastRun>,
-    ) {
+    pub fn told(&mut self, at_kill: &AtKill, cs: CoordinateSystemNumber, last_run: Option<&LastRun>) {
         let told: BTreeSet<u64> = last_run
-            .filter(|last_run| last_run.boot_id.0 == boot)
+            .filter(|last_run| last_run.boot_id.0 == at_kill.boot)
             .into_iter()
             .flat_map(|last_run| &last_run.outputs)
             .filter(|output| output.state != OutputState::Queued)
             .map(|output| output.output.seq)
             .collect();
-        let heard = open.iter().filter(|(of, _)| *of == cs).map(|(_, seq)| *seq);
-        let missing: Vec<u64> = heard.filter(|seq| !told.contains(seq)).collect();
+        let of_cs = |all: &BTreeSet<(CoordinateSystemNumber, u64)>| -> Vec<u64> {
+            let of_cs = all.iter().filter(|(of, _)| *of == cs);
+            of_cs.map(|(_, seq)| *seq).collect()
+        };
+        let boot = &at_kill.boot;
+        let mut missing = of_cs(&at_kill.open);
+        missing.retain(|seq| !told.contains(seq));
         if !missing.is_empty() {
             let how = format!("outputs {missing:?} of {boot} were open, which {last_run:?} does not say");
+            self.broke(Rule::Told, how);
+        }
+        let mut wrong = of_cs(&at_kill.answered);
+        wrong.retain(|seq| told.contains(seq));
+        if !wrong.is_empty() {
+            let how = format!("outputs {wrong:?} of {boot} were answered, which {last_run:?} tells as open");
             self.broke(Rule::Told, how);
         }
     }

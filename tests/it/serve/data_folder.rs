@@ -152,11 +152,22 @@ async fn a_program_has_one_name_and_a_deleted_one_stays_deleted() {
     for number in [90, 91] {
         assert_eq!(delete(&served, number).await, 204);
     }
-    fs::remove_file(programs.join("091.nc")).unwrap();
     drop(served);
     let served = Served::start(&machine);
     served.get("/programs/90").await.expect(404);
     served.get("/programs/91").await.expect(404);
+}
+
+#[tokio::test]
+async fn a_folder_of_programs_that_is_gone_is_told() {
+    let machine = machine();
+    let served = Served::start(&machine);
+    served.put_program(7, "M30\n").await.expect(201);
+    drop(served);
+    fs::remove_dir_all(place(&machine, "programs")).unwrap();
+    let served = Served::start(&machine);
+    let text = text_of_standing(&served, 410).await;
+    assert!(text.contains("programs: it was gone"), "{text}");
 }
 
 #[tokio::test]
@@ -380,23 +391,41 @@ async fn a_damaged_program_stands_as_an_alarm_and_is_no_program_until_it_is_stor
 async fn killed_as_soon_as_anybody_hears_of_an_output_it_is_told_that_it_was_open() {
     let machine = machine();
     let mut served = Served::start(&machine);
-    served.load(1, 50, "M100 VA3\nM30\n").await;
+    served.load(1, 50, "M100 VA3\nM100 VA4\nM30\n").await;
     for round in 0..15_u64 {
         let watch = served.watch(&["cs/1/m_code/pending"]).await;
         served.post("/cs/1/start", &Value::Null).await.expect(202);
-        let heard = || {
+        let heard = |force: f64| {
             let messages = watch.history.on("cs/1/m_code/pending");
-            messages.iter().any(|message| message["outputs"][0]["m"] == 100)
+            let mut open = messages.iter().map(|message| &message["outputs"][0]);
+            open.find(|open| open["params"]["A"] == force).cloned()
         };
-        while !heard() {
-            tokio::task::yield_now().await;
+        let first = loop {
+            match heard(3.0) {
+                Some(first) => break first,
+                None => tokio::task::yield_now().await,
+            }
+        };
+        // every second time the first one is reset, and the second one is open
+        let is_reset = round % 2 == 1;
+        if is_reset {
+            let boot_id = watch.history.on("cs/1/m_code/pending")[0]["boot_id"].clone();
+            let reset = json!({"boot_id": boot_id, "handler_id": "panel", "result": "ok", "force": true});
+            let path = format!("/cs/1/m_codes/{}/reset", first["seq"]);
+            served.post(&path, &reset).await.expect(200);
+            while heard(4.0).is_none() {
+                tokio::task::yield_now().await;
+            }
         }
         tokio::time::sleep(Duration::from_micros(300 * round)).await;
         drop(served);
         served = Served::start(&machine);
         let last_run = served.get("/cs/1/last_run").await.expect(200).json()["last_run"].clone();
         assert_eq!(last_run["execution"], "WAIT", "round {round}: {last_run}");
-        assert_eq!(last_run["outputs"][0]["m"], 100, "round {round}: {last_run}");
+        let open = last_run["outputs"].as_array().unwrap().iter();
+        let open: Vec<_> = open.map(|output| output["params"]["A"].as_f64()).collect();
+        let expected = if is_reset { 4.0 } else { 3.0 };
+        assert_eq!(open, [Some(expected)], "round {round}: {last_run}");
         served.command(1, "reset").await;
         served
             .post("/cs/1/load?wait=1", &json!({"program": 50}))

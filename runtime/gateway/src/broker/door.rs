@@ -289,11 +289,14 @@ impl Door {
         let Some(mut publish) = self.line.publish() else {
             return PublishAction::Continue;
         };
-        if !self.guard.on_the_way.has_room(publish.payload.len()) {
+        let (on_the_way, bytes) = (&self.guard.on_the_way, publish.payload.len());
+        let has_room = on_the_way.has_room(bytes)
+            || on_the_way.has_room_for_urgent(bytes) && self.guard.is_urgent(&event.topic, &publish.payload);
+        if !has_room {
             return self.refuse(&event);
         }
         publish.topic_name = event.topic.to_string();
-        publish.payload = self.guard.on_the_way.count(publish.payload);
+        publish.payload = on_the_way.count(publish.payload);
         publish.properties.remove_topic_alias();
         publish.properties.inject_sender(event.user_id.as_deref());
         publish.properties.inject_client_id(Some(&event.client_id));

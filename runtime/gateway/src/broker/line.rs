@@ -16,6 +16,12 @@ use tokio_util::sync::CancellationToken;
 /// are closed, and messages of others wait for no room but are refused. What waits in the queues of sessions comes on top.
 pub(super) const ON_THE_WAY_BYTES_MAX: usize = 64 * 1024 * 1024;
 
+/// Bytes beside these that are kept for what passes every queue: hold, stop, abort, the end of a jog, and alarms.
+const URGENT_BYTES_MAX: usize = 1024 * 1024;
+
+/// Bytes of one such message. Reason: the names in it have at most 192 characters, and an alarm's text is short.
+const URGENT_MESSAGE_MAX: usize = 4096;
+
 /// A client to which something is on its way, and which has taken nothing for this long, is closed when there is no room.
 const DEAF_AFTER: Duration = Duration::from_secs(1);
 
@@ -230,6 +236,12 @@ impl OnTheWay {
         Bytes::from_owner(Counted { payload, bytes })
     }
 
+    /// Whether there is room for so many bytes of a message that passes every queue.
+    pub(super) fn has_room_for_urgent(&self, bytes: usize) -> bool {
+        let bytes_max = ON_THE_WAY_BYTES_MAX + URGENT_BYTES_MAX;
+        bytes <= URGENT_MESSAGE_MAX && self.bytes.load(Ordering::Relaxed) + bytes <= bytes_max
+    }
+
     /// Whether there is room for so many bytes. Where there is none, clients that take nothing are closed.
     pub(super) fn has_room(&self, bytes: usize) -> bool {
         if self.bytes.load(Ordering::Relaxed) + bytes <= ON_THE_WAY_BYTES_MAX {
@@ -309,7 +321,13 @@ mod tests {
         assert!(on_the_way.has_room(10) && !on_the_way.has_room(11));
         drop(first);
         assert!(!on_the_way.has_room(11));
-        drop(again);
+        let more = on_the_way.count(vec![0; 10].into());
+        assert!(!on_the_way.has_room(1));
+        assert!(on_the_way.has_room_for_urgent(URGENT_MESSAGE_MAX));
+        assert!(!on_the_way.has_room_for_urgent(URGENT_MESSAGE_MAX + 1));
+        let urgent = on_the_way.count(vec![0; URGENT_BYTES_MAX - 10].into());
+        assert!(on_the_way.has_room_for_urgent(10) && !on_the_way.has_room_for_urgent(11));
+        drop((again, more, urgent));
         assert!(on_the_way.has_room(ON_THE_WAY_BYTES_MAX));
     }
 }

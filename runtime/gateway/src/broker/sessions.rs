@@ -1,6 +1,6 @@
 //! Clients of the embedded broker.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::net::IpAddr;
 use std::sync::Arc;
 
@@ -35,6 +35,8 @@ pub(crate) struct Sessions {
     connected: Mutex<HashMap<Arc<str>, (Session, u32)>>,
     // sessions that outlive their connections, and since when the client is absent
     remembered: Mutex<HashMap<String, Option<Instant>>>,
+    // hosts of those that have left, the last one at the end: what they published before may not have been read yet
+    left: Mutex<VecDeque<(String, IpAddr)>>,
 }
 
 impl Sessions {
@@ -83,7 +85,8 @@ impl Sessions {
         if let Some((_, count)) = connected.get_mut(client_id) {
             *count -= 1;
             if *count == 0 {
-                connected.remove(client_id);
+                let from = connected.remove(client_id).and_then(|(session, _)| session.from);
+                self.leave(client_id, from);
                 if let Some(away) = self.remembered.lock().get_mut(client_id) {
                     *away = Some(Instant::now());
                 }
@@ -91,9 +94,22 @@ impl Sessions {
         }
     }
 
-    /// The host of a client that is connected.
+    fn leave(&self, client_id: &str, from: Option<IpAddr>) {
+        let mut left = self.left.lock();
+        if left.len() >= CLIENTS_MAX {
+            left.pop_front();
+        }
+        left.extend(from.map(|from| (client_id.to_owned(), from)));
+    }
+
+    /// The host of a client that is connected, or has just left.
     pub(crate) fn address_of(&self, client_id: &str) -> Option<IpAddr> {
-        self.of(client_id)?.from
+        if let Some(session) = self.of(client_id) {
+            return session.from;
+        }
+        let left = self.left.lock();
+        let of_client = left.iter().rev().find(|(id, _)| id == client_id);
+        of_client.map(|(_, from)| *from)
     }
 
     /// All that are connected.
@@ -128,6 +144,33 @@ mod tests {
         sessions.disconnect("panel");
         assert!(sessions.of("panel").is_none());
         sessions.disconnect("panel");
+    }
+
+    #[test]
+    fn the_host_of_a_client_that_has_just_left_is_known_and_as_many_as_may_be_connected() {
+        let sessions = Sessions::default();
+        let host = |n: usize| {
+            IpAddr::from([
+                10,
+                0,
+                u8::try_from(n / 256).unwrap(),
+                u8::try_from(n % 256).unwrap(),
+            ])
+        };
+        for n in 0..=CLIENTS_MAX {
+            let id = n.to_string();
+            let session = Session {
+                from: Some(host(n)),
+                ..Session::default()
+            };
+            sessions.admit(&id, session);
+            sessions.connect(id.as_str().into(), || None);
+            assert_eq!(sessions.address_of(&id), Some(host(n)));
+            sessions.disconnect(&id);
+            assert_eq!(sessions.address_of(&id), Some(host(n)));
+        }
+        assert_eq!(sessions.address_of("0"), None, "the first one to leave");
+        assert_eq!(sessions.address_of("1"), Some(host(1)));
     }
 
     #[tokio::test(start_paused = true)]

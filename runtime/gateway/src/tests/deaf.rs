@@ -1,5 +1,8 @@
 //! Clients of the broker that take nothing of what they are sent.
 
+use axum::body::Bytes;
+use plc_api::types::command::Verb;
+use serde_json::json;
 use tokio::time::Instant;
 
 use super::*;
@@ -39,9 +42,14 @@ impl Raw {
     /// Publishes with quality 1, and returns the answer and the time until then.
     async fn publish(&mut self, payload: &[u8]) -> (Vec<u8>, Duration) {
         let begun = Instant::now();
-        self.send(0x32, &[b"\0\x05plant", &[0, 7, 0], payload]).await;
-        let answer = self.answer().await;
-        (answer, begun.elapsed())
+        (self.publish_on("plant", payload).await, begun.elapsed())
+    }
+
+    async fn publish_on(&mut self, topic: &str, payload: &[u8]) -> Vec<u8> {
+        let length = u16::try_from(topic.len()).unwrap().to_be_bytes();
+        self.send(0x32, &[&length, topic.as_bytes(), &[0, 7, 0], payload])
+            .await;
+        self.answer().await
     }
 }
 
@@ -93,5 +101,33 @@ async fn where_memory_for_messages_runs_out_clients_that_take_nothing_are_closed
     for _ in 0..100 {
         assert_eq!(publisher.publish(&large).await.0, [0x40, 2, 0, 7]);
     }
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn where_memory_for_messages_has_run_out_what_brings_to_rest_is_taken() {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let mut publisher = Raw::connect(&gateway).await;
+    let exchange = gateway.broker.as_ref().unwrap().exchange();
+    let on_the_way = exchange.count(Bytes::from(vec![0; 64 * 1024 * 1024]));
+    let command = |verb: &str| (format!("tandem/v1/mill-1/cs/1/command/{verb}"), verb.to_owned());
+    for ((topic, id), is_taken) in [
+        (command("start"), false),
+        (command("hold"), true),
+        (command("stop"), true),
+        (command("abort"), true),
+    ] {
+        let said = json!({"command_id": id, "client_id": "panel"}).to_string();
+        let answer = publisher.publish_on(&topic, said.as_bytes()).await;
+        let taken: &[u8] = &[0x40, 2, 0, 7];
+        let refused: &[u8] = &[0x40, 3, 0, 7, 0x97];
+        assert_eq!(answer, if is_taken { taken } else { refused }, "{id}");
+    }
+    port.asked_for(
+        |request| matches!(request, Request::Command { command, .. } if command.verb() == Verb::Abort),
+    )
+    .await;
+    drop(on_the_way);
     gateway.shutdown().await;
 }

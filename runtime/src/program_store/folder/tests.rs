@@ -95,9 +95,10 @@ fn a_program_has_one_name_and_others_are_renamed_once_or_named() {
     );
     assert_eq!(look.not_read.len(), 2, "{:?}", look.not_read);
     assert!(look.not_read[0].contains("O90.nc: rename it to 90.nc"));
-    fs::remove_file(folder.path().join("O90.nc")).unwrap();
-    programs.remove(90).unwrap();
-    assert!(!found(folder.path()).contains_key(&90));
+    programs.delete(90).unwrap();
+    let (_, look) = ProgramFolder::open(folder.path(), "nj", false).unwrap();
+    let left: Vec<_> = look.programs.keys().collect();
+    assert_eq!(left, [&91], "no other spelling takes its place");
 }
 
 #[test]
