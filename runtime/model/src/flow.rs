@@ -302,6 +302,9 @@ pub struct Segment {
     pub end: SegmentEnd,
     /// With G500 a cutting block respects the motors' maximum acceleration, and back trace can pass it.
     pub multi_block: MultiBlock,
+    /// Counts the motions that the path stage was given; what cutter compensation adds has the number of its block's. 0: it is
+    /// of none.
+    pub serial: u64,
 }
 
 /// How a segment moves.

@@ -29,6 +29,8 @@ pub struct PathStage {
     legs: Vec<Leg>,
     /// The last segment, until it is known whether it ends in a stop.
     held_back: Option<Segment>,
+    /// Number of the last motion.
+    serial: u64,
     /// The last segment is a G31 whose end is not known yet.
     is_skipping: bool,
     /// Moves beyond soft limits that were let pass; `None`: they are refused.
@@ -48,6 +50,7 @@ impl PathStage {
             compensator: Compensator::new(settings),
             legs: Vec::new(),
             held_back: None,
+            serial: 0,
             is_skipping: false,
             passed_limits: None,
         }
@@ -134,6 +137,16 @@ impl PathStage {
     /// Upper bound of the segments still to come of the blocks pushed so far; some may be left out to prevent an overcut.
     pub fn held_back(&self) -> usize {
         usize::from(self.held_back.is_some()) + self.compensator.pending()
+    }
+
+    /// Number of the last motion that it was given.
+    pub fn last_serial(&self) -> u64 {
+        self.serial
+    }
+
+    fn next_serial(&mut self) -> u64 {
+        self.serial += 1;
+        self.serial
     }
 
     /// Where the last block ends as programmed; after G31 without a skip input, its target. With cutter compensation
@@ -257,11 +270,13 @@ impl PathStage {
         to: AxisVector,
         out: &mut Vec<Segment>,
     ) {
+        let serial = self.next_serial();
         out.push(Segment {
             origin: block.origin,
             motion,
             end: SegmentEnd::ExactStop,
             multi_block: block.multi_block,
+            serial,
         });
         self.at = to;
     }
@@ -369,11 +384,13 @@ impl PathStage {
             SegmentMotion::Feed { .. } => SegmentEnd::Continuous,
             _ => SegmentEnd::ExactStop,
         };
+        let serial = self.next_serial();
         let segment = Segment {
             origin: block.origin,
             motion,
             end,
             multi_block: block.multi_block,
+            serial,
         };
         let wanted = self.side(block)?;
         let Some(side) = self.compensator.side.or(wanted) else {

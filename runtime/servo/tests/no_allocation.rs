@@ -167,6 +167,7 @@ fn paced() -> Vec<Profile> {
             },
             end: SegmentEnd::Continuous,
             multi_block: MultiBlock::On,
+            serial: 0,
         };
         planner.push(&segment, &mut out).unwrap();
     }
@@ -508,6 +509,7 @@ fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
             motion,
             end: SegmentEnd::Continuous,
             multi_block: MultiBlock::On,
+            serial: 0,
         };
         planner.push(&segment, &mut planned).unwrap();
     }

@@ -16,6 +16,7 @@ mod line_entry;
 pub(crate) mod line_search;
 mod mailbox;
 mod manual;
+mod notes;
 mod open_outputs;
 mod outputs;
 mod parts;

@@ -16,6 +16,7 @@ use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
 
 use super::line_search::{LineArrival, LineEntry};
+use super::notes::Notes;
 use crate::simulation::{OnPlan, Planned};
 
 /// The stages and what they have ready for the servo.
@@ -29,14 +30,12 @@ pub(crate) struct Pipeline {
     segments: Vec<Segment>,
     /// Planned, and not yet in the servo's queue.
     pub ready: VecDeque<Profile>,
-    /// What changes after which segment, to be published; in order.
-    changes: VecDeque<Change>,
+    /// What changes, and which blocks begin, ahead of the motion.
+    notes: Notes,
     /// What was noted last.
     last: Change,
     /// In force for the motion that runs.
     pub in_force: Change,
-    /// First segment of each programmed block that has not begun, ascending.
-    blocks: VecDeque<u64>,
     /// The programmed block noted last, by the interpreter's count.
     noted_step: Option<u64>,
     /// The tool is in a thread when all that has been given out so far has run.
@@ -81,10 +80,9 @@ impl Pipeline {
             planner: Planner::new(settings),
             segments: Vec::new(),
             ready: VecDeque::new(),
-            changes: VecDeque::new(),
+            notes: Notes::default(),
             in_force: last.clone(),
             last,
-            blocks: VecDeque::new(),
             noted_step: None,
             in_thread: false,
             watched: None,
@@ -200,6 +198,8 @@ impl Pipeline {
     fn plan(&mut self, result: Result<(), Alarm>) -> Result<(), Alarm> {
         for segment in self.segments.drain(..) {
             let known = self.ready.len();
+            let first = self.planner.last_segment() + 1;
+            self.notes.settle(segment.serial, first);
             if let Err(alarm) = self.planner.push(&segment, &mut self.ready) {
                 self.path.restart(self.path.position());
                 return Err(alarm);
@@ -243,41 +243,35 @@ impl Pipeline {
             transform,
             stack: Arc::clone(stack),
         };
-        // What is changed again before the same segment is never in force: there is one change for each segment.
-        self.changes
-            .pop_back_if(|change| change.after_segment == self.last.after_segment);
-        self.changes.push_back(self.last.clone());
+        self.notes.change(self.next_motion(), self.last.clone());
     }
 
-    /// The segment that the next block will have.
+    /// The number of the next block's motion in the path stage.
+    fn next_motion(&self) -> u64 {
+        self.path.last_serial() + 1
+    }
+
+    /// The segment that the next block will have; with cutter compensation about that one.
     pub fn next_segment(&self) -> u64 {
         self.planner.last_segment() + self.path.held_back() as u64 + 1
     }
 
     /// A fixed cycle gives several blocks of one step.
     fn note_block(&mut self, step: u64) {
-        let first = self.next_segment();
-        // Blocks without movement go to the next one that moves.
-        if self.noted_step != Some(step) && self.blocks.back() != Some(&first) {
-            self.blocks.push_back(first);
+        if self.noted_step != Some(step) {
+            self.notes.block(self.next_motion());
         }
         self.noted_step = Some(step);
     }
 
     /// True when a programmed block begins with this segment, which begins to run.
     pub fn begins_block(&mut self, segment: u64) -> bool {
-        let mut begins = false;
-        while self.blocks.pop_front_if(|first| *first <= segment).is_some() {
-            begins = true;
-        }
-        begins
+        self.notes.begins_block(segment)
     }
 
     /// What changes before a segment begins to run, in order.
     pub fn changed_before(&mut self, segment: u64) -> Option<Change> {
-        let change = self
-            .changes
-            .pop_front_if(|change| change.after_segment < segment)?;
+        let change = self.notes.changed_before(segment)?;
         self.in_force = change.clone();
         Some(change)
     }
@@ -285,7 +279,7 @@ impl Pipeline {
     /// The first match in the modal states of the running motion, the next block and all that is prepared.
     pub fn anywhere<T>(&self, pick: impl Fn(&Modal) -> Option<T>) -> Option<T> {
         let near = [&self.in_force.modal, self.interpreter.modal()].into_iter();
-        let ahead = self.changes.iter().map(|change| &change.modal);
+        let ahead = self.notes.changes().map(|change| &change.modal);
         let aside = self.set_aside.iter().map(|item| &item.modal);
         near.chain(ahead).chain(aside).find_map(pick)
     }
@@ -339,8 +333,9 @@ impl Pipeline {
                 },
                 end: SegmentEnd::ExactStop,
                 multi_block: MultiBlock::Off,
+                serial: 0,
             });
-            self.blocks.push_back(self.next_segment());
+            self.notes.block_at(self.next_segment());
             self.plan(Ok(()))?;
             from = step;
         }
@@ -356,9 +351,8 @@ impl Pipeline {
         self.ready.clear();
         self.set_aside.clear();
         self.segments.clear();
-        self.changes.clear();
+        self.notes.clear();
         self.last = self.in_force.clone();
-        self.blocks.clear();
         self.noted_step = None;
         self.in_thread = false;
         self.planner.restart(epoch);
@@ -383,10 +377,11 @@ impl Pipeline {
             motion: SegmentMotion::Rapid { from, to },
             end: SegmentEnd::ExactStop,
             multi_block: MultiBlock::Off,
+            serial: 0,
         };
         let own = self.planner.settings().clone();
         self.planner.set_settings(settings);
-        self.blocks.push_back(self.next_segment());
+        self.notes.block_at(self.next_segment());
         let pushed = self.planner.push(&segment, &mut self.ready);
         self.planner.set_settings(&own);
         self.path.skipped_to(MachinePosition(to));
@@ -486,7 +481,8 @@ mod tests {
         let mut found = None;
         with_program(text, |pipeline, inputs| {
             while !matches!(pipeline.next(inputs).unwrap(), Item::End(_)) {}
-            let first = pipeline.changes.iter().find(|change| is_it(change));
+            pipeline.finish().unwrap();
+            let first = pipeline.notes.changes().find(|change| is_it(change));
             found = first.map(|change| change.after_segment + 1);
         });
         found
@@ -513,10 +509,10 @@ mod tests {
         with_program(text, |pipeline, inputs| {
             let mut most = 0;
             while !matches!(pipeline.next(inputs).unwrap(), Item::End(_)) {
-                most = most.max(pipeline.changes.len());
+                most = most.max(pipeline.notes.changes().count());
             }
             assert_eq!(most, 2, "one for each segment");
-            let last = pipeline.changes.back().unwrap();
+            let last = pipeline.notes.changes().last().unwrap();
             assert!((last.modal.feedrate_mm_min - 999.0).abs() < 1e-9, "the newest");
         });
     }
@@ -526,7 +522,10 @@ mod tests {
         with_program("G90 G01 X10 F3000\nX20\nM30\n", |pipeline, inputs| {
             for _ in 0..2 {
                 pipeline.next(inputs).unwrap();
-                let feedrates = pipeline.changes.iter().map(|change| change.modal.feedrate_mm_min);
+                let feedrates = pipeline
+                    .notes
+                    .changes()
+                    .map(|change| change.modal.feedrate_mm_min);
                 assert_eq!(feedrates.collect::<Vec<_>>(), [3000.0]);
                 let (program, _) = parse("G90 G01 X10 F3000\nM30\n", Grammar::nj());
                 pipeline.start(Arc::new(program), 1, 1, false);

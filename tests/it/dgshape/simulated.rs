@@ -69,6 +69,27 @@ fn dgshape_m_codes_with_settings_are_outputs() {
 }
 
 #[test]
+fn dgshape_in_tool_diameter_offset_each_block_is_told_where_it_begins() {
+    // behind the arc a line goes on to where the next block begins
+    let blocks = program(
+        "G10P1R3.\nG91G41D01G00X8.Y8.\nG01Z-7.F600.\nY35.\nX45.\nG03X15.Y-15.I15.\nG01Y-20.\nX-60.\nG40G00X-8.Y-8.",
+    );
+    let first = blocks
+        .lines()
+        .position(|line| line.starts_with("G91G41"))
+        .unwrap()
+        + 1;
+    let ran = simulate_on(&machine(""), &blocks, &[]).completed();
+    let told = ran
+        .events("block")
+        .into_iter()
+        .map(|event| event["line"].as_u64());
+    let told: Option<Vec<u64>> = told.collect();
+    let first = u64::try_from(first).unwrap();
+    assert_eq!(told.unwrap(), (first..first + 8).collect::<Vec<u64>>());
+}
+
+#[test]
 fn dgshape_motion_keeps_to_the_path_through_corners() {
     // the two lines meet at a right angle
     let ran = simulate_on(&machine(""), &program("F3000.\nG01X20.\nY20."), &[]).completed();

@@ -48,6 +48,7 @@ pub fn segment(motion: SegmentMotion) -> Segment {
         motion,
         end: SegmentEnd::ExactStop,
         multi_block: MultiBlock::Off,
+        serial: 0,
     }
 }
 

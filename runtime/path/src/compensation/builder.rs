@@ -171,6 +171,7 @@ impl Builder {
                 motion,
                 end: segment.end,
                 multi_block: segment.multi_block,
+                serial: segment.serial,
             },
             stop_before: std::mem::take(&mut self.stop) || self.is_exact,
             is_exact: self.is_exact,

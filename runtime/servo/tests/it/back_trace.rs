@@ -84,6 +84,7 @@ fn segments(steps: &[(Step, bool)], feeds: impl Into<Feeds>) -> Vec<Segment> {
                 SegmentEnd::ExactStop
             },
             multi_block: MultiBlock::On,
+            serial: 0,
         });
     }
     all

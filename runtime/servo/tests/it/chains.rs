@@ -51,6 +51,7 @@ fn chain() -> Vec<Profile> {
             motion: SegmentMotion::Feed { path, feed },
             end: SegmentEnd::Continuous,
             multi_block: MultiBlock::Off,
+            serial: 0,
         };
         planner.push(&segment, &mut out).unwrap();
     }

@@ -95,6 +95,7 @@ pub fn push(planner: &mut Planner, ways: &[Way], feeds: impl Into<Feeds>, out: &
             },
             end: SegmentEnd::Continuous,
             multi_block: MultiBlock::On,
+            serial: 0,
         };
         planner.push(&segment, out).unwrap();
         at = to;

@@ -51,7 +51,7 @@ proptest! {
         });
         let from = vector(&[]);
         let motion = if skips { SegmentMotion::Skip { from, to } } else { SegmentMotion::Rapid { from, to } };
-        let segment = Segment { origin: origin(1), motion, end: SegmentEnd::ExactStop, multi_block: MultiBlock::Off };
+        let segment = Segment { origin: origin(1), motion, end: SegmentEnd::ExactStop, multi_block: MultiBlock::Off, serial: 0 };
         let mut out = VecDeque::new();
         Planner::new(&settings).push(&segment, &mut out).unwrap();
         let mut rig = Rig::new(&settings);
@@ -95,6 +95,7 @@ fn m1i_a_hold_while_a_rapid_brakes_as_hard_as_it_may_lets_it_brake_to_its_end() 
         motion: SegmentMotion::Rapid { from, to },
         end: SegmentEnd::ExactStop,
         multi_block: MultiBlock::Off,
+        serial: 0,
     };
     let mut out = VecDeque::new();
     Planner::new(&settings).push(&segment, &mut out).unwrap();

@@ -96,6 +96,7 @@ fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> V
             motion,
             end: SegmentEnd::Continuous,
             multi_block: tandem_model::flow::MultiBlock::Off,
+            serial: 0,
         };
         planner.push(&segment, &mut out).unwrap();
         from = to;

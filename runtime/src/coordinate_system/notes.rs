@@ -1,0 +1,85 @@
+//! What changes, and which blocks begin, ahead of the motion: noted with the motion that it comes with, and told when the
+//! segments of that motion run. Cutter compensation decides only later how many segments a motion has.
+
+use std::collections::VecDeque;
+
+use super::pipeline::Change;
+
+/// Notes of one coordinate system, in the order of the program.
+#[derive(Debug, Default)]
+pub(super) struct Notes {
+    /// With the numbers of motions of which nothing is planned yet.
+    ahead: VecDeque<(u64, Change)>,
+    changes: VecDeque<Change>,
+    /// The first motions of programmed blocks of which nothing is planned yet.
+    blocks_ahead: VecDeque<u64>,
+    /// The first segments of those that have not begun.
+    blocks: VecDeque<u64>,
+}
+
+impl Notes {
+    /// Notes what changes with a motion. What is changed again before the same motion is never in force: there is one change
+    /// for each.
+    pub fn change(&mut self, motion: u64, change: Change) {
+        self.ahead.pop_back_if(|(of, _)| *of == motion);
+        self.ahead.push_back((motion, change));
+    }
+
+    /// Notes that a programmed block begins with a motion; blocks without one go to the next one that has.
+    pub fn block(&mut self, motion: u64) {
+        if self.blocks_ahead.back() != Some(&motion) {
+            self.blocks_ahead.push_back(motion);
+        }
+    }
+
+    /// Notes that a block begins with a segment.
+    pub fn block_at(&mut self, segment: u64) {
+        self.blocks.push_back(segment);
+    }
+
+    /// This segment is planned next, and is of this motion.
+    pub fn settle(&mut self, motion: u64, segment: u64) {
+        while let Some((_, change)) = self.ahead.pop_front_if(|(of, _)| *of <= motion) {
+            let after_segment = segment - 1;
+            self.changes
+                .pop_back_if(|last| last.after_segment == after_segment);
+            self.changes.push_back(Change {
+                after_segment,
+                ..change
+            });
+        }
+        while self.blocks_ahead.pop_front_if(|of| *of <= motion).is_some() {
+            self.blocks.push_back(segment);
+        }
+    }
+
+    /// True when a programmed block begins with this segment, which begins to run.
+    pub fn begins_block(&mut self, segment: u64) -> bool {
+        let mut begins = false;
+        while self.blocks.pop_front_if(|first| *first <= segment).is_some() {
+            begins = true;
+        }
+        begins
+    }
+
+    /// What changes before a segment begins to run, in order; with the highest number all that is noted.
+    pub fn changed_before(&mut self, segment: u64) -> Option<Change> {
+        let planned = self.changes.pop_front_if(|change| change.after_segment < segment);
+        planned.or_else(|| {
+            let ahead = (segment == u64::MAX).then(|| self.ahead.pop_front());
+            ahead.flatten().map(|(_, change)| change)
+        })
+    }
+
+    /// All changes that are not told.
+    pub fn changes(&self) -> impl Iterator<Item = &Change> {
+        self.changes
+            .iter()
+            .chain(self.ahead.iter().map(|(_, change)| change))
+    }
+
+    /// Nothing that is noted will be.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
