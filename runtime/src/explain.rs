@@ -39,7 +39,8 @@ const USER_ALARM_CODE_MAX: u16 = 9999;
 pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
     let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
     let keys = Config::keys();
-    let pages: Vec<String> = (DiagnosticEntry::find(&what).into_iter().map(of_diagnostic))
+    let pages: Vec<String> = (DiagnosticEntry::find(&what).into_iter())
+        .map(|entry| of_diagnostic(entry, dialect))
         .chain(FindingEntry::find(&what).map(of_finding))
         .chain(alarm(&what).map(of_alarm))
         .chain(of_sequence_program(&what))
@@ -155,9 +156,10 @@ fn indented(text: &str) -> String {
     lines.join("\n")
 }
 
-fn of_diagnostic(entry: &DiagnosticEntry) -> String {
-    let example = format!("Example:\n\n{}", indented(entry.example));
-    page(entry.code, entry.title, &[entry.explanation.to_owned(), example])
+fn of_diagnostic(entry: &DiagnosticEntry, dialect: &Dialect) -> String {
+    let (rule, example) = dialect.explained(entry);
+    let example = format!("Example:\n\n{}", indented(example));
+    page(entry.code, entry.title, &[rule.to_owned(), example])
 }
 
 fn of_finding(entry: &FindingEntry) -> String {
@@ -377,6 +379,39 @@ mod tests {
     }
 
     #[test]
+    fn a_dialect_explains_what_it_shares_as_it_means_it() {
+        let dgshape = dialects::dgshape();
+        let of = |what: &str| explain(what, dgshape).unwrap();
+        let rapid = of("G00");
+        assert!(
+            rapid.starts_with("G00: Positioning\n\n    G00 [X_] [Y_] [Z_] [A_]\n"),
+            "{rapid}"
+        );
+        assert!(rapid.contains("along a straight line"), "{rapid}");
+        assert!(of_nj("G00").contains("not a straight line"));
+        assert!(
+            rapid.contains("X    target position or distance: -9999.999 to 9999.999 mm with a decimal point"),
+            "{rapid}"
+        );
+        assert!(of("F").contains("-9999.999 to 9999.999 mm/min"));
+        assert!(of("E0008").contains("Block skip has no number"));
+        assert!(of_nj("E0008").contains("1 to 31"));
+        for (what, of_dgshape, nj) in [
+            ("%", "begin and end of the program", None),
+            ("O", "program number", None),
+            ("N", "block number", Some("block number")),
+            ("/", "block skip", Some("block skip")),
+            ("(", "comment", None),
+        ] {
+            assert!(of(what).contains(of_dgshape), "{what}");
+            let page = explain(what, dialects::nj());
+            assert_eq!(page.is_some(), nj.is_some(), "{what}");
+        }
+        assert!(of_nj("/31").contains("/2 to /31") && explain("/32", dialects::nj()).is_none());
+        assert!(of_nj("//").contains("G01 X5 /* to the wall */"));
+    }
+
+    #[test]
     fn every_alarm_has_a_cause_what_to_do_and_how_it_goes_on() {
         for entry in ALARMS {
             let page = of_nj(&format!("alarm {}", entry.number));
@@ -401,7 +436,8 @@ mod tests {
         for dialect in [dialects::nj(), dialects::dgshape()] {
             for code in dialect.g_codes.codes.iter().chain(dialect.m_codes.codes) {
                 let page = explain(code.code, dialect).unwrap();
-                assert!(!code.docs.is_empty() && page.contains(code.docs), "{}", code.code);
+                let docs = dialect.docs_of(code);
+                assert!(!docs.is_empty() && page.contains(docs), "{}", code.code);
             }
         }
         let page = of_nj("G41");

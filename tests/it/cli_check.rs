@@ -319,6 +319,34 @@ fn called_programs_are_checked_in_the_state_that_they_are_called_in_and_named() 
 }
 
 #[test]
+fn an_error_of_a_called_program_that_cannot_be_read_is_told_once() {
+    let machine = Machine::new("");
+    machine.write("1.nc", "M98 P1001\nM30\n");
+    machine.write("1001.nc", "G01 X1 ?\nM99\n");
+    let ran = run(machine.folder(), &["check", "1.nc", "--format", "json"]);
+    let found = ran.json()["files"][1]["diagnostics"].as_array().unwrap().clone();
+    let codes: Vec<_> = found
+        .iter()
+        .map(|found| found["code"].as_str().unwrap())
+        .collect();
+    assert_eq!(codes, ["E0003"], "{}", ran.stdout);
+}
+
+#[test]
+fn m_codes_of_a_spindle_that_there_is_need_no_settings() {
+    let machine = Machine::new("");
+    machine.write("1.nc", "S100 M03\nM05\nM07\nM30\n");
+    let text = std::fs::read_to_string(machine.config()).unwrap();
+    machine.write("without.toml", &text.replace("spindle = 4\n", ""));
+    let warned = |config: &str| {
+        let ran = run(machine.folder(), &["check", "1.nc", "--config", config]);
+        ["M03", "M05", "M07"].map(|m| ran.stdout.contains(&format!("{m} has no settings")))
+    };
+    assert_eq!(warned("tandem.toml"), [false, false, true]);
+    assert_eq!(warned("without.toml"), [true; 3]);
+}
+
+#[test]
 fn a_configuration_without_default_feedrate_makes_a_missing_f_an_error() {
     let machine = Machine::new("");
     machine.write("1.nc", "G01 X1\nM30\n");

@@ -143,6 +143,15 @@ fn the_server_finds_times_and_ends_over_standard_input_and_output() {
         title.starts_with("stops after 0.") && title.contains("in line 3: alarm"),
         "{title}"
     );
+    machine.write("1000.nc", "G04 P500\nG05\nM99\n");
+    change(&mut editor, 5, "M98 P1000\nM30\n");
+    let title = editor.time(&uri);
+    assert_eq!(title, "no time: 1000.nc, line 2: there is no G5");
+    // what is no message ends nothing
+    write!(editor.stdin, "Content-Length: 5\r\n\r\n{{{{{{{{{{").unwrap();
+    let told = editor.wait_for(|message| message["method"] == "window/logMessage");
+    let text = told["params"]["message"].as_str().unwrap();
+    assert!(text.contains("none of JSON-RPC"), "{text}");
     editor.send(json!({"id": 3, "method": "shutdown"}));
     editor.wait_for(|message| message["id"] == 3);
     editor.tell("exit", &json!(null));

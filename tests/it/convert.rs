@@ -228,7 +228,15 @@ fn programs_of_fanuc_become_programs_of_nj() {
     let (_, check) = check_source(converted.text.as_str(), nj(), &CheckContext::default());
     assert!(!check.has_errors(), "{:?}", check.diagnostics);
     for (line, reason) in [
-        ("#100 = 5", "`#` is not part"),
+        ("#100 = 5", "`#` is not part of the language. Write Q100 for #100"),
+        ("X[#1 + 2]", "`[` is not part of the language. Write one variable"),
+        (
+            "IF [#1 EQ 2] GOTO 10",
+            "`IF` is no word of this dialect. Write if",
+        ),
+        ("G51.1", "G51.1 names no axis"),
+        ("G91 G51.1 X0", "G51.1 stands with G91. Write G90"),
+        ("G81 X1. Z-1. R1. K101 F1.", "more than 100 repetitions"),
         ("G65 P9000 A1.", "G65 has no equal"),
         ("M06", "M06 has no T"),
         ("G53 G01 Z0 F100", "G53 moves at rapid speed"),
@@ -259,7 +267,7 @@ fn programs_of_fanuc_become_programs_of_nj() {
             "G81 Z-1. R1. M98 P1000",
             "the positions of the subprogram are holes",
         ),
-        ("M98 P51000", "the number of a subprogram"),
+        ("M98 P100", "the number of a subprogram"),
     ] {
         let converted = convert(&format!("{line}\nM30\n"), Source::Fanuc, &NcOptions::default());
         let told: Vec<_> = converted
@@ -270,6 +278,20 @@ fn programs_of_fanuc_become_programs_of_nj() {
         assert_eq!(told, [(1, line)], "{:?}", converted.left);
         let why = &converted.left[0].reason;
         assert!(why.starts_with(reason), "{why}");
+    }
+}
+
+#[test]
+fn calls_with_their_number_in_p_and_numbers_of_block_skip_stay_what_they_are() {
+    let text = "G21 G90\nM98 P31001\nM98 P1002 L2\nG01 X5. F100\n/2 X6.\n/ /3 X7.\nM30\n";
+    let converted = convert(text, Source::Fanuc, &NcOptions::default());
+    assert_eq!(converted.left, []);
+    for line in ["M98 P1001 L3", "M98 P1002 L2", "/2 G01 X6", "/ /3 G01 X7"] {
+        assert!(
+            converted.text.lines().any(|one| one == line),
+            "{line}: {}",
+            converted.text
+        );
     }
 }
 
@@ -318,7 +340,7 @@ fn twins(random: &mut Random) -> (String, String) {
 }
 
 /// Forms of [`shapes`].
-const SHAPES: i64 = 4;
+const SHAPES: i64 = 6;
 
 /// Blocks that dialect dgshape writes in another way altogether.
 fn shapes(shape: i64, [x, y, z]: [&str; 3]) -> (String, String) {
@@ -345,6 +367,22 @@ fn shapes(shape: i64, [x, y, z]: [&str; 3]) -> (String, String) {
             format!(
                 "M03S1000\nG00Z9.\nG00X{x}Y{y}\nZ2.\nG01Z-1.F100.\nG00Z-.5\nG01Z-4.\nG00Z-3.5\nG01Z-5.\nG00Z9.\nX1.Z{z}\n"
             ),
+        ),
+        3 => {
+            // X is mirrored about 1, then Y about 2 as well, then Y alone
+            let (mirrored_x, mirrored_y) = (2.0 - number(x), 4.0 - number(y));
+            (
+                format!(
+                    "G51.1X1\nG00X{x}Y{y}\nG02X{x}Y{y}I3F200\nG51.1Y2\nG00X{x}Y{y}\nG50.1X0\nX{x}Y{y}\nG50.1Y0\nG00X{x}Y{y}Z{z}\n"
+                ),
+                format!(
+                    "G00X{mirrored_x:.3}Y{y}\nG03X{mirrored_x:.3}Y{y}I-3.F200.\nG00Y{mirrored_y:.3}\nX{x}\nG00Y{y}Z{z}\n"
+                ),
+            )
+        }
+        4 => (
+            format!("M03S1000\nG00Z9\nG91G99G81X1Y-1Z-3R-2F99L3\nX2L0\nX-2L2\nG80\nG90G00X0Z{z}\n"),
+            format!("M03S1000\nG00Z9.\nG91G99G81X1.Y-1.Z-3.R-2.F99.K3\nX-2.K2\nG80\nG90G00X0Z{z}\n"),
         ),
         _ => (
             format!("G09G01X{x}F300\nG91G30P2Z0\nG90G00X{x}Y{y}Z{z}\n"),

@@ -51,10 +51,12 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
     if from == Source::Fanuc {
         options.calculator = Calculator::All;
     }
-    let grammar = Grammar::dgshape();
-    let read = match from {
-        Source::Dgshape => Cow::Borrowed(source),
-        Source::Fanuc => Cow::Owned(fanuc::comments_in_parentheses(source)),
+    let (grammar, read) = match from {
+        Source::Dgshape => (Grammar::dgshape(), Cow::Borrowed(source)),
+        Source::Fanuc => (
+            Grammar::fanuc(),
+            Cow::Owned(fanuc::comments_in_parentheses(source)),
+        ),
     };
     let read = read.as_ref();
     let (program, mut found) = parse(read, grammar);

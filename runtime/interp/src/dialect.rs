@@ -4,6 +4,7 @@ use tandem_model::settings::{NcOptions, PathRules};
 use tandem_syntax::{Address, AddressSet, CodeRole, Codes, Grammar};
 
 use crate::codes::{Code, CodeTable, WordSpec, tenths};
+use crate::dialects::texts::Texts;
 use crate::meaning::{ModalValue, Role};
 use crate::restrictions::Restriction;
 
@@ -36,6 +37,8 @@ pub struct Dialect {
     pub path: PathRules,
     /// What is not allowed while another code is in force; only the first restriction that a block breaks is reported.
     pub restrictions: &'static [Restriction],
+    /// What it says in words of its own of codes and diagnostics that it shares with others.
+    pub texts: &'static Texts,
 }
 
 /// How a dialect reads what controls read in different ways.

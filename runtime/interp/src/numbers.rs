@@ -78,6 +78,26 @@ pub(crate) fn meant(value: f64, spec: &WordSpec, word: &Word, unit: Unit, option
     }
 }
 
+/// The numbers that a word may be written with, and their unit, in mm.
+pub(crate) fn written_range(spec: &WordSpec) -> String {
+    let both = |with_point: f64, unit: &str| {
+        format!(
+            "-{with_point} to {with_point} {unit} with a decimal point, -{WITHOUT_POINT_MAX} to {WITHOUT_POINT_MAX} increments without"
+        )
+    };
+    match kind(spec) {
+        Kind::LengthOrFeedrate => {
+            let unit = if spec.unit == "mm or deg" { "mm" } else { spec.unit };
+            both(WITH_POINT_MM_MAX, unit)
+        }
+        Kind::Angle => both(WITH_POINT_MAX, "deg"),
+        Kind::Plain if spec.max.is_infinite() => {
+            format!("-{WITHOUT_POINT_MAX} to {WITHOUT_POINT_MAX} {}", spec.unit)
+        }
+        Kind::Plain | Kind::Time => spec.range_text(),
+    }
+}
+
 /// Judges a number as it is written; true when nothing is wrong.
 pub(crate) fn judge_written(
     spec: &WordSpec,

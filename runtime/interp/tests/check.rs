@@ -453,7 +453,7 @@ fn what_the_configuration_lacks_is_a_warning_once() {
 #[test]
 fn m_codes_and_programs_are_listed_once_ascending() {
     let (_, check) = check_source(
-        "M98 P3000\nM19\nM3\nM03\nM98 P1000 L0\nM0\nM1\nM98 P3000\nM2\nM30",
+        "M98 P3000\nM19\nM3\nM03\nM98 P1000\nM98 P2000 L0\nM0\nM1\nM98 P3000\nM2\nM30",
         nj(),
         &CheckContext::default(),
     );

@@ -250,13 +250,51 @@ fn calls_repeat_nest_and_come_to_an_end() {
     assert_eq!((main, called.len()), (vec![], 0));
     let endless = [(1000, "G91 X1\nM98 P1000\nM99")];
     let (main, called) = with_called("M98 P1000\nM30", &endless);
-    assert_eq!((main, called.len()), (vec![], 0));
+    assert_eq!(
+        (main, called),
+        (vec![], vec![(1000, vec!["2:5 W0019".to_owned()])])
+    );
     let many = [
         (1000, "G91 X1\nM98 P1001 L9999\nM99"),
         (1001, "if(P1==1) G01 X1\nL1=L1+1\nM99"),
     ];
     let (main, called) = with_called("M98 P1000 L9999\nX3 R5\nM30", &many);
     assert_eq!((main, called.len()), (vec!["2:4 E0108".to_owned()], 0));
+}
+
+#[test]
+fn d12_a_program_that_is_called_no_times_is_not_called() {
+    let wrong = [(1000, "G02 X1\nM99")];
+    for main in ["M98 P1000 L0\nM30", "L1=1000\nM98 P[L1] L0\nM30"] {
+        assert_eq!(with_called(main, &wrong), (vec![], vec![]), "{main}");
+        let (_, check) = check_source(main, nj(), &calculating());
+        assert!(check.programs.is_empty() && !check.calls_any, "{main}");
+    }
+}
+
+#[test]
+fn a_program_that_no_run_comes_to_is_looked_at_as_a_load_does() {
+    // a load takes what the text names, whatever conditions and depths say
+    let chain: Vec<(u16, String)> = (1000..1008)
+        .map(|number| (number, format!("M98 P{}\nM99", number + 1)))
+        .collect();
+    let mut deep: Vec<(u16, &str)> = chain
+        .iter()
+        .map(|(number, text)| (*number, text.as_str()))
+        .collect();
+    deep.push((1008, "G02 X1\nM99"));
+    let cases = [
+        ("M98 P1000\nM30", deep),
+        ("L1=0\nM98 P1008 L[L1]\nM30", vec![(1008, "G02 X1\nM99")]),
+        ("if(1==0) M98 P1008\nM30", vec![(1008, "G02 X1\nM99")]),
+        ("M30\nM98 P1008\nM30", vec![(1008, "G02 X1\nM99")]),
+    ];
+    for (main, programs) in cases {
+        let (_, called) = with_called(main, &programs);
+        let of_last = called.iter().find(|(number, _)| *number == 1008);
+        let found = of_last.map(|(_, found)| found.join(" ")).unwrap_or_default();
+        assert_eq!(found, "1:1 W0002 1:5 E0122", "{main}");
+    }
 }
 
 #[test]

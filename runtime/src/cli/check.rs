@@ -53,11 +53,11 @@ enum Format {
 
 impl Format {
     /// All findings in one piece; none where they are printed file by file.
-    fn write(self, all: &[Findings], is_whole: bool) -> Option<serde_json::Value> {
+    fn write(self, all: &[Findings], is_whole: bool, dialect: &Dialect) -> Option<serde_json::Value> {
         match self {
             Self::Text => None,
             Self::Json => Some(as_json(all)),
-            Self::Sarif => Some(as_sarif(all, is_whole)),
+            Self::Sarif => Some(as_sarif(all, is_whole, dialect)),
         }
     }
 }
@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             lines.extend(notes.map(|note| format!("  note: {note}")));
             lines.extend(served.map(|served| format!("  {served}")));
             let text = lines.join("\n");
-            match arguments.format.write(&[], true) {
+            match arguments.format.write(&[], true, dialects::nj()) {
                 None => say(text),
                 Some(nothing) => {
                     say(nothing);
@@ -113,7 +113,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             }
         }
     }
-    if let Some(all) = arguments.format.write(&files, !unreadable) {
+    if let Some(all) = arguments.format.write(&files, !unreadable, dialect) {
         say(all);
     }
     Ok(match (unreadable, errors) {
@@ -165,7 +165,7 @@ fn check_tree(
         dialect,
         read: RefCell::default(),
     };
-    let m_codes = of.map(|(machine, _)| known_m_codes(machine));
+    let m_codes = of.map(|(machine, settings)| known_m_codes(machine, settings));
     let system = of.and_then(|(machine, settings)| {
         let mut systems = machine.coordinate_systems.iter();
         Some((
@@ -192,8 +192,9 @@ fn check_tree(
                 .extend(program.map_or_else(Vec::new, |program| of_m_codes(&program.tree)));
         }
     }
+    let of_called = read.values().flatten().flat_map(|called| &called.parsed);
     let has_errors = [&check].into_iter().chain(called.values()).any(Check::has_errors)
-        || parsed.iter().any(Diagnostic::is_error);
+        || parsed.iter().chain(of_called).any(Diagnostic::is_error);
     if has_errors {
         // what a run would take is told of programs that can run
         for of in [&mut check].into_iter().chain(called.values_mut()) {
@@ -248,9 +249,10 @@ fn all_findings(
 }
 
 /// M codes that need no settings of their own: whether one is served is known better where the file of the sequence side is.
-fn known_m_codes(machine: &Machine) -> BTreeSet<u16> {
+fn known_m_codes(machine: &Machine, settings: &CoordinateSystemSettings) -> BTreeSet<u16> {
     let all = (0..=M_CODE_MAX).filter(|_| machine.served.is_some());
-    machine.m_codes.keys().copied().chain(all).collect()
+    let stock = Machine::stock_m_codes(settings).iter().copied();
+    machine.m_codes.keys().copied().chain(stock).chain(all).collect()
 }
 
 /// What handlers and the configuration say of the M codes of a program, as far as it is known without them.

@@ -9,6 +9,7 @@ use codespan_reporting::term;
 use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
 use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
 use serde_json::{Value, json};
+use tandem_interp::Dialect;
 use tandem_model::{Diagnostic, Severity};
 use tandem_runtime::program_store::locate;
 use tandem_syntax::DIAGNOSTICS;
@@ -197,13 +198,14 @@ pub(super) fn as_json(all: &[Findings]) -> Value {
 }
 
 /// All findings as a log of SARIF 2.1.0. `is_whole`: every file could be read.
-pub(super) fn as_sarif(all: &[Findings], is_whole: bool) -> Value {
+pub(super) fn as_sarif(all: &[Findings], is_whole: bool, dialect: &Dialect) -> Value {
     let rule = |entry: &&tandem_syntax::DiagnosticEntry| {
+        let (explanation, example) = dialect.explained(entry);
         json!({
             "id": entry.code,
             "shortDescription": {"text": entry.title},
-            "fullDescription": {"text": entry.explanation},
-            "help": {"text": entry.example},
+            "fullDescription": {"text": explanation},
+            "help": {"text": example},
         })
     };
     json!({

@@ -8,12 +8,12 @@ mod setup;
 #[cfg(test)]
 mod tests;
 mod timing;
+mod transport;
 
 use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use lsp_server::Connection;
 use tandem_interp::{Dialect, dialects};
 
 use self::setup::Setup;
@@ -36,10 +36,12 @@ pub struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Ran {
     let command = std::env::current_exe().context("cannot find this command itself")?;
     let setup = Setup::new(arguments.config.clone(), arguments.dialect);
-    let (connection, threads) = Connection::stdio();
+    let (connection, writer) = transport::stdio();
     let ended = server::serve(&connection, setup, command);
     drop(connection);
     let in_order = ended?;
-    threads.join().context("standard input or output")?;
+    if let Ok(written) = writer.join() {
+        written.context("standard output")?;
+    }
     Ok(if in_order { EXIT_OK } else { EXIT_FOUND })
 }

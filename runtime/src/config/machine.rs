@@ -276,7 +276,7 @@ impl Machine {
         let settings = self.m_codes.get(&m);
         let unhandled = settings.and_then(|settings| settings.unhandled);
         let is_stock = settings.is_some_and(|settings| settings.stock.is_some())
-            || system.settings.spindle.is_some() && SPINDLE_M_CODES.contains(&m);
+            || Self::stock_m_codes(&system.settings).contains(&m);
         let cs = system.settings.number;
         self.served.as_ref().is_some_and(|served| {
             let mut served = served.serves.iter();
@@ -284,6 +284,15 @@ impl Machine {
                 && unhandled.unwrap_or(self.unhandled) == Unhandled::Alarm
                 && !served.any(|one| one.m == m && one.is_in(cs))
         })
+    }
+
+    /// M codes that the stock sequence program serves without settings: those of a spindle where there is one.
+    pub fn stock_m_codes(settings: &CoordinateSystemSettings) -> &'static [u16] {
+        if settings.spindle.is_some() {
+            &SPINDLE_M_CODES
+        } else {
+            &[]
+        }
     }
 
     /// The rules for checking programs before their coordinate system is known.

@@ -8,9 +8,10 @@ use serde_json::Value;
 
 use super::error::known;
 use super::{
-    AlarmConfig, Config, CoordinateSystemConfig, HmiConfig, HttpConfig, IdentificationConfig, IoPointConfig,
-    LockConfig, LockSourceConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig, MtconnectConfig,
-    ProgramsConfig, SimulatedRoundConfig, SimulatedSkipConfig, TlsConfig, ToldConfig, ToolConfig,
+    AlarmConfig, Config, CoordinateSystemConfig, DgshapeConfig, HmiConfig, HttpConfig, IdentificationConfig,
+    IoPointConfig, LockConfig, LockSourceConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig,
+    MtconnectConfig, ProgramsConfig, SimulatedRoundConfig, SimulatedSkipConfig, TlsConfig, ToldConfig,
+    ToolConfig,
 };
 
 /// A key of the configuration.
@@ -91,6 +92,7 @@ impl Config {
             ("identification", order_of::<IdentificationConfig>()),
             ("motor", order_of::<MotorConfig>()),
             ("coordinate_system", order_of::<CoordinateSystemConfig>()),
+            ("coordinate_system.dgshape", order_of::<DgshapeConfig>()),
             ("tool", order_of::<ToolConfig>()),
             ("m_code", order_of::<MCodeConfig>()),
             ("m_code.params", order_of::<ParamDeclaration>()),
@@ -117,6 +119,11 @@ impl Config {
             let (mut schema, mut table) = (config.as_value(), config.as_value());
             for step in name.split('.') {
                 schema = &table["properties"][step];
+                // one that may be left out is a table or nothing
+                let mut forms = schema["anyOf"].as_array().into_iter().flatten();
+                schema = forms
+                    .find(|form| form["properties"].is_object())
+                    .unwrap_or(schema);
                 let of_many = [&schema["items"], &schema["additionalProperties"]];
                 let many = of_many.into_iter().find(|table| table.is_object());
                 table = many.unwrap_or(schema);
@@ -205,7 +212,7 @@ mod tests {
 
     const SMALL: &str = "[machine]\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                          [[motor]]\nnumber = 2\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
-                         [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\n[identification]\n[[tool]]\nid = 1\n[[variables.told]]\nfrom = \"P1\"\n[m_code.5]\n\
+                         [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\ndialect = \"dgshape\"\ndgshape = {}\n[identification]\n[[tool]]\nid = 1\n[[variables.told]]\nfrom = \"P1\"\n[m_code.5]\n\
                          [[simulated_skip]]\nmotor = 1\nbelow = 0\n\
                          [[simulated_round]]\ncoordinate_system = 1\nkind = \"boss\"\nx = 0\ny = 0\ndiameter = 9\nball = 2\n[[hmi.button]]\ntext = \"a\"\nm_code = 1\n\
                          [[hmi.card]]\ntext = \"a\"\nm_code = 1\n";
@@ -280,6 +287,7 @@ mod tests {
         let at = |path: &str| keys.iter().position(|key| key == path).unwrap();
         assert_eq!(at("machine.name"), 0);
         assert!(at("motor.kind") < at("motor.max_jerk") && at("motor.max_jerk") < at("motor.rapid_velocity"));
+        assert!(at("coordinate_system.dgshape.calculator") < at("coordinate_system.dgshape.external_offset"));
         assert!(
             at("motor.lag_ms") < at("coordinate_system.number") && at("m_code.timing") < at("http.listen")
         );

@@ -1,4 +1,6 @@
-//! Pages of the language: codes, addresses, functions, keywords and variables of a dialect.
+//! Pages of the language: codes, addresses, functions, keywords and variables of a dialect, and what stands around its words.
+
+mod form;
 
 use tandem_interp::Dialect;
 use tandem_interp::codes::{Code, ModalGroup, WordSpec};
@@ -15,7 +17,8 @@ pub(super) fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
     let of_address = (Address::ALL.iter())
         .find(|address| address.text().eq_ignore_ascii_case(what))
         .and_then(|address| of_address(*address, dialect));
-    let mut pages: Vec<String> = of_code.into_iter().chain(of_address).collect();
+    let of_form = form::page_of(what, (dialect.grammar)());
+    let mut pages: Vec<String> = of_code.into_iter().chain(of_address).chain(of_form).collect();
     if (dialect.grammar)().program_codes {
         let is_named = |name: &str| name.eq_ignore_ascii_case(what);
         let functions = Function::ALL.iter().filter(|function| is_named(function.text()));
@@ -36,6 +39,7 @@ pub(super) fn names(dialect: &Dialect) -> Vec<String> {
     let addresses = Address::ALL.iter().copied();
     let addresses = addresses.filter(|address| of_address(*address, dialect).is_some());
     names.extend(addresses.map(|address| address.text().to_owned()));
+    names.extend(form::names((dialect.grammar)()));
     if (dialect.grammar)().program_codes {
         names.extend(Function::ALL.iter().map(|function| function.text().to_owned()));
         names.extend(Keyword::ALL.iter().map(|keyword| keyword.text().to_owned()));
@@ -89,21 +93,24 @@ fn of_code(code: &Code, what: &str, dialect: &Dialect) -> String {
         }
         _ => "",
     };
-    let words = code.words.iter().map(|word| {
+    let words = dialect.words_of(code).map(|word| {
         let form = format!("{}_", word.address.text());
         if word.required { form } else { format!("[{form}]") }
     });
     let form: Vec<String> = std::iter::once(name.clone()).chain(words).collect();
     page(
         &name,
-        code.name,
+        dialect.name_of(code),
         &[
             indented(&form.join(" ")),
             in_force(code),
-            code.docs.to_owned(),
+            dialect.docs_of(code).to_owned(),
             undeclared.to_owned(),
             restrictions(code, dialect),
-            table(code.words.iter().map(|word| (word.address.text(), word))),
+            table(
+                dialect.words_of(code).map(|word| (word.address.text(), word)),
+                dialect,
+            ),
             example(code, dialect),
         ],
     )
@@ -145,14 +152,14 @@ fn in_force(code: &Code) -> String {
 }
 
 /// Words with meaning and range, one a line.
-fn table<'a>(rows: impl Iterator<Item = (&'a str, &'a WordSpec)>) -> String {
+fn table<'a>(rows: impl Iterator<Item = (&'a str, &'a WordSpec)>, dialect: &Dialect) -> String {
     let rows = rows.map(|(name, word)| {
         let whole = if word.integer { ", whole" } else { "" };
         let needed = if word.required { ", needed" } else { "" };
         format!(
             "    {name:<4} {}: {}{whole}{needed}",
             word.meaning,
-            word.range_text()
+            dialect.range_text(word)
         )
     });
     rows.collect::<Vec<_>>().join("\n")
@@ -166,7 +173,7 @@ fn of_address(address: Address, dialect: &Dialect) -> Option<String> {
     let rows: Vec<_> = modal.into_iter().chain(of_codes).collect();
     let is_known = (dialect.grammar)().addresses.contains(address);
     let title = "a word, with these codes or, where none stands before it, without a code in its block";
-    (is_known && !rows.is_empty()).then(|| page(address.text(), title, &[table(rows.into_iter())]))
+    (is_known && !rows.is_empty()).then(|| page(address.text(), title, &[table(rows.into_iter(), dialect)]))
 }
 
 fn of_function(function: Function) -> String {

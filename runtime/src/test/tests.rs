@@ -298,6 +298,14 @@ fn handlers_refuse_parameters_at_load_before_anything_moves() {
 }
 
 #[test]
+fn d12_a_load_asks_nothing_of_a_program_that_is_called_no_times() {
+    let run = bench().subprogram(1001, "G02 X1\nM99");
+    run.run("M98 P1001 L0\nM30").unwrap().completed().unwrap();
+    let run = bench().subprogram(1001, "G02 X1\nM99").run("M98 P1001\nM30");
+    assert!(run.is_err_and(|why| why.to_string().contains("in program 1001, which is called")));
+}
+
+#[test]
 fn a_handler_that_does_not_answer_within_2_s_is_a_warning() {
     use plc_api::types::output::{HandledCode, HandlerPresence};
     use plc_api::types::request::Request;

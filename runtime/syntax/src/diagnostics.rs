@@ -274,6 +274,9 @@ diagnostics! {
     FEEDRATE_OPEN = "W0018", "No feedrate is programmed",
         "A motion at the feedrate without F before it or in its block takes default_feedrate of the coordinate system. Where that is 0, as it is unless the configuration says otherwise, it is alarm 101; with --config that is E0126.",
         "wrong: G01 X10   right: G01 X10 F300";
+    CALL_TOO_DEEP = "W0019", "A call is too deep",
+        "Calls nest 8 deep. A deeper one is not made: the next block follows, and a warning of the run tells it (D12). Values of variables that are not known here may keep a run from coming to it.",
+        "wrong: program 1001 with M98 P1001   right: M98 P1001 L9 in the main program";
 }
 
 #[cfg(test)]

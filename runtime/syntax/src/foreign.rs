@@ -110,6 +110,7 @@ pub(crate) static OF_NJ: &[Foreign] = &[
         "H",
         "Remove it: G43 and G44 take the length of the tool that the sequence program has selected.",
     ),
+    ("IF", "Write if (L1 == 2) { and close it with }."),
     ("LE", "Write <= in parentheses: if (L1 <= 2)."),
     ("LT", "Write < in parentheses: if (L1 < 2)."),
     ("MOD", "Write %: L1 = L2 % 4."),
@@ -131,6 +132,11 @@ pub(crate) static OF_NJ: &[Foreign] = &[
     (
         "W",
         "Write Z: an axis is X, Y, Z, A, B or C, and G91 makes its value a distance.",
+    ),
+    ("WHILE", "Write while (L1 < 2) { and close it with }."),
+    (
+        "[",
+        "Write one variable in brackets, X[L1]: it is calculated on a line before, L1 = L2 + 1.",
     ),
 ];
 

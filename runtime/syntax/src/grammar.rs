@@ -88,7 +88,7 @@ static NJ: Grammar = Grammar {
     foreign: foreign::OF_NJ,
 };
 
-static DGSHAPE: Grammar = Grammar {
+const OF_DGSHAPE: Grammar = Grammar {
     name: "dgshape",
     addresses: AddressSet::of(&[
         Address::A,
@@ -164,6 +164,16 @@ static DGSHAPE: Grammar = Grammar {
     foreign: foreign::OF_DGSHAPE,
 };
 
+static DGSHAPE: Grammar = OF_DGSHAPE;
+
+static FANUC: Grammar = Grammar {
+    name: "fanuc",
+    block_skip_max: 9,
+    sections: &[],
+    foreign: foreign::OF_NJ,
+    ..OF_DGSHAPE
+};
+
 impl Grammar {
     /// Dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.
     pub fn nj() -> &'static Grammar {
@@ -185,6 +195,11 @@ impl Grammar {
             help.push_str(" of the manual.");
         }
         help
+    }
+
+    /// The milling programs of FANUC controls, as far as they are read to be written in dialect nj: with its help.
+    pub fn fanuc() -> &'static Grammar {
+        &FANUC
     }
 
     /// Dialect dgshape: the NC code manual FA01232, 1-1 and 2-6.

@@ -12,6 +12,7 @@ use tandem_model::alarm::ALARMS;
 use tandem_syntax::{DIAGNOSTICS, Function};
 
 use super::generated::check;
+use super::page::read;
 use crate::support::binary::{root, tandem};
 
 #[test]
@@ -37,7 +38,7 @@ fn page_of_codes(dialect: &Dialect, some: &[&str], file: &str) {
         .filter(|address| dialect.modal_words.is_feed_word(**address))
         .filter_map(|address| dialect.modal_words.get(*address))
         .collect();
-    table(&mut page, modal.into_iter());
+    table(&mut page, modal.into_iter(), dialect);
     for code in some {
         assert!(page.contains(&format!("### {code}: ")), "{code}");
     }
@@ -45,7 +46,7 @@ fn page_of_codes(dialect: &Dialect, some: &[&str], file: &str) {
 }
 
 fn describe(page: &mut String, code: &Code, dialect: &Dialect) {
-    let _ = writeln!(page, "### {}: {}\n", code.code, code.name);
+    let _ = writeln!(page, "### {}: {}\n", code.code, dialect.name_of(code));
     if code.group != ModalGroup::NonModal {
         let _ = writeln!(
             page,
@@ -54,8 +55,8 @@ fn describe(page: &mut String, code: &Code, dialect: &Dialect) {
             code.group.text()
         );
     }
-    let _ = writeln!(page, "{}\n", code.docs);
-    table(page, code.words.iter());
+    let _ = writeln!(page, "{}\n", dialect.docs_of(code));
+    table(page, dialect.words_of(code), dialect);
     let restrictions = restrictions_of(code, dialect);
     for restriction in &restrictions {
         let _ = writeln!(page, "- {restriction}");
@@ -102,7 +103,7 @@ fn drawn(example: &str, dialect: &Dialect, in_z: bool) -> String {
     std::fs::read_to_string(file("example.svg")).unwrap()
 }
 
-fn table<'a>(page: &mut String, words: impl Iterator<Item = &'a WordSpec>) {
+fn table<'a>(page: &mut String, words: impl Iterator<Item = &'a WordSpec>, dialect: &Dialect) {
     let mut words = words.peekable();
     if words.peek().is_none() {
         return;
@@ -116,7 +117,7 @@ fn table<'a>(page: &mut String, words: impl Iterator<Item = &'a WordSpec>) {
             "| {} | {} | {}{whole} | {needed} |",
             word.address.text(),
             word.meaning,
-            word.range_text()
+            dialect.range_text(word)
         );
     }
     page.push('\n');
@@ -151,6 +152,10 @@ fn the_page_of_the_diagnostics_is_that_of_their_table() {
             "## {}: {}\n\n{}\n\n```text\n{}\n```\n",
             entry.code, entry.title, entry.explanation, entry.example
         );
+        let (rule, example) = dialects::dgshape().explained(entry);
+        if (rule, example) != (entry.explanation, entry.example) {
+            let _ = writeln!(page, "In dialect dgshape: {rule}\n\n```text\n{example}\n```\n");
+        }
     }
     check("docs/src/reference/diagnostics.md", &page);
 }
@@ -174,6 +179,36 @@ fn the_page_of_the_alarms_is_that_of_their_table() {
         );
     }
     check("docs/src/reference/alarms.md", &page);
+}
+
+/// Alarms that the text of a program decides, and a check finds.
+const OF_TEXT: [u16; 9] = [22, 23, 41, 42, 43, 110, 112, 113, 114];
+
+/// Those that stop no program on a machine: warnings, ends of a simulation, and a limit of zero, which no configuration has.
+const OF_NO_PROGRAM: [u16; 5] = [30, 103, 310, 390, 391];
+
+#[test]
+fn each_alarm_is_decided_by_the_text_of_a_program_or_listed_with_what_it_depends_on() {
+    let page = read("docs/src/how-to/programs.md");
+    let (_, table) = page
+        .split_once("| alarms | depend on |\n| --- | --- |\n")
+        .unwrap();
+    let rows = table.lines().take_while(|line| line.starts_with('|'));
+    let mut listed = Vec::new();
+    for row in rows {
+        let cell = row.split('|').nth(1).unwrap().trim();
+        let numbers = cell.split(" without ").next().unwrap();
+        for part in numbers.split(", ") {
+            let (first, last) = part.split_once(" to ").unwrap_or((part, part));
+            let bound = |text: &str| text.parse::<u16>().unwrap_or_else(|_| panic!("{row}"));
+            listed.extend(bound(first)..=bound(last));
+        }
+    }
+    for entry in ALARMS {
+        let places = [&listed[..], &OF_TEXT, &OF_NO_PROGRAM];
+        let places = places.into_iter().filter(|place| place.contains(&entry.number));
+        assert_eq!(places.count(), 1, "alarm {}", entry.number);
+    }
 }
 
 #[test]

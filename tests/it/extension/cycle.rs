@@ -13,6 +13,7 @@ use tandem_interp::codes::m_auxiliary::AUXILIARY;
 use tandem_interp::codes::m02_m30_end::M30;
 use tandem_interp::codes::{AXIS_WORDS, CodeTable};
 use tandem_interp::dialect::{ModalWords, Policy};
+use tandem_interp::dialects::texts::NO_TEXTS;
 use tandem_interp::restrictions::USUAL;
 use tandem_interp::{CheckContext, Dialect, check_source};
 use tandem_model::Axis;
@@ -38,6 +39,7 @@ static DRILLING_SHOP: Dialect = Dialect {
     policy: Policy::NJ,
     path: PathRules::NJ,
     restrictions: &USUAL,
+    texts: &NO_TEXTS,
 };
 
 fn moves(text: &str) -> Vec<String> {

@@ -19,6 +19,7 @@ use tandem_interp::codes::m02_m30_end::M30;
 use tandem_interp::codes::m99_return::M99;
 use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable};
 use tandem_interp::dialect::{ModalWords, Policy};
+use tandem_interp::dialects::texts::NO_TEXTS;
 use tandem_interp::restrictions::USUAL;
 use tandem_interp::{CheckContext, Dialect, check_source};
 use tandem_model::flow::{Action, Compensation, Item};
@@ -67,6 +68,7 @@ pub const fn with_policy(policy: Policy, grammar: fn() -> &'static Grammar) -> D
         home: "G91 G28",
         path: PathRules::NJ,
         restrictions: &USUAL,
+        texts: &NO_TEXTS,
     }
 }
 

@@ -11,6 +11,7 @@ use tandem_interp::codes::m_auxiliary::AUXILIARY;
 use tandem_interp::codes::m02_m30_end::M30;
 use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable, WordSpec};
 use tandem_interp::dialect::{ModalWords, Policy};
+use tandem_interp::dialects::texts::NO_TEXTS;
 use tandem_interp::execution::Execution;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
 use tandem_model::flow::{Action, AxisWords, Distance, Frame};
@@ -55,6 +56,7 @@ static SHOP: Dialect = Dialect {
     policy: Policy::NJ,
     path: PathRules::NJ,
     restrictions: &[],
+    texts: &NO_TEXTS,
 };
 
 #[test]

@@ -4,7 +4,7 @@ use tandem_model::Diagnostic;
 use tandem_model::limits::{BLOCK_BYTES_MAX, CALL_DEPTH_MAX};
 use tandem_model::plane::Plane;
 use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CompensationRules};
-use tandem_syntax::{Address, Block, Value, block_bytes, diagnostics};
+use tandem_syntax::{Address, Block, Value, Word, block_bytes, diagnostics};
 
 use super::explore::{Explorer, Next, Step};
 use super::graph::{Call, Here, Kind, Place, Way};
@@ -359,28 +359,34 @@ impl Explorer<'_> {
         }
     }
 
+    /// The number and the repetitions of a call, as far as they are known.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "the range is tested, and a cast saturates"
     )]
+    fn number_and_times(&self, code: &Code) -> (Option<u16>, Option<u16>) {
+        let known = |address| {
+            let value = self.words.get(address).filter(|value| value.is_finite())?;
+            let spec = code.word(address).filter(|word| word.holds(value));
+            spec.map(|_| value as u16)
+        };
+        let is_repeated = self.words.get(Address::L).is_some();
+        let times = if is_repeated { known(Address::L) } else { Some(1) };
+        (known(Address::P), times)
+    }
+
     fn call(&mut self, here: Here<'_>, code: &Code, state: &mut State) -> Step {
         let Here {
             place, tree, block, ..
         } = here;
-        let holds = |address, value: &f64| {
-            value.is_finite() && code.word(address).is_some_and(|word| word.holds(*value))
-        };
-        let number = self
-            .words
-            .get(Address::P)
-            .filter(|value| holds(Address::P, value));
-        let times = match self.words.get(Address::L) {
-            None => Some(1),
-            Some(times) => Some(times as u16).filter(|_| holds(Address::L, &times)),
-        };
+        let (number, times) = self.number_and_times(code);
+        let is_none = |word: &Word| word.address == Address::L && word.whole() == Some(0);
+        if tree.words(block).iter().any(is_none) {
+            return Step::On;
+        }
         let of = &mut self.programs[place.program];
-        let Some(number) = number.map(|number| number as u16) else {
+        let Some(number) = number else {
             of.calls_any = true;
             state.forget_all();
             return Step::On;
@@ -393,10 +399,24 @@ impl Explorer<'_> {
         if span.start < call.span.start {
             call.span = span;
         }
-        if times == Some(0) || state.callers.len() >= CALL_DEPTH_MAX {
+        // what is not called in this state is looked at all the same
+        let program = self.called(number);
+        if times == Some(0) {
             return Step::On;
         }
-        let Some(program) = self.called(number) else {
+        if state.callers.len() >= CALL_DEPTH_MAX {
+            let text = format!(
+                "a way through the program calls program {number} more than {CALL_DEPTH_MAX} deep: that call is not made"
+            );
+            let help = "Call it from a program that is called less deep, or write its blocks here.";
+            self.note(
+                here,
+                diagnostics::CALL_TOO_DEEP.at(span, text, help),
+                Weight::Sure,
+            );
+            return Step::On;
+        }
+        let Some(program) = program else {
             let is_missing = self.context.programs.is_some();
             if let Some(call) = self.programs[place.program].programs.get_mut(&number) {
                 call.is_missing = is_missing;

@@ -171,7 +171,9 @@ impl<'a> Explorer<'a> {
 
     /// Looks at blocks that no state has come to.
     fn look_at_the_rest(&mut self) {
-        for program in 0..self.programs.len() {
+        let mut program = 0;
+        // what is looked at may call programs that nothing else does
+        while program < self.programs.len() {
             let blocks = self.programs[program].tree.blocks().len();
             for block in 0..blocks {
                 if self.programs[program].has(block, LOOKED_AT) {
@@ -194,6 +196,7 @@ impl<'a> Explorer<'a> {
                 self.open.clear();
                 self.supposed.clear();
             }
+            program += 1;
         }
     }
 

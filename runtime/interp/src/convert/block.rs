@@ -14,14 +14,36 @@ const RIGID_TAPPING: u32 = 29;
 /// G91.1: I, J and K count from the start of an arc, as they do here.
 const CENTRES_ARE_DISTANCES: f64 = 91.1;
 
+/// G51.1 mirrors, and G50.1 ends it.
+const MIRRORING: [(f64, bool); 2] = [(51.1, true), (50.1, false)];
+
+/// Above it the digits before the last four of P of M98 say how often the program is called.
+const CALLS_FROM: u32 = 10_000;
+
 /// S below it is the number of a speed in dialect dgshape.
 const SPEED_MIN: f64 = 100.0;
+
+/// The block skips of a block, as nj writes them.
+fn skips(numbers: u32) -> String {
+    let all = (1..=u32::BITS).filter(|number| numbers >> (number - 1) & 1 == 1);
+    let all: Vec<String> = all
+        .map(|number| {
+            if number == 1 {
+                "/".to_owned()
+            } else {
+                format!("/{number}")
+            }
+        })
+        .collect();
+    let gap = if all.is_empty() { "" } else { " " };
+    all.join(" ") + gap
+}
 
 impl State {
     /// The blocks of nj that do what this one does.
     pub fn block(&mut self, program: &NcProgram, block: &Block) -> Result<Vec<String>, String> {
         let mut words = Words::of(program.words(block));
-        let skip = if block.skip_numbers() == 0 { "" } else { "/ " };
+        let skip = skips(block.skip_numbers());
         if !skip.is_empty() && (self.cycle.is_some() || words.has(&[Address::G, Address::T])) {
             return Err(
                 "a block that may be skipped changes what is in force: write it without the codes".to_owned(),
@@ -85,6 +107,7 @@ impl State {
             Action::Machine => vec![self.machine_position(words)?],
             Action::Rotation => vec![self.rotation(words)?],
             Action::Scaling => vec![self.scaling(words)?],
+            Action::Mirroring(on) => vec![self.mirroring(words, on)?],
             Action::Length(on) => self.length(words, on)?,
             Action::Motion if self.cycle.is_some() => self.holes(words, codes.begins_cycle)?,
             Action::Motion => self.motion(words, &codes)?,
@@ -119,6 +142,11 @@ impl State {
         let taps = self.cycle.as_ref().is_some_and(Cycle::taps);
         while let Some(word) = words.take(Address::G) {
             if self.from == Source::Fanuc && word.number() == Some(CENTRES_ARE_DISTANCES) {
+                continue;
+            }
+            let mirrors = MIRRORING.iter().find(|(code, _)| word.number() == Some(*code));
+            if let Some((_, on)) = mirrors.filter(|_| self.from == Source::Fanuc) {
+                codes.action = Action::Mirroring(*on);
                 continue;
             }
             let number = word.whole().ok_or_else(|| Self::no_equal(word))?;
@@ -266,10 +294,13 @@ impl State {
                     if self.cycle.is_some() {
                         return Err("the positions of the subprogram are holes of the cycle in force. Write G80 before it, and the cycle in the subprogram.".to_owned());
                     }
-                    let program = words.take(Address::P).and_then(Word::whole);
+                    let called = words.take(Address::P).and_then(Word::whole);
+                    let program = called.map(|called| called % CALLS_FROM);
                     let program = program.filter(|number| (1000..=9999).contains(number));
                     let program = program.ok_or("the number of a subprogram is 1000 to 9999. Rename it.")?;
-                    let times = words.take(Address::L).and_then(Word::whole);
+                    let times = called.map(|called| called / CALLS_FROM);
+                    let times = times.filter(|times| *times > 0);
+                    let times = times.or_else(|| words.take(Address::L).and_then(Word::whole));
                     format!(
                         "M98 P{program}{}",
                         times.map_or_else(String::new, |times| format!(" L{times}"))
@@ -389,6 +420,8 @@ enum Action {
     Machine,
     Rotation,
     Scaling,
+    /// G51.1 or G50.1.
+    Mirroring(bool),
     /// The tool length offset begins or ends.
     Length(bool),
 }

@@ -32,12 +32,17 @@ impl State {
         Ok(format!("{code} {point}{positions}"))
     }
 
-    /// Scaling and rotation end with some codes of nj, and go on there.
+    /// Mirroring, scaling and rotation end with some codes of nj, and go on there.
     pub(super) fn in_plain_shape(&self, code: &str) -> Result<(), String> {
-        let (begin, end) = match (self.is_rotated, self.is_scaled) {
-            (false, false) => return Ok(()),
-            (true, _) => ("G68", "G69"),
-            (false, true) => ("G51", "G50"),
+        self.within(code, self.mirror.iter().any(Option::is_some))
+    }
+
+    fn within(&self, code: &str, is_mirrored: bool) -> Result<(), String> {
+        let (begin, end) = match (self.is_rotated, self.is_scaled, is_mirrored) {
+            (false, false, false) => return Ok(()),
+            (true, _, _) => ("G68", "G69"),
+            (false, true, _) => ("G51", "G50"),
+            (false, false, true) => ("G51.1", "G50.1"),
         };
         Err(format!(
             "{code} stands within {begin}. Write {end} before it, and {begin} anew behind it."
@@ -133,6 +138,40 @@ impl State {
         self.is_scaled = true;
         self.lose_position();
         Ok(parts.join(" "))
+    }
+
+    /// G51.1 and G50.1: a G51.1 of nj mirrors its own axes alone, one of these controls those of earlier ones, too.
+    pub(super) fn mirroring(&mut self, words: &mut Words<'_>, on: bool) -> Result<String, String> {
+        let code = if on { "G51.1" } else { "G50.1" };
+        self.within(code, false)?;
+        if self.absolute != Some(true) {
+            return Err(format!("{code} stands with G91. Write G90 before it."));
+        }
+        let mut names_none = true;
+        for (axis, address) in POSITIONS.into_iter().take(self.mirror.len()).enumerate() {
+            let Some(word) = words.take(address) else { continue };
+            let about = self.value(word)? * self.unit_of(axis);
+            self.mirror[axis] = on.then_some(about);
+            names_none = false;
+        }
+        if names_none && on {
+            return Err("G51.1 names no axis. Name those that it mirrors.".to_owned());
+        }
+        if names_none {
+            self.mirror = [None; 3];
+        }
+        self.lose_position();
+        let axes = self.mirror.iter().enumerate();
+        let axes = axes.filter_map(|(axis, about)| {
+            let about = shown((*about)? / self.unit_of(axis));
+            Some(format!(" {}{about}", POSITIONS[axis].text()))
+        });
+        let axes: String = axes.collect();
+        Ok(if axes.is_empty() {
+            "G50.1".to_owned()
+        } else {
+            format!("G51.1{axes}")
+        })
     }
 
     /// G68: its centre is absolute in both languages.

@@ -2,7 +2,7 @@
 
 use tandem_syntax::{Address, Word};
 
-use super::state::{Cycle, State, Words, Z, shown};
+use super::state::{Cycle, Source, State, Words, Z, shown};
 
 /// Holes of one block; more would be a program of their own.
 const REPETITIONS_MAX: u32 = 100;
@@ -67,12 +67,20 @@ impl State {
         cycle.r = take(Address::R)?.or(cycle.r);
         cycle.depth = take(Address::Q)?.map(f64::abs).or(cycle.depth);
         cycle.dwell_ms = words.take(Address::P).and_then(Word::number).or(cycle.dwell_ms);
-        let repetitions = words.take(Address::K).map_or(Some(1), Word::whole);
-        let repetitions = repetitions.filter(|count| (1..=REPETITIONS_MAX).contains(count));
-        let repetitions = repetitions
-            .ok_or_else(|| format!("K is 1 to {REPETITIONS_MAX} here. Write a loop with while."))?;
+        let repetitions = self
+            .repetitions(words)
+            .filter(|count| *count <= REPETITIONS_MAX)
+            .ok_or_else(|| format!("more than {REPETITIONS_MAX} repetitions. Write a loop with while."))?;
         if words.has(&[Address::A]) {
             return Err("A does not move in a fixed cycle. Write it in a block before.".to_owned());
+        }
+        if repetitions == 0 {
+            // its levels stay, and nothing moves
+            for address in [Address::X, Address::Y] {
+                words.take(address);
+            }
+            self.cycle = Some(cycle);
+            return Ok(Vec::new());
         }
         let mut place = self.place(words, repetitions)?;
         if !place.is_empty() {
@@ -89,6 +97,16 @@ impl State {
         }
         self.cycle = Some(cycle);
         Ok(lines)
+    }
+
+    /// How often a hole is made: K, and on the controls that say it so L.
+    fn repetitions(&self, words: &mut Words<'_>) -> Option<u32> {
+        let k = words.take(Address::K);
+        let l = || {
+            let is_known = self.from == Source::Fanuc;
+            is_known.then(|| words.take(Address::L)).flatten()
+        };
+        k.or_else(l).map_or(Some(1), Word::whole)
     }
 
     /// Where the holes of a block are.
@@ -175,8 +193,9 @@ impl State {
             .z
             .zip(cycle.r)
             .ok_or("a tapping cycle needs Z and R. Write both in its first block.")?;
-        let repetitions = words.take(Address::K).map_or(Some(1), Word::whole);
-        let repetitions = repetitions.ok_or("K is a whole number")?;
+        let repetitions = self
+            .repetitions(words)
+            .ok_or("the number of repetitions is a whole one")?;
         let mut place = self.place(words, repetitions)?;
         if !place.is_empty() {
             place.push(' ');

@@ -38,6 +38,8 @@ pub(super) struct State {
     /// The coordinates are rotated, and scaled.
     pub is_rotated: bool,
     pub is_scaled: bool,
+    /// Where X, Y and Z are mirrored about, mm.
+    pub mirror: [Option<f64>; 3],
     /// The M code that has made the spindle turn.
     pub spindle: Option<u32>,
     /// The spindle stops when tapping ends.
@@ -100,6 +102,7 @@ impl State {
             local: [0.0; 4],
             is_rotated: false,
             is_scaled: false,
+            mirror: [None; 3],
             spindle: None,
             is_rigid: false,
             tool: None,

@@ -134,4 +134,5 @@ pub(super) static DGSHAPE: Dialect = Dialect {
         multi_block: MultiBlock::On,
     },
     restrictions: &restrictions::DGSHAPE,
+    texts: &super::texts::DGSHAPE,
 };

@@ -3,6 +3,7 @@
 mod dgshape;
 pub mod examples;
 mod nj;
+pub mod texts;
 
 use crate::dialect::Dialect;
 

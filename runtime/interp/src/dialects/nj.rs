@@ -60,6 +60,7 @@ pub(super) static NJ: Dialect = Dialect {
     policy: Policy::NJ,
     path: PathRules::NJ,
     restrictions: &restrictions::USUAL,
+    texts: &super::texts::NO_TEXTS,
 };
 
 #[cfg(test)]

@@ -94,7 +94,14 @@ pub(super) fn completion(document: &Document, at: Position) -> Vec<CompletionIte
     let grammar = (dialect.grammar)();
     let mut items = words(&codes(document, &line), dialect);
     let all = dialect.g_codes.codes.iter().chain(dialect.m_codes.codes);
-    items.extend(all.map(|code| item(code.code, CompletionItemKind::KEYWORD, code.name, code.docs)));
+    items.extend(all.map(|code| {
+        item(
+            code.code,
+            CompletionItemKind::KEYWORD,
+            dialect.name_of(code),
+            dialect.docs_of(code),
+        )
+    }));
     items.extend(outputs(document));
     if grammar.program_codes {
         items.extend(Keyword::ALL.iter().map(|keyword| {
@@ -151,20 +158,26 @@ fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
 fn words(codes: &[&Code], dialect: &Dialect) -> Vec<CompletionItem> {
     let of_word = |word: &WordSpec| {
         let needed = if word.required { ", needed" } else { "" };
-        let detail = format!("{}: {}{needed}", word.meaning, word.range_text());
+        let detail = format!("{}: {}{needed}", word.meaning, dialect.range_text(word));
         CompletionItem {
             // before the codes
             sort_text: Some(format!("!{}", word.address.text())),
             ..item(word.address.text(), CompletionItemKind::PROPERTY, &detail, "")
         }
     };
-    let own: Vec<_> = codes.iter().flat_map(|code| code.words).map(of_word).collect();
+    let own: Vec<_> = codes
+        .iter()
+        .flat_map(|code| dialect.words_of(code))
+        .map(of_word)
+        .collect();
     if !own.is_empty() {
         return own;
     }
-    let modal = Address::ALL
-        .iter()
-        .filter_map(|address| dialect.modal_words.get(*address));
+    let known = Address::ALL.iter().filter(|address| {
+        let addresses = (dialect.grammar)().addresses;
+        addresses.contains(**address)
+    });
+    let modal = known.filter_map(|address| dialect.modal_words.get(*address));
     modal.map(of_word).collect()
 }
 

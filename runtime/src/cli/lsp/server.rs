@@ -4,16 +4,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use anyhow::Context;
 use crossbeam_channel::{after, never, select};
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{self, Notification as _};
 use lsp_types::request::{self, Request as _};
 use lsp_types::{
     CodeLensOptions, CompletionOptions, CompletionResponse, DocumentSymbolResponse, GotoDefinitionResponse,
-    HoverProviderCapability, InitializeParams, MessageType, OneOf, PublishDiagnosticsParams, SemanticTokens,
-    SemanticTokensFullOptions, SemanticTokensLegend, SemanticTokensOptions, SemanticTokensRangeResult,
-    SemanticTokensResult, ServerCapabilities, ShowMessageParams, TextDocumentSyncCapability,
-    TextDocumentSyncKind, TextDocumentSyncOptions, TextDocumentSyncSaveOptions, Uri,
+    HoverProviderCapability, InitializeParams, LogMessageParams, MessageType, OneOf,
+    PublishDiagnosticsParams, SemanticTokens, SemanticTokensFullOptions, SemanticTokensLegend,
+    SemanticTokensOptions, SemanticTokensRangeResult, SemanticTokensResult, ServerCapabilities,
+    ShowMessageParams, TextDocumentSyncCapability, TextDocumentSyncKind, TextDocumentSyncOptions,
+    TextDocumentSyncSaveOptions, Uri,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -23,6 +25,7 @@ use super::super::check::check_text;
 use super::document::{Document, path_of};
 use super::setup::Setup;
 use super::timing::Timing;
+use super::transport::MALFORMED;
 use super::{features, outline};
 
 /// How long the editor has been quiet at least when what was typed is checked: one key often brings several messages.
@@ -59,7 +62,8 @@ struct Server<'a> {
 /// # Errors
 /// The editor does not speak the protocol, or has gone.
 pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> anyhow::Result<bool> {
-    let (id, params) = connection.initialize_start()?;
+    let begun = connection.initialize_start();
+    let (id, params) = begun.context("no editor has begun with the request initialize on standard input")?;
     let params: InitializeParams = serde_json::from_value(params)?;
     let info = json!({"name": "tandem", "version": env!("CARGO_PKG_VERSION")});
     connection.initialize_finish(id, json!({"capabilities": capabilities(), "serverInfo": info}))?;
@@ -309,6 +313,10 @@ impl Server<'_> {
                     None,
                 ));
             }
+            MALFORMED => self.tell::<notification::LogMessage>(LogMessageParams {
+                typ: MessageType::ERROR,
+                message: notice.params.as_str().unwrap_or_default().to_owned(),
+            }),
             _ => {}
         }
     }

@@ -50,6 +50,19 @@ struct Alarm {
     line: Option<u32>,
 }
 
+/// What is read where a program that it calls has errors.
+#[derive(Deserialize)]
+struct Refused {
+    diagnostics: Vec<Found>,
+}
+
+#[derive(Deserialize)]
+struct Found {
+    file: String,
+    line: u32,
+    message: String,
+}
+
 impl Timing {
     pub fn new(command: PathBuf) -> Self {
         let (tell, ended) = unbounded();
@@ -181,7 +194,12 @@ impl Drop for Timing {
 
 fn title(printed: &str) -> String {
     let Ok(simulated) = serde_json::from_str::<Simulated>(printed) else {
-        return "no time: the program cannot be simulated".to_owned();
+        let refused = serde_json::from_str::<Refused>(printed).ok();
+        let found = refused.and_then(|refused| refused.diagnostics.into_iter().next());
+        return found.map_or_else(
+            || "no time: the program cannot be simulated".to_owned(),
+            |Found { file, line, message }| format!("no time: {file}, line {line}: {message}"),
+        );
     };
     let time = format!("{:.3} s", simulated.cycle_time_s);
     match simulated.alarm {

@@ -431,7 +431,7 @@ impl<'a> Parser<'a> {
                 first.to_string()
             };
             let help = match first {
-                '#' if self.grammar.program_codes => {
+                '#' if self.grammar.foreign("#", "").is_none() => {
                     let text = self.cursor.excerpt(self.cursor.span_from(start + 1));
                     let digits = text.split(|c: char| !c.is_ascii_digit()).next();
                     foreign::variable(digits.unwrap_or_default())

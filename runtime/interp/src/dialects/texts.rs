@@ -1,0 +1,323 @@
+//! What a dialect says in words of its own of what it shares with others: codes that do something else in it, and
+//! diagnostics whose rule or example is another one.
+
+use tandem_syntax::DiagnosticEntry;
+
+use crate::codes::{Code, WordSpec};
+use crate::dialect::{Dialect, Numbers};
+use crate::numbers;
+
+/// Texts of a dialect in place of those that codes and diagnostics have themselves.
+#[derive(Debug, Clone, Copy)]
+pub struct Texts {
+    /// Code, its name, and what it does; empty: as the code says it.
+    pub codes: &'static [(&'static str, &'static str, &'static str)],
+    /// Diagnostic, its rule, and an example.
+    pub diagnostics: &'static [(&'static str, &'static str, &'static str)],
+}
+
+/// None.
+pub static NO_TEXTS: Texts = Texts {
+    codes: &[],
+    diagnostics: &[],
+};
+
+/// Of dialect dgshape.
+pub static DGSHAPE: Texts = Texts {
+    codes: &[
+        (
+            "G00",
+            "Positioning",
+            "Moves along a straight line to the target, as fast as the motors can together; F does not count. It is never \
+             blended with another motion. In force at start-up.",
+        ),
+        (
+            "G01",
+            "",
+            "Moves along a straight line at the feedrate F. Where A moves, F is the speed of the surface about A at the tool \
+             (D58).",
+        ),
+        (
+            "G02",
+            "Clockwise circular interpolation",
+            "Moves clockwise on an arc of the selected plane, with the centre I, J, K from the start point in G90 and G91 \
+             alike, or the radius R: positive for up to a half circle, negative for more, 0 for a straight line. Back to the \
+             start point, or without a target in the plane, I, J, K give a full circle. X, Y or Z outside the plane moves \
+             linearly in the angle; A does not move. R wins over I, J, K.",
+        ),
+        ("G03", "Counterclockwise circular interpolation", ""),
+        (
+            "G17",
+            "Select X-Y plane",
+            "Selects the XY plane for arcs, and for tool-diameter offset and fixed cycles, which have no other. In force at \
+             start-up.",
+        ),
+        ("G18", "Select Z-X plane", "Selects the ZX plane for arcs."),
+        ("G19", "Select Y-Z plane", "Selects the YZ plane for arcs."),
+        (
+            "G20",
+            "",
+            "Lengths and feedrates from this block on are in inches and inches a minute, `max_feedrate` and \
+             `default_feedrate` of the coordinate system too. Motor limits, soft limits, work offsets and tools stay in mm \
+             (D25).",
+        ),
+        ("G21", "Millimeter input", ""),
+        ("G28", "Reference-point return", ""),
+        (
+            "G40",
+            "Cancel tool-diameter offset",
+            "Switches tool-diameter offset off; the next G00 or G01 that moves in the XY plane leads out. Until then the \
+             program neither waits nor ends. In force at start-up.",
+        ),
+        ("G41", "Tool-diameter offset, left", ""),
+        ("G42", "Tool-diameter offset, right", ""),
+        ("G43", "Tool-length offset", ""),
+        ("G49", "Cancel tool-length offset", ""),
+        ("G53", "Movement in the machine coordinate system", ""),
+        ("G80", "Cancel fixed cycle", ""),
+        (
+            "M02",
+            "",
+            "Ends the program. Blocks after it are not executed; the next start begins at the head.",
+        ),
+        (
+            "M30",
+            "",
+            "Ends the program. Blocks after it are not executed; the next start begins at the head.",
+        ),
+        (
+            "M",
+            "",
+            "Makes an output at the start of its block, and owes it a reset. The program goes on without it, unless the \
+             configuration says `timing = \"after_motion\"`.",
+        ),
+    ],
+    diagnostics: &[
+        (
+            "E0001",
+            "A program is at most 64 MiB of text. Nothing of it has been read.",
+            "Split the program, and run its parts one after the other.",
+        ),
+        (
+            "E0004",
+            "A comment that begins with ( ends with ) on the same line.",
+            "wrong: (roughing   right: (roughing)",
+        ),
+        (
+            "E0005",
+            "A word is an address and a number.",
+            "wrong: G01 X Y10.   right: G01 X0 Y10.",
+        ),
+        (
+            "E0007",
+            "The addresses are those of the manual's list of words (2-7).",
+            "wrong: G01 W10.   right: G01 Z10.",
+        ),
+        (
+            "E0008",
+            "Block skip has no number.",
+            "wrong: /2 X10.   right: /X10.",
+        ),
+        (
+            "E0009",
+            "Block skip stands before everything else, the block number included.",
+            "wrong: N10 / X10.   right: / N10 X10.",
+        ),
+        (
+            "E0104",
+            "M codes are those of the manual's list (2-7), and those that have a table m_code in the configuration.",
+            "wrong: M08   right: M08, with [m_code.8] in the configuration",
+        ),
+        (
+            "E0106",
+            "Of two codes of a modal group the last one counts; but codes that hold for their block alone exclude each other.",
+            "wrong: G28 G92 X0   right: G28 X0 and G92 X0 in blocks of their own",
+        ),
+        (
+            "E0107",
+            "A block makes at most one output. The manual does not say which of two would come first.",
+            "wrong: M12 M14   right: M12 and M14 in blocks of their own",
+        ),
+        (
+            "E0109",
+            "The manual gives the ranges of numbers with and without a decimal point (2-1), and those of words (2-2).",
+            "wrong: X10000.   right: X9999.999",
+        ),
+        (
+            "E0110",
+            "D, H, K, L, N, S and T have no decimal point, nor has P but as a factor.",
+            "wrong: G41 D1.   right: G41 D1",
+        ),
+        (
+            "E0111",
+            "Some codes do nothing without a word: M06 needs T.",
+            "wrong: M06   right: M06 T1",
+        ),
+        (
+            "E0113",
+            "G04 takes one of X and P.",
+            "wrong: G04 P500 X1.   right: G04 P500",
+        ),
+        (
+            "E0115",
+            "A program ends with M02 or M30, in a block that is never skipped.",
+            "Write M30 in the last block.",
+        ),
+        (
+            "E0118",
+            "It cannot be told which of the codes the value is for.",
+            "wrong: G51 G04 P500   right: G51 P2. and G04 P500 in blocks of their own",
+        ),
+        (
+            "E0119",
+            "Tool-diameter offset begins and ends with G00 or G01 in the XY plane. In between, the plane, the side and the \
+             number stay; G10, G28, G50, G51, G53 to G59, G80 to G89 and G92 do not stand, and the program neither waits nor \
+             ends.",
+            "wrong: G41 D1 and then G54   right: G40 and a lead-out before G54",
+        ),
+        (
+            "E0120",
+            "G53 needs G49 before it. Alone, G49 moves Z down by the offset.",
+            "wrong: G43 H1 and then G53 Z0   right: G43 H1, then G90 G49 Z50., and then G53 Z0",
+        ),
+        (
+            "E0121",
+            "Fixed cycles drill along Z: in the XY plane, and while the spindle turns.",
+            "wrong: G81 X1. Z-5. R2. before M03   right: M03 before G81",
+        ),
+        (
+            "E0122",
+            "G02 and G03 need the centre by I, J, K of the plane in force, or the radius R, which is half the way to the end \
+             or more (D26).",
+            "wrong: G02 X10. Y0   right: G02 X10. Y0 R5.",
+        ),
+        (
+            "W0002",
+            "Nothing after M02 or M30 is executed.",
+            "Remove the blocks, or move the end below them.",
+        ),
+        (
+            "W0006",
+            "Block skip skips the words of its own line. It has no effect where the line has none.",
+            "wrong: / on a line of its own   right: /X10.",
+        ),
+        (
+            "W0009",
+            "What is in force where the program comes to this block depends on a block that may be skipped. On the way that \
+             the message names, the block is the error in parentheses, and an alarm stops the machine there.",
+            "wrong: /G02 X1. R5. and then X3. R5.   right: G02 X3. R5.",
+        ),
+        (
+            "W0018",
+            "A motion at the feedrate without F before it or in its block takes default_feedrate of the coordinate system. \
+             Where that is 0, as it is unless the configuration says otherwise, it is alarm 101; with --config that is E0126.",
+            "wrong: G01 X10.   right: G01 X10. F300.",
+        ),
+    ],
+};
+
+impl Dialect {
+    fn own(&self, code: &Code) -> Option<&'static (&'static str, &'static str, &'static str)> {
+        self.texts.codes.iter().find(|(own, ..)| *own == code.code)
+    }
+
+    /// What a code is called in the dialect.
+    pub fn name_of(&self, code: &Code) -> &'static str {
+        let own = self.own(code).map(|(_, name, _)| *name);
+        own.filter(|name| !name.is_empty()).unwrap_or(code.name)
+    }
+
+    /// What a code does in the dialect.
+    pub fn docs_of(&self, code: &Code) -> &'static str {
+        let own = self.own(code).map(|(.., docs)| *docs);
+        own.filter(|docs| !docs.is_empty()).unwrap_or(code.docs)
+    }
+
+    /// The words that a code takes, of those that the dialect has.
+    pub fn words_of(&self, code: &Code) -> impl Iterator<Item = &'static WordSpec> {
+        let known = (self.grammar)().addresses;
+        code.words.iter().filter(move |word| known.contains(word.address))
+    }
+
+    /// The range of a word's numbers, with its unit, as they are written.
+    pub fn range_text(&self, word: &WordSpec) -> String {
+        match self.policy.numbers {
+            Numbers::AsWritten => word.range_text(),
+            Numbers::Counted => numbers::written_range(word),
+        }
+    }
+
+    /// The rule and the example of a diagnostic.
+    pub fn explained(&self, entry: &DiagnosticEntry) -> (&'static str, &'static str) {
+        let mut own = self.texts.diagnostics.iter();
+        let own = own.find(|(code, ..)| *code == entry.code);
+        own.map_or((entry.explanation, entry.example), |(_, rule, example)| {
+            (rule, example)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tandem_syntax::DIAGNOSTICS;
+
+    use crate::dialects::{dgshape, nj};
+
+    #[test]
+    fn own_texts_are_of_codes_and_diagnostics_that_there_are_each_once() {
+        for dialect in [nj(), dgshape()] {
+            let codes = dialect.g_codes.codes.iter().chain(dialect.m_codes.codes);
+            let codes: Vec<_> = codes.chain([&dialect.auxiliary]).map(|code| code.code).collect();
+            for (index, (code, name, docs)) in dialect.texts.codes.iter().enumerate() {
+                assert!(codes.contains(code), "{code}");
+                assert!(!(name.is_empty() && docs.is_empty()), "{code}");
+                let mut later = dialect.texts.codes[index + 1..].iter();
+                assert!(later.all(|(other, ..)| other != code), "{code}");
+            }
+            let known: Vec<_> = DIAGNOSTICS.iter().map(|entry| entry.code).collect();
+            let own = dialect.texts.diagnostics.iter().map(|(code, ..)| *code);
+            let own: Vec<_> = own.collect();
+            assert!(own.iter().all(|code| known.contains(code)), "{own:?}");
+            assert!(own.windows(2).all(|pair| pair[0] < pair[1]), "{own:?}");
+        }
+    }
+
+    #[test]
+    fn a_dialect_tells_nothing_that_only_the_other_one_has() {
+        let of_nj = [
+            "G30",
+            "G31",
+            "G44",
+            "G52",
+            "G61",
+            "G64",
+            "G68",
+            "G74",
+            "G84",
+            "G500",
+            "M98",
+            "M99",
+            "subprogram",
+            "_CNC_",
+            "ta,",
+            "/*",
+            "[L",
+            "VA5",
+            "rotation",
+        ];
+        let dialect = dgshape();
+        let codes = dialect.g_codes.codes.iter().chain(dialect.m_codes.codes);
+        for code in codes.chain([&dialect.auxiliary]) {
+            let docs = dialect.docs_of(code);
+            for foreign in of_nj {
+                assert!(!docs.contains(foreign), "{}: {foreign}: {docs}", code.code);
+            }
+            let addresses = (dialect.grammar)().addresses;
+            assert!(
+                dialect
+                    .words_of(code)
+                    .all(|word| addresses.contains(word.address))
+            );
+        }
+    }
+}

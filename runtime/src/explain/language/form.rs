@@ -1,0 +1,121 @@
+//! Pages of what stands around the words of a program: block numbers, block skip, comments, and the frame of a dialect that has
+//! one.
+
+use tandem_syntax::Grammar;
+
+use super::super::{indented, page};
+
+/// What has a page.
+enum Form {
+    BlockNumber,
+    BlockSkip,
+    Mark,
+    ProgramNumber,
+    Comment,
+}
+
+/// The names of all forms of a dialect.
+pub(super) fn names(grammar: &Grammar) -> Vec<String> {
+    let form = grammar.program_form;
+    let letters = [form.mark, form.number_letter].into_iter().flatten();
+    let comments = grammar.line_comment.into_iter();
+    let comments = comments.chain(grammar.block_comment.map(|(open, _)| open));
+    let own = ["N", "/"].into_iter().chain(comments).map(str::to_owned);
+    own.chain(letters.map(|letter| char::from(letter).to_string()))
+        .collect()
+}
+
+/// The page of a form that is named as it is written.
+pub(super) fn page_of(what: &str, grammar: &Grammar) -> Option<String> {
+    let (form, name) = find(what, grammar)?;
+    let (title, lines, text) = match form {
+        Form::BlockNumber => (
+            "block number",
+            "N10 G01 X5".to_owned(),
+            "Stands before the other words of its block, behind block skip. It names the block for people, and does nothing."
+                .to_owned(),
+        ),
+        Form::BlockSkip => ("block skip", "/ N10 G01 X5".to_owned(), block_skip(grammar)),
+        Form::Mark => (
+            "begin and end of the program",
+            format!("{name}\nO1\nG90\nM30\n{name}"),
+            "Stands alone on the first line: a program without it is not executed. Where it stands again the program ends; there it \
+             may be left out."
+                .to_owned(),
+        ),
+        Form::ProgramNumber => (
+            "program number",
+            format!("{name}1234"),
+            format!(
+                "Stands alone on the line behind the first mark, once, with 1 to {} digits. It is shown, and is not the number under \
+                 which the program is stored.",
+                grammar.program_form.number_digits_max
+            ),
+        ),
+        Form::Comment => ("comment", comments(grammar), comment(grammar).to_owned()),
+    };
+    Some(page(&name, title, &[indented(&lines), text]))
+}
+
+fn find(what: &str, grammar: &Grammar) -> Option<(Form, String)> {
+    let is = |letter: Option<u8>| {
+        let letter = letter.map(|letter| char::from(letter).to_string());
+        letter.is_some_and(|letter| letter.eq_ignore_ascii_case(what))
+    };
+    let name = what.to_uppercase();
+    let number = |digits: &str| {
+        digits.is_empty()
+            || digits
+                .parse()
+                .is_ok_and(|number: u8| (1..=grammar.block_skip_max).contains(&number))
+    };
+    let comments = grammar.line_comment.into_iter();
+    let (open, close) = grammar.block_comment.unzip();
+    let mut comments = comments.chain(open).chain(close);
+    let form = match what.strip_prefix('/') {
+        _ if comments.any(|mark| mark == what) => Form::Comment,
+        Some(digits) if number(digits) => Form::BlockSkip,
+        _ if what.eq_ignore_ascii_case("n") => Form::BlockNumber,
+        _ if is(grammar.program_form.mark) => Form::Mark,
+        _ if is(grammar.program_form.number_letter) => Form::ProgramNumber,
+        _ => return None,
+    };
+    Some((form, name))
+}
+
+fn block_skip(grammar: &Grammar) -> String {
+    let numbers = match grammar.block_skip_max {
+        1 => String::new(),
+        max => format!(" / alone is /1, the others are /2 to /{max}, and several may stand (D13)."),
+    };
+    let place = if grammar.program_codes {
+        " Before program codes it does not stand."
+    } else {
+        ""
+    };
+    format!(
+        "The block is passed over while the input of block skip is on when the block is read, ahead of the motion. It stands before all \
+         else on its line.{numbers}{place}"
+    )
+}
+
+fn comments(grammar: &Grammar) -> String {
+    let of_line = grammar
+        .line_comment
+        .map(|open| format!("G01 X5 {open} to the wall"));
+    let of_block = grammar
+        .block_comment
+        .map(|(open, close)| format!("G01 X5 {open} to the wall {close}"));
+    let lines: Vec<String> = of_line.into_iter().chain(of_block).collect();
+    lines.join("\n")
+}
+
+fn comment(grammar: &Grammar) -> &'static str {
+    match (grammar.line_comment, grammar.comment_spans_lines) {
+        (None, _) => "Ends on its line. It is passed over; the first one of a program is its title.",
+        (Some(_), _) => {
+            "The first form ends with its line, the second where it is closed, on any line. It is passed over; the first one of a \
+             program is its title."
+        }
+    }
+}
