@@ -6,7 +6,7 @@ import { parseAddress } from "./address.js";
 import { Bell, sleep } from "./bell.js";
 import { ConnectError, NoAnswer, NotConnected, Refused, sentence } from "./errors.js";
 import { Hub } from "./hub.js";
-import { Link } from "./link.js";
+import { limits, Link } from "./link.js";
 import { checkMaySend } from "./output.js";
 import { FILTERS, numberAt, patternOf, whatIsWrong } from "./topics.js";
 
@@ -17,7 +17,6 @@ export const OUTBOX_MAX = 1_024;
 
 const BACKOFF_FIRST_MS = 100;
 const BACKOFF_MAX_MS = 5_000;
-const LOOK_AT_AGE_MS = 1_000;
 
 /**
  * Where a program says what happens to it; `console` where nothing is given.
@@ -82,6 +81,9 @@ export class Connection {
   #news = new Set();
   /** When the machine was heard last, ms; each connection begins anew. */
   #heardAt = 0;
+  /** The machine has not said in time that it is there. */
+  #isMissed = false;
+  #mustReconnect = false;
 
   /** @param {string} address @param {ConnectOptions} [options] @param {string | null} [handlerId] */
   constructor(address, options = {}, handlerId = null) {
@@ -182,11 +184,13 @@ export class Connection {
       this.#link = link;
       this.connections += 1;
       this.#heardAt = performance.now();
+      this.#isMissed = this.#mustReconnect = false;
       link.subscribe(this.#filters().map((path) => `${this.address.root}/${path}`));
       age = setInterval(() => {
+        if (this.#mustReconnect) void link.close("the machine was missed and is heard again");
         link.lookAtSilence();
         this.#lookAtAge();
-      }, LOOK_AT_AGE_MS);
+      }, limits.lookMs);
       this.#trouble = await link.lost;
       if (!this.#isClosing) this.log.warn(`${host}:${port}: ${this.#trouble}`);
       return true;
@@ -231,6 +235,7 @@ export class Connection {
     if (!presence?.online || typeof presence.expires_ms !== "number") return;
     if (performance.now() - this.#heardAt < presence.expires_ms) return;
     this.log.warn("the machine has not said in time that it is still there: it counts as offline");
+    this.#isMissed = true;
     this.#take("presence", "presence", { ...presence, online: false });
   }
 
@@ -255,7 +260,11 @@ export class Connection {
       this.log.warn(`a message on ${topic} is not of its form: ${wrong}`);
       return;
     }
-    if (pattern === "presence" && !isRetained) this.#heardAt = performance.now();
+    if (pattern === "presence" && !isRetained) {
+      this.#heardAt = performance.now();
+      // a part of a cluster that was cut off may not tell what was said meanwhile: all is read and said anew
+      this.#mustReconnect = this.#isMissed;
+    }
     this.#take(path, pattern, message);
   }
 

@@ -7,11 +7,15 @@ import { ConnectError } from "./errors.js";
 const CONNECT_TIMEOUT_MS = 5_000;
 const CLOSE_TIMEOUT_MS = 500;
 const KEEP_ALIVE_S = 5;
-/**
- * A broker that acknowledges nothing for so long, while something waits for it, is left for the next node. Reason: a node of a cluster
- * that has lost the others may take messages and never acknowledge them, also when it has found them again.
- */
-export const limits = { silenceMs: 10_000 };
+export const limits = {
+  /**
+   * A broker that acknowledges nothing for so long, while something waits for it, is left for the next node. Reason: a node of a
+   * cluster that has lost the others may take messages and never acknowledge them, also when it has found them again.
+   */
+  silenceMs: 10_000,
+  /** How often the age of the machine's presence and such silence are looked at. */
+  lookMs: 1_000,
+};
 /** Bytes of one message; more is not read. */
 const PAYLOAD_MAX = 1 << 20;
 /** Messages that are not acknowledged; more are refused. */
@@ -47,6 +51,7 @@ export class Link {
   #unacknowledged = 0;
   /** Since when messages wait for an acknowledgement and none has come, ms. */
   #silentSince = 0;
+  #why = "the connection was lost";
   #end = (/** @type {string} */ _why) => {};
   /** Why the connection has ended, once it has. @type {Promise<string>} */
   lost;
@@ -87,20 +92,19 @@ export class Link {
       if (payload.length <= PAYLOAD_MAX) this.#onMessage(topic, payload, retain);
     });
     await new Promise((/** @type {(_: void) => void} */ resolve, reject) => {
-      let why = "the connection was lost";
       client.on("connect", () => {
         // small messages must not wait for each other
         if ("setNoDelay" in client.stream && typeof client.stream.setNoDelay === "function") client.stream.setNoDelay(true);
         resolve();
       });
       client.on("error", (error) => {
-        why = error.message;
+        this.#why = error.message;
         const code = "code" in error ? error.code : undefined;
-        reject(REFUSED_FOR_GOOD.some((known) => known === code) ? new ConnectError(`the broker refuses this client: ${why}`) : error);
+        reject(REFUSED_FOR_GOOD.some((known) => known === code) ? new ConnectError(`the broker refuses this client: ${this.#why}`) : error);
       });
       client.on("close", () => {
-        reject(new Error(why));
-        this.#end(why);
+        reject(new Error(this.#why));
+        this.#end(this.#why);
       });
     });
   }
@@ -144,10 +148,11 @@ export class Link {
   }
 
   /** Sends what waits, says goodbye, and closes. */
-  async close() {
+  async close(reason = "closed here") {
     const client = this.#client;
     if (client?.connected) {
       const force = setTimeout(() => this.abandon(), CLOSE_TIMEOUT_MS);
+      this.#why = reason;
       await client.endAsync().catch(() => {});
       clearTimeout(force);
     }

@@ -9,6 +9,7 @@ import { limits } from "../src/link.js";
 import { FakeBroker } from "./fake_broker.js";
 
 limits.silenceMs = 500;
+limits.lookMs = 50;
 
 /** What is said. @type {string[]} */
 const said = [];
@@ -34,6 +35,18 @@ test("a broker is not left while nothing waits for it", async () => {
   await serving.close();
   assert.deepEqual(said, []);
   sound.close();
+});
+
+test("what a missed machine said is read anew when it is heard again", async () => {
+  said.length = 0;
+  const broker = await FakeBroker.open({ acknowledges: true, accepts: true, expiresMs: 300 });
+  const serving = await program().serve(`mqtt://${broker.node}/mill-1`, { log });
+  while (!said.some((words) => words.includes("counts as offline"))) await delay(10);
+  broker.sayPresence();
+  while (broker.connections < 2) await delay(10);
+  assert.equal(broker.goodbyes, 1, "without one its last will would lose the handler's outputs");
+  await serving.close();
+  broker.close();
 });
 
 test("a task begins when the machine knows the handlers, and not when the broker does", async () => {

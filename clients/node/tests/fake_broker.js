@@ -20,18 +20,27 @@ function example(address) {
 export class FakeBroker {
   /** Topics of what has come, below the machine. @type {string[]} */
   heard = [];
+  connections = 0;
+  goodbyes = 0;
   #server = createServer((socket) => this.#serve(socket));
   /** @type {Set<import("node:net").Socket>} */
   #lines = new Set();
   /** @type {string | null} */
   #instance = null;
 
-  /** `accepts`: the machine knows a handler as soon as it hears of it. @param {{acknowledges: boolean, accepts: boolean}} does */
+  /**
+   * @typedef {object} Does
+   * @property {boolean} acknowledges
+   * @property {boolean} accepts the machine knows a handler as soon as it hears of it
+   * @property {number} [expiresMs] how old the machine's presence may become; it is not said again by itself
+   */
+
+  /** @param {Does} does */
   constructor(does) {
     this.does = does;
   }
 
-  /** Listens. @param {{acknowledges: boolean, accepts: boolean}} does */
+  /** Listens. @param {Does} does */
   static async open(does) {
     const broker = new FakeBroker(does);
     broker.#server.listen(0, "127.0.0.1");
@@ -55,6 +64,12 @@ export class FakeBroker {
     this.#lines.forEach((line) => this.#say(line, "handler/cell/result", result));
   }
 
+  /** Has the machine say that it is there. */
+  sayPresence() {
+    const presence = { ...example("presence"), expires_ms: this.does.expiresMs ?? 30_000 };
+    this.#lines.forEach((line) => this.#say(line, "presence", presence));
+  }
+
   /** @param {import("node:net").Socket} line */
   #serve(line) {
     this.#lines.add(line);
@@ -67,11 +82,15 @@ export class FakeBroker {
 
   /** @param {import("node:net").Socket} line @param {any} packet */
   #answer(line, { cmd, messageId, subscriptions, topic, payload }) {
-    if (cmd === "connect") send(line, { cmd: "connack", returnCode: 0, sessionPresent: false });
+    if (cmd === "connect") {
+      this.connections += 1;
+      send(line, { cmd: "connack", returnCode: 0, sessionPresent: false });
+    } else if (cmd === "disconnect") this.goodbyes += 1;
     else if (cmd === "pingreq") send(line, { cmd: "pingresp" });
     else if (cmd === "subscribe") {
       send(line, { cmd: "suback", messageId, granted: subscriptions.map(() => 1) });
-      for (const what of ["birth", "presence"]) this.#say(line, what, example(what));
+      this.#say(line, "birth", example("birth"));
+      this.sayPresence();
     } else if (cmd === "publish") {
       const path = topic.slice(MACHINE.length);
       this.heard.push(path);

@@ -12,7 +12,7 @@ from typing import Any
 ROOT = Path(__file__).parents[3]
 MACHINE = "tandem/v1/mill-1/"
 CONNACK, PUBLISH, PUBACK, SUBSCRIBE, SUBACK, PINGREQ, PINGRESP = 0x20, 3, 0x40, 8, 0x90, 12, 0xD0
-CONNECT = 1
+CONNECT, DISCONNECT = 1, 14
 
 
 def example(address: str) -> dict[str, Any]:
@@ -29,10 +29,15 @@ def example(address: str) -> dict[str, Any]:
 class FakeBroker:
     """Accepts connections, and tells each that the machine is there."""
 
-    def __init__(self, *, acknowledges: bool, accepts: bool) -> None:
+    def __init__(self, *, acknowledges: bool, accepts: bool, expires_ms: int = 30_000) -> None:
         self.acknowledges = acknowledges
         self.accepts = accepts
         """The machine knows a handler as soon as it hears of it."""
+        self.expires_ms = expires_ms
+        """How old the machine's presence may become; it is not said again by itself."""
+        self.is_connected = asyncio.Event()
+        """A client has come."""
+        self.goodbyes = 0
         self.heard: list[str] = []
         """Topics of what has come, below the machine."""
         self.has_come = asyncio.Event()
@@ -64,6 +69,11 @@ class FakeBroker:
         for line in self._lines:
             self._say(line, "handler/cell/result", result)
 
+    def say_presence(self) -> None:
+        """Have the machine say that it is there."""
+        for line in self._lines:
+            self._say(line, "presence", {**example("presence"), "expires_ms": self.expires_ms})
+
     async def _serve(self, reader: asyncio.StreamReader, line: asyncio.StreamWriter) -> None:
         self._lines.add(line)
         with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
@@ -76,14 +86,17 @@ class FakeBroker:
     def _answer(self, line: asyncio.StreamWriter, head: int, body: bytes) -> None:
         kind = head >> 4
         if kind == CONNECT:
+            self.is_connected.set()
             line.write(bytes([CONNACK, 2, 0, 0]))
+        elif kind == DISCONNECT:
+            self.goodbyes += 1
         elif kind == PINGREQ:
             line.write(bytes([PINGRESP, 0]))
         elif kind == SUBSCRIBE:
             count = sum(1 for _ in _filters(body[2:]))
             line.write(bytes([SUBACK, 2 + count]) + body[:2] + bytes([1] * count))
-            for topic in ("birth", "presence"):
-                self._say(line, topic, example(topic))
+            self._say(line, "birth", example("birth"))
+            self.say_presence()
         elif kind == PUBLISH:
             end = 2 + int.from_bytes(body[:2], "big")
             topic = body[2:end].decode().removeprefix(MACHINE)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from fake_broker import FakeBroker
 
-from tandem_plc import Output, Plc, SequenceProgram, link
+from tandem_plc import Output, Plc, SequenceProgram, connection, link
 from tandem_plc.program import Serving
 
 InLoop = Callable[[Awaitable[Any]], Any]
@@ -58,6 +58,25 @@ def test_a_broker_is_not_left_while_nothing_waits_for_it(
 
     in_loop(work())
     assert "acknowledged nothing" not in caplog.text
+
+
+def test_what_a_missed_machine_said_is_read_anew_when_it_is_heard_again(
+    in_loop: InLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection, "LOOK_AT_AGE_S", 0.05)
+
+    async def work() -> None:
+        broker = FakeBroker(acknowledges=True, accepts=True, expires_ms=300)
+        async with broker.open(), Plc.connect(broker.address) as plc:
+            async for presence in plc.presences():
+                if not presence.online:
+                    break
+            broker.is_connected.clear()
+            broker.say_presence()
+            await broker.is_connected.wait()
+            assert broker.goodbyes == 1, "without one its last will would lose the outputs of a handler"
+
+    in_loop(work())
 
 
 def test_a_task_begins_when_the_machine_knows_the_handlers_and_not_when_the_broker_does(

@@ -19,6 +19,7 @@ from tandem_plc.connection import Connection
 from tandem_plc.decode import DecodeError, decode
 from tandem_plc.hub import BACKLOG_MAX, TOPICS_MAX, Hub
 from tandem_plc.topics import FILTERS, form_of
+from tandem_plc.within import within
 
 
 def test_an_address_names_brokers_user_prefix_and_machine() -> None:
@@ -191,3 +192,26 @@ def test_the_forms_are_those_of_the_asyncapi_document() -> None:
     for enumeration in enumerations:
         said = {word["const"] for word in document["components"]["schemas"][enumeration.__name__]["oneOf"]}
         assert said == {member.value for member in enumeration}, enumeration
+
+
+def test_a_cancellation_that_comes_together_with_the_answer_is_not_lost() -> None:
+    async def work() -> None:
+        answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        asking = asyncio.create_task(within(answer, 5.0))
+        await asyncio.sleep(0)
+        answer.set_result(1)
+        asking.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asking
+
+    asyncio.run(work())
+
+
+def test_what_takes_longer_than_its_time_is_cancelled() -> None:
+    async def work() -> None:
+        never: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        with pytest.raises(asyncio.TimeoutError):
+            await within(never, 0.01)
+        assert never.cancelled()
+
+    asyncio.run(work())

@@ -20,6 +20,7 @@ from .hub import Hub
 from .link import Link, Options
 from .messages import CommandReply, HandshakeResult, Pending, Presence
 from .topics import FILTERS, form_of, number_at
+from .within import within
 
 log = logging.getLogger("tandem_plc")
 
@@ -27,6 +28,8 @@ ANSWER_TIMEOUT_S = 5.0
 PRESENT_TIMEOUT_S = 10.0
 PRESENCE_EXPIRES_S = 15.0
 """The machine takes handlers for lost when it has not heard of them for so long; it is told at a third of it."""
+LOOK_AT_AGE_S = 1.0
+"""How often the age of the machine's presence is looked at."""
 OUTBOX_MAX = 1_024
 """Requests that wait for their end; more are refused."""
 
@@ -92,6 +95,9 @@ class Connection:
         """Connections so far."""
         self._heard_at = 0.0
         """When the machine was heard last; each connection begins anew."""
+        self._is_missed = False
+        """The machine has not said in time that it is there."""
+        self._must_reconnect = False
 
     @property
     def boot_id(self) -> str | None:
@@ -176,10 +182,13 @@ class Connection:
             self._link = link
             self.connections += 1
             self._heard_at = asyncio.get_running_loop().time()
+            self._is_missed = self._must_reconnect = False
             link.subscribe([f"{self.address.root}/{path}" for path in self._filters()])
             log.info("connected to %s:%d", host, port)
             while not link.lost.done():
-                await asyncio.wait({link.lost}, timeout=1.0)
+                await asyncio.wait({link.lost}, timeout=LOOK_AT_AGE_S)
+                if self._must_reconnect:
+                    await link.close("the machine was missed and is heard again")
                 link.keep_alive()
                 self._look_at_age()
             self._trouble = link.lost.result()
@@ -228,6 +237,7 @@ class Connection:
             return
         if asyncio.get_running_loop().time() - self._heard_at >= presence.expires_ms / 1000:
             log.warning("the machine has not said in time that it is still there: it counts as offline")
+            self._is_missed = True
             self._take("presence", replace(presence, online=False))
 
     def _received(self, topic: str, payload: bytes, retained: bool) -> None:
@@ -245,6 +255,8 @@ class Connection:
             return
         if isinstance(message, Presence) and not retained:
             self._heard_at = asyncio.get_running_loop().time()
+            # a part of a cluster that was cut off may not tell what was said meanwhile: all is read and said anew
+            self._must_reconnect = self._is_missed
         self._take(path, message)
 
     def _take(self, path: str, message: Any) -> None:
@@ -344,7 +356,7 @@ class Connection:
         self._requests.append(request)
         self._send(request)
         try:
-            return await asyncio.wait_for(done, timeout_s)
+            return await within(done, timeout_s)
         except asyncio.TimeoutError:
             if request.was_sent:
                 raise NoAnswer(path, timeout_s, command_id) from None

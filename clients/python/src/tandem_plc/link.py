@@ -15,6 +15,7 @@ import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
 
 from .errors import ConnectError
+from .within import within
 
 log = logging.getLogger("tandem_plc")
 
@@ -101,7 +102,7 @@ class Link:
             raise ConnectionError("the connection was closed at once")
         self._loop.add_reader(self._socket, self._read)
         self._write()
-        await asyncio.wait_for(self._ready, CONNECT_TIMEOUT_S)
+        await within(self._ready, CONNECT_TIMEOUT_S)
 
     def subscribe(self, filters: list[str]) -> None:
         """Subscribe with quality of service 1."""
@@ -125,7 +126,7 @@ class Link:
         if self._silent_since is not None and self._loop.time() - self._silent_since >= SILENCE_MAX_S:
             self._end(f"the broker has acknowledged nothing for {SILENCE_MAX_S:g} s")
 
-    async def close(self) -> None:
+    async def close(self, reason: str = "closed here") -> None:
         """Send what waits, say goodbye, and close."""
         if not self.lost.done():
             for _ in range(20):
@@ -135,7 +136,7 @@ class Link:
                 await asyncio.sleep(0.01)
             self._client.disconnect()
             self._write()
-        self.abandon()
+        self._end(reason)
 
     def abandon(self) -> None:
         """Close without a goodbye: the broker sends the will."""

@@ -40,6 +40,7 @@ from .messages import (
 from .output import Output
 from .params import Params
 from .topics import number_at
+from .within import within
 
 if TYPE_CHECKING:
     from .plc import Plc
@@ -203,14 +204,14 @@ class Runner:
         self._is_stopping = True
         self._must_announce.set()
         try:
-            await asyncio.wait_for(self._until_idle(), within_s)
+            await within(self._until_idle(), within_s)
         except asyncio.TimeoutError:
             log.warning("%d handlers had not ended within %g s", len(self._running), within_s)
 
     async def _until_idle(self) -> None:
         # what the machine has claimed for this program before it knew is still done
         with contextlib.suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(self._is_known_to_stop.wait(), _LEAVE_MAX_S)
+            await within(self._is_known_to_stop.wait(), _LEAVE_MAX_S)
         while tasks := [running.task for running in self._running.values() if running.task is not None]:
             await asyncio.wait(tasks)
             await asyncio.sleep(0)  # each takes itself out of the table
