@@ -192,6 +192,11 @@
 //! which state; [`hub`] distributes messages. Numbers such as D16 are decisions of the runtime on how it reads the NC
 //! language, H4 rules of the [handshake](handshake::rules).
 //!
+//! # What may grow
+//! Without a new major version (before 1.0: a new minor one) enumerations that are `#[non_exhaustive]` may gain variants, and messages
+//! (the structs of [`types`]) members. Read members by their names, end a pattern with `..`, and make what you send by its constructor or
+//! from its `Default`.
+//!
 //! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` the client of REST and WebSocket; `schema` derives
 //! JSON Schemas of the types. Without them the crate depends on tokio, serde and little more.
 

@@ -1,6 +1,7 @@
 //! A broker of three nodes: runtime, handler and HMI at one each, which dies, or is parted from the others, in the middle of a program
 //! of M codes.
-//! In every run a few times with NATS Server; with `TANDEM_LONG` all, with each broker, which takes minutes.
+//! In every run with NATS Server, where each node dies once and one is parted; with `TANDEM_LONG` each is parted, too, and with
+//! every broker, which takes minutes.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -40,7 +41,12 @@ enum Trouble {
     IsParted(usize),
 }
 
-const SOME: [Trouble; 2] = [Trouble::Dies(RUNTIME), Trouble::IsParted(HANDLER)];
+const SOME: [Trouble; 4] = [
+    Trouble::Dies(RUNTIME),
+    Trouble::Dies(HANDLER),
+    Trouble::Dies(HMI),
+    Trouble::IsParted(HANDLER),
+];
 const ALL: [Trouble; 6] = [
     Trouble::Dies(RUNTIME),
     Trouble::Dies(HANDLER),
