@@ -35,6 +35,10 @@ const USER_SECONDS: f64 = 30.0;
 const HOST_BURST: u32 = 10;
 const HOST_SECONDS: f64 = 15.0;
 
+/// Rates of names that nobody has; several names have one. Reason: they are limited as those of users, so that nobody learns who
+/// there is, and their number is bounded.
+const UNKNOWN_RATES: u16 = 512;
+
 /// Why nobody was let in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refused {
@@ -93,6 +97,7 @@ impl Drop for Login {
 pub(crate) struct Logins {
     in_force: Mutex<Vec<Login>>,
     of_user: Rates<String>,
+    of_unknown: Rates<u16>,
     of_host: Rates<IpAddr>,
     /// One check at a time, so that guessing takes one core and 19 MiB at most.
     checks: Semaphore,
@@ -110,6 +115,7 @@ impl Default for Logins {
         Self {
             in_force: Mutex::default(),
             of_user: Rates::new(USER_BURST, 1.0 / USER_SECONDS),
+            of_unknown: Rates::new(USER_BURST, 1.0 / USER_SECONDS),
             of_host: Rates::new(HOST_BURST, 1.0 / HOST_SECONDS),
             checks: Semaphore::new(1),
             waiting: Semaphore::new(WAITING_MAX),
@@ -131,9 +137,11 @@ impl Logins {
             self.of_host.of(&host).take().map_err(Refused::Wait)?;
         }
         let known = tokens.with_pin(name);
-        if let Some(user) = &known {
-            self.of_user.of(&user.name).take().map_err(Refused::Wait)?;
-        }
+        let rate = match &known {
+            Some(user) => self.of_user.of(&user.name),
+            None => self.of_unknown.of(&place_of(name)),
+        };
+        rate.take().map_err(Refused::Wait)?;
         let Ok(_waiting) = self.waiting.try_acquire() else {
             return Err(Refused::Busy);
         };
@@ -190,6 +198,12 @@ impl Logins {
         logins.retain(|login| !bool::from(login.digest.ct_eq(&digest)));
         logins.len() < before
     }
+}
+
+/// Which of these rates is that of a name.
+fn place_of(name: &str) -> u16 {
+    let digest = Sha256::digest(name);
+    u16::from_be_bytes([digest[0], digest[1]]) % UNKNOWN_RATES
 }
 
 /// The hash of a PIN that nobody has.
@@ -264,6 +278,12 @@ mod tests {
             );
         }
         assert!(matches!(try_from("anna", [10, 0, 0, 99]).await, Refused::Wait(_)));
+        for n in 0..USER_BURST {
+            let host = [10, 0, 2, u8::try_from(n).unwrap()];
+            assert_eq!(try_from("nobody", host).await, Refused::Wrong);
+        }
+        let unknown = try_from("nobody", [10, 0, 2, 99]).await;
+        assert!(matches!(unknown, Refused::Wait(_)), "as for a user");
         for _ in 0..HOST_BURST {
             assert_eq!(try_from("bert", [10, 0, 1, 1]).await, Refused::Wrong);
         }
