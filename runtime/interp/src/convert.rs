@@ -211,6 +211,7 @@ impl Writer<'_> {
         let written = self.state.block(self.program, block);
         if written.is_err() {
             self.state = before;
+            self.state.follow(self.program.words(block));
         }
         written
     }

@@ -3,7 +3,7 @@
 use tandem_model::settings::Unit;
 use tandem_syntax::{Address, Block, Grammar, NcProgram, Word};
 
-use super::state::{Cycle, POSITIONS, Source, State, Words, shown};
+use super::state::{Cycle, MOTIONS, POSITIONS, Source, State, Words, shown};
 
 /// M codes that these controls carry out before the motion of their block.
 const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
@@ -152,7 +152,7 @@ impl State {
             let number = word.whole().ok_or_else(|| Self::no_equal(word))?;
             match number {
                 0..=3 => {
-                    self.motion = ["G00", "G01", "G02", "G03"][number as usize % 4];
+                    self.motion = MOTIONS[number as usize % MOTIONS.len()];
                     self.cycle = None;
                     codes.names_motion = true;
                 }

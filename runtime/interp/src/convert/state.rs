@@ -82,6 +82,9 @@ impl<'a> Words<'a> {
 
 pub(super) const POSITIONS: [Address; 4] = [Address::X, Address::Y, Address::Z, Address::A];
 
+/// The codes of motions, by their numbers.
+pub(super) const MOTIONS: [&str; 4] = ["G00", "G01", "G02", "G03"];
+
 /// The place of Z in [`POSITIONS`].
 pub(super) const Z: usize = 2;
 
@@ -124,6 +127,25 @@ impl State {
         self.motion = "";
         self.absolute = None;
         self.to_initial = None;
+    }
+
+    /// Follows what a block that is left to be written by hand puts in force.
+    pub fn follow(&mut self, words: &[Word]) {
+        let codes = words.iter().filter(|word| word.address == Address::G);
+        for code in codes.filter_map(Word::whole) {
+            match code {
+                0..=3 => {
+                    self.motion = MOTIONS[code as usize % MOTIONS.len()];
+                    self.cycle = None;
+                }
+                80 => self.cycle = None,
+                20 => self.unit = Unit::Inch,
+                21 => self.unit = Unit::Millimetre,
+                90 | 91 => self.absolute = Some(code == 90),
+                98 | 99 => self.to_initial = Some(code == 98),
+                _ => {}
+            }
+        }
     }
 
     /// Z as it is programmed, where it is known.
