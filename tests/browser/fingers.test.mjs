@@ -65,6 +65,14 @@ function small(page) {
   }), TARGET_PX);
 }
 
+/** What is pressed and stands partly beside its card, which cuts it off. */
+function cut(page) {
+  return page.locator(".card button:visible, .card input:visible, .card select:visible").evaluateAll((all) => all.flatMap((one) => {
+    const [mine, card] = [one, one.closest(".card")].map((each) => each.getBoundingClientRect());
+    return mine.right <= card.right + 0.5 && mine.left >= card.left - 0.5 ? [] : [one.getAttribute("aria-label") ?? one.textContent];
+  }));
+}
+
 for (const [width, height] of SIZES) {
   test(`at ${width} px every target is ${TARGET_PX} px large where the screen is touched, and nothing is cut off`, async () => {
     const { page, errors, close } = await openPage(browser, { viewport: { width, height }, hasTouch: true, isMobile: true });
@@ -83,6 +91,7 @@ for (const [width, height] of SIZES) {
     for (const [name, show] of Object.entries(PARTS)) {
       await show(page);
       await until(() => small(page), [], `what is too small in ${name}`);
+      await until(() => cut(page), [], `what is cut off in ${name}`);
       await until(() => page.evaluate(() => document.documentElement.scrollWidth - innerWidth), (over) => over <= 0, `how much ${name} is too wide`);
       for (const colorScheme of SCHEMES) {
         await page.emulateMedia({ colorScheme });
