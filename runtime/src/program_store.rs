@@ -4,13 +4,16 @@
 //! disk before the write returns. A sum beside it tells a file that was changed outside from one that is damaged
 //! (`folder`); a damaged one is no program until it is stored again.
 
+mod calls;
+mod edit;
 mod file;
 pub(crate) mod folder;
+mod on_disk;
 mod places;
 mod program;
 pub(crate) mod signing;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,16 +25,17 @@ use plc_api::types::program::{ProgramCheck, ProgramInfo};
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::upload::ProgramCondition;
 use tandem_interp::dialects;
-use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
+use tandem_model::limits::PROGRAM_NUMBER_MAX;
 
+pub(crate) use calls::{called_by, shown_to_be_called_by};
+pub use edit::{Edit, EditKind};
 pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
-use folder::{Accepted, Found, Look, Outside, ProgramFolder, look};
+use folder::{Outside, ProgramFolder};
+pub(crate) use on_disk::ProgramFindings;
 use places::Places;
 pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
-use serde::{Deserialize, Serialize};
-use signing::Signature;
 pub use signing::Signers;
 
 /// Programs in the store at the most. A further one is refused.
@@ -61,54 +65,6 @@ pub struct ProgramStore {
     places: Mutex<Places>,
     /// Files that a look found changed outside, with their times: one that the next look finds so, too, is read.
     changing: Mutex<BTreeMap<u16, Option<String>>>,
-}
-
-/// What a person should know of the folder of a store.
-#[derive(Debug, Default)]
-pub(crate) struct ProgramFindings {
-    /// What was changed outside, in words.
-    pub changed: Vec<String>,
-    /// The same, and what was taken from the configuration.
-    pub edits: Vec<Edit>,
-    /// What is not read.
-    pub not_read: Vec<String>,
-    /// The folder, where it was there at an earlier start and is gone.
-    pub lost: Option<PathBuf>,
-    /// Programs that had no sum yet.
-    pub without_sum: usize,
-}
-
-/// What has become of a program.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Edit {
-    /// Its number.
-    pub program: u16,
-    /// What was done.
-    pub what: EditKind,
-    /// Hash of what was there before; `None`: nothing, or nobody knows.
-    #[serde(rename = "old_hash", deserialize_with = "Option::deserialize")]
-    pub old: Option<String>,
-    /// Hash of what is there now; `None`: nothing.
-    #[serde(rename = "new_hash", deserialize_with = "Option::deserialize")]
-    pub new: Option<String>,
-}
-
-/// How a program has changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EditKind {
-    /// A new one was stored.
-    Upload,
-    /// Another one was stored in its place.
-    Replace,
-    /// The same was stored once more.
-    Unchanged,
-    /// It was removed.
-    Delete,
-    /// Its file was put there, changed or removed outside of the runtime.
-    Outside,
-    /// It was taken from the file that the configuration names.
-    Configuration,
 }
 
 /// What a request to change a program has led to.
@@ -156,121 +112,6 @@ impl ProgramStore {
         Ok(store)
     }
 
-    /// Reads the programs of a folder, and keeps what is written in it from now on. A folder that the disk lets nobody write
-    /// is read all the same; when something is written, it is tried again.
-    pub(crate) fn open_folder(&mut self, path: &Path) -> (ProgramFindings, io::Result<()>) {
-        self.path = Some(path.to_owned());
-        let opened = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed);
-        *self.places.get_mut() = Places::read(path);
-        let (look, opened) = match opened {
-            Ok((folder, look)) => {
-                *self.folder.get_mut() = Some(folder);
-                (look, Ok(()))
-            }
-            Err(error) => (look(path, self.is_mixed).unwrap_or_default(), Err(error)),
-        };
-        (self.take_over(look), opened)
-    }
-
-    fn take_over(&self, look: Look) -> ProgramFindings {
-        let mut findings = ProgramFindings {
-            not_read: look.not_read,
-            without_sum: look.without_sum,
-            ..ProgramFindings::default()
-        };
-        for (number, found) in look.programs {
-            let signature = look.signatures.get(&number).copied();
-            let dialect = look.dialects.get(&number).map(String::as_str);
-            match found {
-                Found::Stored(bytes) => self.keep(self.of_file(number, bytes, dialect, signature)),
-                Found::FromOutside(bytes, how, old) => {
-                    let program = self.of_file(number, bytes, dialect, signature);
-                    let sum = program.short_sum();
-                    let text = format!("program {number}: {how}; its sum is {sum}");
-                    findings.changed.push(text);
-                    findings
-                        .edits
-                        .push(Edit::outside(number, old, Some(program.sum())));
-                    self.keep(program);
-                }
-                Found::Damaged(how) => {
-                    self.damaged.write().insert(number, how);
-                }
-            }
-        }
-        for (number, old) in look.gone {
-            let text = format!("program {number}: its file was removed");
-            findings.changed.push(text);
-            findings.edits.push(Edit::outside(number, old, None));
-        }
-        findings
-    }
-
-    fn of_file(
-        &self,
-        number: u16,
-        bytes: Vec<u8>,
-        dialect: Option<&str>,
-        signature: Option<Signature>,
-    ) -> StoredProgram {
-        let rules = self.rules_of(dialect).unwrap_or(self.rules);
-        StoredProgram::of_file(number, bytes, signature, rules, &self.signers)
-    }
-
-    /// Looks for files that were changed outside while the runtime ran, and reads those that no longer change; gives what
-    /// a person should know of it. Nothing can be said while a program is being written.
-    ///
-    /// # Errors
-    /// The folder was removed or replaced.
-    pub(crate) fn look_again(&self) -> io::Result<Vec<(String, Edit)>> {
-        let Some(mut folder) = self.folder.try_lock() else {
-            return Ok(Vec::new());
-        };
-        if let Some(folder) = folder.as_ref() {
-            folder.check()?;
-        }
-        let changed = folder.as_ref().and_then(|folder| folder.changed().ok());
-        let changed = changed.unwrap_or_default();
-        let before = std::mem::replace(&mut *self.changing.lock(), changed.clone());
-        let mut said = Vec::new();
-        for (number, time) in changed {
-            if before.get(&number) != Some(&time) {
-                continue;
-            }
-            let Some(folder) = folder.as_mut() else { break };
-            let read = match time {
-                Some(_) => folder.accept(number).map(Some),
-                None => folder.remove(number).map(|()| None),
-            };
-            // what cannot be read now is looked at again
-            let Ok(read) = read else { continue };
-            let old = self.get(number).map(|program| program.sum().to_owned());
-            self.damaged.write().remove(&number);
-            let how = if let Some(Accepted {
-                bytes,
-                signature,
-                dialect,
-            }) = read
-            {
-                let mut program = self.of_file(number, bytes, Some(&dialect), signature);
-                program.is_from_outside = true;
-                let sum = program.short_sum().to_owned();
-                self.keep(program);
-                format!("its file was written; its sum is {sum}; load it again")
-            } else {
-                self.forget(number);
-                "its file was removed".to_owned()
-            };
-            let new = self.get(number);
-            let new = new.as_deref().map(StoredProgram::sum);
-            said.push((
-                format!("program {number}: {how}"),
-                Edit::outside(number, old, new),
-            ));
-        }
-        Ok(said)
-    }
-
     /// The refusal of whatever needs a program, if it is damaged.
     pub(crate) fn refuse_damaged(&self, number: u16) -> Option<Refusal> {
         let how = self.damaged.read().get(&number).cloned()?;
@@ -283,46 +124,6 @@ impl ProgramStore {
     /// Damaged programs, and what is known of each.
     pub(crate) fn damaged(&self) -> BTreeMap<u16, String> {
         self.damaged.read().clone()
-    }
-
-    /// Checks that programs can be written.
-    ///
-    /// # Errors
-    /// The disk refuses.
-    pub(crate) fn probe(&self) -> io::Result<()> {
-        self.with_folder(|folder| folder.map_or(Ok(()), |folder| folder.probe()))
-    }
-
-    /// Does something with the folder, which is opened again where it was not; one that was lost is filled again. A store
-    /// in memory has none.
-    fn with_folder<T>(
-        &self,
-        work: impl FnOnce(Option<&mut ProgramFolder>) -> io::Result<T>,
-    ) -> io::Result<T> {
-        let Some(path) = &self.path else { return work(None) };
-        let mut folder = self.folder.lock();
-        if folder.as_ref().is_some_and(|folder| folder.check().is_err()) {
-            *folder = None;
-        }
-        if folder.is_none() {
-            let (mut opened, look) = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed)?;
-            for (number, program) in &*self.all() {
-                if !look.programs.contains_key(number) {
-                    opened.write(
-                        *number,
-                        program.text().as_bytes(),
-                        program.dialect.name,
-                        program.signature(),
-                    )?;
-                }
-            }
-            *folder = Some(opened);
-            for warning in self.take_over(look).changed {
-                tracing::warn!("{warning}");
-            }
-        }
-        work(folder.as_mut())
-            .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
     }
 
     /// A view of all programs that later writes do not change.
@@ -548,48 +349,6 @@ impl ProgramStore {
 
 fn outside(folder: Option<&ProgramFolder>, number: u16) -> io::Result<Outside> {
     folder.map_or(Ok(Outside::Nothing), |folder| folder.outside(number))
-}
-
-impl Edit {
-    fn outside(program: u16, old: Option<String>, new: Option<&str>) -> Self {
-        Self {
-            program,
-            what: EditKind::Outside,
-            old,
-            new: new.map(str::to_owned),
-        }
-    }
-}
-
-/// A program and all that it may call, of those that there are: where its text does not show which, all subprograms.
-pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
-    followed(main, |number| {
-        let program = all.get(&number).into_iter();
-        program
-            .flat_map(|program| {
-                let any = all.range(SUBPROGRAM_MIN..).filter(|_| program.calls_any);
-                let shown = program.check.programs.iter().copied();
-                shown.chain(any.map(|(number, _)| *number))
-            })
-            .collect()
-    })
-}
-
-/// A program and all that its text shows that it calls.
-pub(crate) fn shown_to_be_called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
-    followed(main, |number| {
-        let program = all.get(&number);
-        program.map_or_else(Vec::new, |program| program.check.programs.clone())
-    })
-}
-
-fn followed(main: u16, calls: impl Fn(u16) -> Vec<u16>) -> BTreeSet<u16> {
-    let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
-    while let Some(number) = left.pop() {
-        let calls = calls(number).into_iter();
-        left.extend(calls.filter(|number| called.insert(*number)));
-    }
-    called
 }
 
 #[cfg(test)]

@@ -1,0 +1,183 @@
+//! The folder of a store: read when it is opened, and again where files were changed outside while the runtime ran.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::ProgramStore;
+use super::edit::Edit;
+use super::folder::{Accepted, Found, Look, ProgramFolder, look};
+use super::places::Places;
+use super::program::StoredProgram;
+use super::signing::Signature;
+
+/// What a person should know of the folder of a store.
+#[derive(Debug, Default)]
+pub(crate) struct ProgramFindings {
+    /// What was changed outside, in words.
+    pub changed: Vec<String>,
+    /// The same, and what was taken from the configuration.
+    pub edits: Vec<Edit>,
+    /// What is not read.
+    pub not_read: Vec<String>,
+    /// The folder, where it was there at an earlier start and is gone.
+    pub lost: Option<PathBuf>,
+    /// Programs that had no sum yet.
+    pub without_sum: usize,
+}
+
+impl ProgramStore {
+    /// Reads the programs of a folder, and keeps what is written in it from now on. A folder that the disk lets nobody write
+    /// is read all the same; when something is written, it is tried again.
+    pub(crate) fn open_folder(&mut self, path: &Path) -> (ProgramFindings, io::Result<()>) {
+        self.path = Some(path.to_owned());
+        let opened = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed);
+        *self.places.get_mut() = Places::read(path);
+        let (look, opened) = match opened {
+            Ok((folder, look)) => {
+                *self.folder.get_mut() = Some(folder);
+                (look, Ok(()))
+            }
+            Err(error) => (look(path, self.is_mixed).unwrap_or_default(), Err(error)),
+        };
+        (self.take_over(look), opened)
+    }
+
+    fn take_over(&self, look: Look) -> ProgramFindings {
+        let mut findings = ProgramFindings {
+            not_read: look.not_read,
+            without_sum: look.without_sum,
+            ..ProgramFindings::default()
+        };
+        for (number, found) in look.programs {
+            let signature = look.signatures.get(&number).copied();
+            let dialect = look.dialects.get(&number).map(String::as_str);
+            match found {
+                Found::Stored(bytes) => self.keep(self.of_file(number, bytes, dialect, signature)),
+                Found::FromOutside(bytes, how, old) => {
+                    let program = self.of_file(number, bytes, dialect, signature);
+                    let sum = program.short_sum();
+                    let text = format!("program {number}: {how}; its sum is {sum}");
+                    findings.changed.push(text);
+                    findings
+                        .edits
+                        .push(Edit::outside(number, old, Some(program.sum())));
+                    self.keep(program);
+                }
+                Found::Damaged(how) => {
+                    self.damaged.write().insert(number, how);
+                }
+            }
+        }
+        for (number, old) in look.gone {
+            let text = format!("program {number}: its file was removed");
+            findings.changed.push(text);
+            findings.edits.push(Edit::outside(number, old, None));
+        }
+        findings
+    }
+
+    fn of_file(
+        &self,
+        number: u16,
+        bytes: Vec<u8>,
+        dialect: Option<&str>,
+        signature: Option<Signature>,
+    ) -> StoredProgram {
+        let rules = self.rules_of(dialect).unwrap_or(self.rules);
+        StoredProgram::of_file(number, bytes, signature, rules, &self.signers)
+    }
+
+    /// Looks for files that were changed outside while the runtime ran, and reads those that no longer change; gives what
+    /// a person should know of it. Nothing can be said while a program is being written.
+    ///
+    /// # Errors
+    /// The folder was removed or replaced.
+    pub(crate) fn look_again(&self) -> io::Result<Vec<(String, Edit)>> {
+        let Some(mut folder) = self.folder.try_lock() else {
+            return Ok(Vec::new());
+        };
+        if let Some(folder) = folder.as_ref() {
+            folder.check()?;
+        }
+        let changed = folder.as_ref().and_then(|folder| folder.changed().ok());
+        let changed = changed.unwrap_or_default();
+        let before = std::mem::replace(&mut *self.changing.lock(), changed.clone());
+        let mut said = Vec::new();
+        for (number, time) in changed {
+            if before.get(&number) != Some(&time) {
+                continue;
+            }
+            let Some(folder) = folder.as_mut() else { break };
+            let read = match time {
+                Some(_) => folder.accept(number).map(Some),
+                None => folder.remove(number).map(|()| None),
+            };
+            // what cannot be read now is looked at again
+            let Ok(read) = read else { continue };
+            let old = self.get(number).map(|program| program.sum().to_owned());
+            self.damaged.write().remove(&number);
+            let how = if let Some(Accepted {
+                bytes,
+                signature,
+                dialect,
+            }) = read
+            {
+                let mut program = self.of_file(number, bytes, Some(&dialect), signature);
+                program.is_from_outside = true;
+                let sum = program.short_sum().to_owned();
+                self.keep(program);
+                format!("its file was written; its sum is {sum}; load it again")
+            } else {
+                self.forget(number);
+                "its file was removed".to_owned()
+            };
+            let new = self.get(number);
+            let new = new.as_deref().map(StoredProgram::sum);
+            said.push((
+                format!("program {number}: {how}"),
+                Edit::outside(number, old, new),
+            ));
+        }
+        Ok(said)
+    }
+
+    /// Checks that programs can be written.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub(crate) fn probe(&self) -> io::Result<()> {
+        self.with_folder(|folder| folder.map_or(Ok(()), |folder| folder.probe()))
+    }
+
+    /// Does something with the folder, which is opened again where it was not; one that was lost is filled again. A store
+    /// in memory has none.
+    pub(super) fn with_folder<T>(
+        &self,
+        work: impl FnOnce(Option<&mut ProgramFolder>) -> io::Result<T>,
+    ) -> io::Result<T> {
+        let Some(path) = &self.path else { return work(None) };
+        let mut folder = self.folder.lock();
+        if folder.as_ref().is_some_and(|folder| folder.check().is_err()) {
+            *folder = None;
+        }
+        if folder.is_none() {
+            let (mut opened, look) = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed)?;
+            for (number, program) in &*self.all() {
+                if !look.programs.contains_key(number) {
+                    opened.write(
+                        *number,
+                        program.text().as_bytes(),
+                        program.dialect.name,
+                        program.signature(),
+                    )?;
+                }
+            }
+            *folder = Some(opened);
+            for warning in self.take_over(look).changed {
+                tracing::warn!("{warning}");
+            }
+        }
+        work(folder.as_mut())
+            .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
+    }
+}
