@@ -44,7 +44,7 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").LastRun | null} lastRun the last run before this start of the runtime
  * @property {import("./types.d.ts").OverridesMessage | null} overrides
  * @property {import("./types.d.ts").LeaseStateMessage | null} lease
- * @property {import("./types.d.ts").ToldVariablesMessage | null} variables Q variables that the machine tells of
+ * @property {import("./types.d.ts").PublishedVariablesMessage | null} variables Q variables that the machine publishes
  * @property {import("./types.d.ts").WorkOffsetValuesMessage | null} workOffsets
  * @property {{hash: string | null, text: string} | null} note what the last load was accepted with
  * @property {Trail} trail
@@ -64,7 +64,7 @@ export class Model {
   alarms = [];
   /** Inputs and outputs of the plant by topic. @type {Map<string, import("./types.d.ts").IoStateMessage>} */
   io = new Map();
-  /** P variables that the machine tells of. @type {import("./types.d.ts").ToldVariablesMessage | null} */
+  /** P variables that the machine publishes. @type {import("./types.d.ts").PublishedVariablesMessage | null} */
   variables = null;
   /** The tool table. @type {import("./types.d.ts").ToolTableMessage | null} */
   tools = null;

@@ -307,7 +307,7 @@ export interface OutputNoticeMessage {
   redelivered: boolean; rev?: number; run_id: string; seq: number; timing: Timing; ts: string; v: 1;
 }
 
-/** Where an open output stands in its life. */
+/** The stage of an open output. */
 export type OutputState = "QUEUED" | "OUTPUT" | "CLAIMED";
 
 /** Payload of `override/state`, percent. */
@@ -392,6 +392,12 @@ export interface ProgramPlaceMessage {
 
 /** Progress of a handler, shown while the program waits. */
 export interface Progress { percent?: number; text: string; }
+
+/** The variables that the configuration names in `[[variables.published]]`, as they were at one moment: of the topics `variables` and
+ * `cs/{cs}/variables`. */
+export interface PublishedVariablesMessage {
+  boot_id: BootId; rev?: number; ts: string; v: 1; variables: VariableValues[];
+}
 
 /** A question that a handler asks the operator, as it stands with its output in `m_code/pending`, and in `state` while
  * the program waits for that output and the question has no answer. */
@@ -524,10 +530,6 @@ export type Timestamp = string;
 /** When an output is made (D30). */
 export type Timing = "after_motion" | "with_motion";
 
-/** The variables that the configuration names in `[[variables.told]]`, as they were at one moment: of the topics `variables` and
- * `cs/{cs}/variables`. */
-export interface ToldVariablesMessage { boot_id: BootId; rev?: number; ts: string; v: 1; variables: VariableValues[]; }
-
 /** A tool of the table: what G41 to G44 take (D17). */
 export interface ToolData { id: number; length: number; radius: number; }
 
@@ -600,7 +602,7 @@ export type MessageOf<Topic extends string> =
   Topic extends `handler/${string}/result` ? HandlerResultMessage :
   Topic extends `io/in/${string}` ? IoStateMessage :
   Topic extends `io/out/${string}` ? IoStateMessage :
-  Topic extends `variables` ? ToldVariablesMessage :
+  Topic extends `variables` ? PublishedVariablesMessage :
   Topic extends `tools` ? ToolTableMessage :
   Topic extends `cs/${number}/state` ? StateMessage :
   Topic extends `cs/${number}/program` ? ProgramPlaceMessage :
@@ -620,7 +622,7 @@ export type MessageOf<Topic extends string> =
   Topic extends `cs/${number}/lease/state` ? LeaseStateMessage :
   Topic extends `cs/${number}/run` ? RunStateMessage :
   Topic extends `cs/${number}/time_left` ? TimeLeftMessage :
-  Topic extends `cs/${number}/variables` ? ToldVariablesMessage :
+  Topic extends `cs/${number}/variables` ? PublishedVariablesMessage :
   Topic extends `cs/${number}/work_offsets` ? WorkOffsetValuesMessage :
   Topic extends `cs/${number}/m_code/${number}/output` ? OutputNoticeMessage :
   Topic extends `cs/${number}/m_code/${number}/result` ? HandshakeResultMessage :

@@ -1,7 +1,7 @@
-//! An alarm that follows a level: pure, for scans and for sequence programs.
+//! An alarm that follows a level. Pure; for scans and for sequence programs.
 //!
-//! It is raised when the level comes on, and again when it has been cleared while the level is still on, so that no reset lasts
-//! while its cause does.
+//! It is raised when the level turns on, and raised again if somebody clears it while the level is still on: no reset silences an
+//! alarm whose cause persists.
 
 use std::time::Duration;
 

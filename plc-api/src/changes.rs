@@ -1,4 +1,4 @@
-//! What the machine tells of variables, tools and work offsets each time that they change.
+//! Changes of variables, tools and work offsets, as the machine publishes them.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -7,13 +7,13 @@ use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
-use crate::types::data::{ToldVariables, ToolData, VARIABLES_AT_ONCE_MAX, VariableKind};
+use crate::types::data::{Number, PublishedVariables, ToolData, VARIABLES_AT_ONCE_MAX, VariableKind};
 use crate::types::message::Payload;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::topic::{CsTopic, Topic};
 use crate::variables::Variables;
 
-/// The value that a message tells of, if it does.
+/// The value that a message carries, if it does.
 type Read<T> = Box<dyn Fn(&Payload) -> Option<T> + Send + Sync>;
 
 /// Values of a thing of the machine: the one that it has now, and then each other one, such as of [`Variables::changes`].
@@ -67,7 +67,7 @@ impl<T: Clone> Changes<T> {
 
 impl Variables {
     /// Values of `count` variables from `from` on, 1 to 1024 of them: those of now, and again each time that one of them has changed,
-    /// whoever wrote it. A machine tells of the variables that its configuration names in `[[variables.told]]`, at most 10 times a
+    /// whoever wrote it. A machine publishes the variables that its configuration names in `[[variables.published]]`, at most 10 times a
     /// second; of values that follow each other faster, the latest.
     ///
     /// A program writes a variable when its block is interpreted, ahead of the motion (D16).
@@ -76,7 +76,7 @@ impl Variables {
     /// # use plc_api::types::data::VariableArea;
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
     /// # let fake = plc_api::fake::FakePort::new([1]);
-    /// # fake.tell_variables(VariableArea::Global, 200, 2);
+    /// # fake.publish_variables(VariableArea::Global, 200, 2);
     /// # let plc = fake.plc();
     /// let mut parts = plc.variables().changes(200, 2).await?;
     /// assert_eq!(parts.next().await, Some(vec![0.0, 0.0]));
@@ -86,29 +86,25 @@ impl Variables {
     /// ```
     ///
     /// # Errors
-    /// The machine does not tell of all these variables.
+    /// The machine does not publish all these variables.
     pub async fn changes(&self, from: u32, count: u32) -> Result<Changes<Vec<f64>>> {
         let topic = self.topic();
         let said = self.plc().port().read(&topic).await;
-        if let Some(Payload::Variables(told)) = said.as_deref().map(|message| &message.payload) {
-            self.judge(told, from, count)?;
+        if let Some(Payload::Variables(published)) = said.as_deref().map(|message| &message.payload) {
+            self.judge(published, from, count)?;
         }
         let read = move |payload: &Payload| match payload {
-            Payload::Variables(told) => told.values(from, count),
+            Payload::Variables(published) => published.values(from, count),
             _ => None,
         };
         let is_same: fn(&Vec<f64>, &Vec<f64>) -> bool = |one, other| {
-            // NaN is to equal itself here
-            one.len() == other.len()
-                && one
-                    .iter()
-                    .zip(other)
-                    .all(|(one, other)| one.to_bits() == other.to_bits())
+            let numbers = |values: &[f64]| values.iter().copied().map(Number).collect::<Vec<_>>();
+            numbers(one) == numbers(other)
         };
         Ok(Changes::new(self.plc(), topic, read, is_same))
     }
 
-    /// Waits until a variable that the machine tells of has a value for which `is_it` is true, and returns it. One that has it now
+    /// Waits until a variable that the machine publishes has a value for which `is_it` is true, and returns it. One that has it now
     /// is not waited for. To wait no longer than a time: [`Plc::timeout`].
     ///
     /// # Errors
@@ -123,8 +119,8 @@ impl Variables {
         Err(Error::Closed)
     }
 
-    fn judge(&self, told: &ToldVariables, from: u32, count: u32) -> Result<()> {
-        if count as usize <= VARIABLES_AT_ONCE_MAX && told.values(from, count).is_some() {
+    fn judge(&self, published: &PublishedVariables, from: u32, count: u32) -> Result<()> {
+        if count as usize <= VARIABLES_AT_ONCE_MAX && published.values(from, count).is_some() {
             return Ok(());
         }
         let letter = match self.area().kind() {
@@ -136,7 +132,7 @@ impl Variables {
             _ => format!("{count} variables from {letter}{from} on are"),
         };
         let text = format!(
-            "{which} not told by this machine: name them in its configuration, such as [[variables.told]] from = \"{letter}{from}\", count = {count}"
+            "{which} not published by this machine: name them in its configuration, such as [[variables.published]] from = \"{letter}{from}\", count = {count}"
         );
         Err(Refusal::new(RefusalCode::NotFound, text).into())
     }
@@ -165,7 +161,7 @@ impl CoordinateSystem {
     /// changed.
     pub fn work_offset_changes(&self) -> Changes<BTreeMap<String, BTreeMap<String, f64>>> {
         let read = |payload: &Payload| match payload {
-            Payload::WorkOffsets(told) => Some(told.work_offsets.clone()),
+            Payload::WorkOffsets(offsets) => Some(offsets.work_offsets.clone()),
             _ => None,
         };
         let topic = Topic::cs(self.number(), CsTopic::WorkOffsets);

@@ -109,7 +109,7 @@ calls! {
     /// Starts the loaded program from its beginning: ACTIVE.
     start() => command(Command::Start), "Not allowed now, or a start lock is on.";
 
-    /// Starts the loaded program from a line, with what is in force there: M codes that are to be restored are put out, the
+    /// Starts the loaded program from a line, in the state in force there: M codes that are to be restored are put out, the
     /// axes go there, ACTIVE. [`line_state`](Self::line_state) tells all of it before.
     start_from(from: LineStart) => command(Command::StartFrom(from)),
         "Not allowed now, a start lock is on, or the state at the line cannot be known.";

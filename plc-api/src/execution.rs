@@ -69,7 +69,7 @@ impl Situation {
         if self.allows(verb) {
             return Ok(());
         }
-        let (verb_word, state_word) = (word(&verb), word(&self.execution));
+        let (verb_word, state_word) = (wire_name(&verb), wire_name(&self.execution));
         let advice = match (verb, self.execution) {
             (Verb::Reset, _) => "hold or stop first",
             (Verb::Load | Verb::Run | Verb::Mdi | Verb::Jog | Verb::Home, Execution::Stopped) => {
@@ -93,12 +93,18 @@ impl Situation {
     }
 }
 
-/// The word in messages for a value without fields, such as `FEED_HOLD`; empty for any other value.
-pub fn word(value: &impl serde::Serialize) -> String {
+/// What messages write for a value without fields, such as `FEED_HOLD`; empty for any other value.
+pub fn wire_name(value: &impl serde::Serialize) -> String {
     match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(word)) => word,
+        Ok(serde_json::Value::String(name)) => name,
         _ => String::new(),
     }
+}
+
+/// As [`wire_name`].
+#[deprecated(since = "0.2.0", note = "it is called `wire_name`")]
+pub fn word(value: &impl serde::Serialize) -> String {
+    wire_name(value)
 }
 
 #[cfg(test)]

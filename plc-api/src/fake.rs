@@ -279,10 +279,10 @@ impl FakePort {
         self.publish_birth(&mut inner);
     }
 
-    /// Tells of variables whenever they change, as a configuration says by `[[variables.told]]`.
-    pub fn tell_variables(&self, area: VariableArea, from: u32, count: u32) {
+    /// Publishes variables whenever they change, as a configuration asks for by `[[variables.published]]`.
+    pub fn publish_variables(&self, area: VariableArea, from: u32, count: u32) {
         let mut inner = lock(&self.inner);
-        inner.data.tell(area, from, count);
+        inner.data.publish(area, from, count);
         self.publish_data(&mut inner);
     }
 
@@ -476,7 +476,7 @@ impl FakePort {
     /// Publishes variables, tools and work offsets where they have changed.
     fn publish_data(&self, inner: &mut Inner) {
         let systems = inner.numbers();
-        for (topic, payload) in inner.data.said(&systems) {
+        for (topic, payload) in inner.data.messages(&systems) {
             self.publish_new(inner, topic, payload);
         }
     }

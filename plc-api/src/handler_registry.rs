@@ -1,9 +1,8 @@
-//! Which handlers there are, and which instance of each: pure, the same for the runtime and for the scripted machine.
+//! The handlers that are present, and the instance of each. Pure; the runtime and the scripted machine share it.
 //!
-//! One instance of a `handler_id` is there at a time. Another is refused, unless it is to take over, or the one that is there
-//! does not confirm within [`CONFIRM_MAX_S`] that it still is: its last will may never arrive. An instance that has gone takes
-//! nothing away from one that came after it: its last will may arrive late. One that leaves and says when it is back serves its
-//! M codes until then.
+//! Only one instance of a `handler_id` can be present. A second one is refused unless it takes over, or unless the present one fails to
+//! confirm within [`CONFIRM_MAX_S`] that it is alive: its last will may never arrive. An instance that has gone takes nothing from a
+//! later one, because its last will may arrive late. One that leaves and says when it will be back keeps its M codes until then.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;

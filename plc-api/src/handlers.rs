@@ -3,7 +3,7 @@
 //! A handler receives the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an
 //! alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
 
-mod beside;
+mod background;
 mod device;
 mod followed;
 mod nest;
@@ -170,9 +170,9 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// What happens with an output of these M codes whose handler was lost, in place of
-    /// [`on_redelivery`](SequenceProgram::on_redelivery), which is said for all: counting by [`AuxOutput::id`] may be done again, what
-    /// marks a part must be looked at, what moves is decided by an operator.
+    /// What happens to an output of these M codes whose handler was lost; overrides
+    /// [`on_redelivery`](SequenceProgram::on_redelivery), which covers all M codes. Work that counts by [`AuxOutput::id`] can be repeated;
+    /// where a part is marked, the handler must check first; where something moves, an operator should decide.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
@@ -188,7 +188,7 @@ impl<Scope> SequenceProgram<Scope> {
     /// # assert_eq!(program.check(), Ok(()));
     /// ```
     ///
-    /// The strictest of this and of the configuration of the M code counts. [`SequenceProgram::run`] refuses two of one code, and one
+    /// The stricter of this and the configuration of the M code applies. [`SequenceProgram::run`] refuses two of one code, and one
     /// of a code without a handler.
     #[must_use]
     pub fn redelivery<By>(mut self, codes: impl MCodes<By>, redelivery: Redelivery) -> Self {
@@ -259,8 +259,8 @@ impl SequenceProgram {
 
     /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its path and none
     /// starts, with `text` as the reason. The level belongs to this program, which writes it again on every connection and
-    /// at every boot of the machine; nobody else clears it. When the program or the sender of the level has gone, it has
-    /// the value of `on_loss` in `[input.interlock]`, or is on.
+    /// at every boot of the machine; nobody else can clear it. When the program or the sender of the level has gone, the source
+    /// takes the value of `on_loss` in `[input.interlock]`, by default on.
     ///
     /// ```
     /// # use plc_api::{SequenceProgram, fake::FakePort};
@@ -319,18 +319,18 @@ impl SequenceProgram {
         self.beside(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
-    /// What happens with an output whose handler died or lost its connection before the reset. The strictest counts of this
-    /// and of `redelivery` in the configuration of the M code ([`Redelivery::Ask`], then [`Redelivery::Verify`], then
-    /// [`Redelivery::Redo`]); where neither says anything, nothing happens until an operator decides.
+    /// What happens to an output whose handler died or lost its connection before the reset. The configuration of the M code may
+    /// have a `redelivery` as well; the stricter of the two applies ([`Redelivery::Ask`], then [`Redelivery::Verify`], then
+    /// [`Redelivery::Redo`]). Without either, nothing happens until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.how.on_redelivery = Some(on_redelivery);
         self
     }
 
-    /// Takes the place of a program of the same name that is there, such as the version before an update. That one is told,
-    /// drops its handlers, and ends with [`Error::TakenOver`]; what it was working on is taken up as
-    /// [`SequenceProgram::on_redelivery`] says. Without it, the machine refuses a second program of a name.
+    /// Takes over from a running program of the same name, such as the version before an update. The old program is notified,
+    /// drops its handlers, and ends with [`Error::TakenOver`]; its open outputs are treated according to
+    /// [`SequenceProgram::on_redelivery`]. Without this call the machine refuses a second program of a name.
     ///
     /// ```
     /// use plc_api::{Error, SequenceProgram, fake::FakePort};
@@ -353,26 +353,26 @@ impl SequenceProgram {
         self
     }
 
-    /// Says what to do about alarms, and what they are in other languages; the machine shows it where one of them is raised. Its
-    /// configuration may say the same in `[alarm.N]`, which counts first. For an example see [`UserAlarm`].
+    /// Remedies and translations of alarms, which the machine shows when one of them is raised. `[alarm.N]` of its configuration takes
+    /// precedence. For an example see [`UserAlarm`].
     #[must_use]
     pub fn alarms(mut self, alarms: impl IntoIterator<Item = UserAlarm>) -> Self {
         self.table.add_alarms(alarms.into_iter().map(AlarmText::from));
         self
     }
 
-    /// How long the machine waits for it to be back after [`run_until`](SequenceProgram::run_until) has stopped it, such as for an
-    /// update: 1 ms to 1 h, one minute where this is not called. Until then its M codes count as served, and NC programs wait at
-    /// them. Zero: it does not come back.
+    /// How long the machine waits for this program to return after [`run_until`](SequenceProgram::run_until) has stopped it, such as for
+    /// an update: 1 ms to 1 h, by default one minute. Until then its M codes count as served, and NC programs wait at them. Zero: it
+    /// does not return.
     #[must_use]
     pub fn returns_within(mut self, time: Duration) -> Self {
         self.how.returns_within = time;
         self
     }
 
-    /// How long [`run_until`](SequenceProgram::run_until) lets handlers go on once it is to stop. Those that are still at work then are
-    /// dropped where they wait, and their outputs are lost: what [`redelivery`](SequenceProgram::redelivery) says becomes of them.
-    /// Where this is not called, they have all the time that they need.
+    /// How long handlers may continue after [`run_until`](SequenceProgram::run_until) was asked to stop. Handlers still at work then are
+    /// dropped where they wait, and their outputs are lost, see [`redelivery`](SequenceProgram::redelivery). By default there is no
+    /// limit.
     #[must_use]
     pub fn ends_within(mut self, time: Duration) -> Self {
         self.how.ends_within = Some(time);
@@ -387,8 +387,8 @@ impl SequenceProgram {
         self
     }
 
-    /// What it serves, as a file for `[machine] served` of a configuration: with it `tandem check`, `tandem explain` and editors know
-    /// its M codes without it.
+    /// A description of the M codes that it serves, for the file named by `[machine] served` of a configuration: `tandem check`,
+    /// `tandem explain` and editors then know them while the program does not run.
     ///
     /// ```no_run
     /// # use plc_api::SequenceProgram;
@@ -431,8 +431,7 @@ impl SequenceProgram {
     /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets them. It
     /// continues after every loss of the connection, and ends when the machine's side ends.
     ///
-    /// When this future is dropped, handlers are dropped where they wait, and the machine is told that they are
-    /// offline.
+    /// When this future is dropped, handlers are dropped where they wait, and the machine is notified that they are offline.
     ///
     /// # Errors
     /// What [`SequenceProgram::check`] finds; a scan program panics, or a [`task`](SequenceProgram::task) fails; the machine refuses the name, such as
@@ -441,10 +440,10 @@ impl SequenceProgram {
         self.run_until(plc, std::future::pending::<()>()).await
     }
 
-    /// Serves the machine as [`SequenceProgram::run`] until `stop` is there, such as Ctrl-C: then it takes no further output, ends when
-    /// the handlers that are at work have ended, and so loses no work. The machine is told that it is back within
-    /// [`returns_within`](SequenceProgram::returns_within). What runs beside the handlers goes on until then.
-    /// [`ends_within`](SequenceProgram::ends_within) limits the time that they have.
+    /// Serves the machine as [`SequenceProgram::run`] does, until `stop` completes, such as Ctrl-C. Then it accepts no further output, and
+    /// ends when the handlers at work have finished, so that no work is lost; [`ends_within`](SequenceProgram::ends_within) limits their
+    /// time. Tasks and alarms continue until then. The machine learns that the program returns within
+    /// [`returns_within`](SequenceProgram::returns_within).
     ///
     /// ```no_run
     /// # use plc_api::{Plc, SequenceProgram};

@@ -14,14 +14,14 @@
 mod closed;
 mod effect;
 mod identity;
+mod reports;
 mod result;
 pub mod rules;
-mod told;
 
 pub use closed::CLOSED_REMEMBERED;
 pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
 pub(crate) use identity::{strictest, taken_text};
-pub use told::PROGRESS_TEXT_MAX;
+pub use reports::PROGRESS_TEXT_MAX;
 
 use crate::alarm::Alarm;
 use crate::types::ids::is_client_id;

@@ -1,8 +1,9 @@
-//! Inputs and outputs of the plant: pure, the same for the runtime and for the scripted machine.
+//! Inputs and outputs of the plant. Pure; the runtime and the scripted machine share it.
 //!
-//! One that a handler has written is that handler's: nobody else writes it while that is there, and when it has gone, the value is
-//! the safe one of the declaration. Clients without presence own nothing: any of them writes what no handler owns. An operator
-//! puts a value in the place of the written one, which goes on underneath, until an operator takes it back.
+//! A point that a handler has written belongs to that handler: nobody else can write it while the handler is present, and when the
+//! handler has gone, the point takes the safe value of its declaration. Clients without a presence own nothing: any of them may write
+//! a point that no handler owns. An operator can force a value; the program keeps writing underneath, and its value counts again when
+//! an operator removes the force.
 
 use std::collections::BTreeMap;
 
@@ -140,7 +141,7 @@ pub(crate) fn judge_declared(
 fn not_declared<'a>(point: &IoPoint, all: impl IntoIterator<Item = &'a IoPoint>) -> Refusal {
     let of_side = all.into_iter().filter(|known| known.side == point.side);
     let names: Vec<_> = of_side.take(NAMED_MAX).map(|known| known.name.as_str()).collect();
-    let table = format!("[io.{}.{:.64}]", point.side.word(), point.name);
+    let table = format!("[io.{}.{:.64}]", point.side.wire_name(), point.name);
     let text = match names.join(", ") {
         there if there.is_empty() => format!("the configuration declares none; write {table}"),
         there => format!("the configuration has no {table}; there are {there}"),

@@ -1,5 +1,5 @@
-//! Interlocks, start locks, and inputs and outputs of the plant that a program has set: while it serves the machine they are its handler's, and written again
-//! whenever the machine has been told anew who is there.
+//! Interlocks, start locks, and inputs and outputs of the plant that a program has set. While the program serves the machine, they
+//! belong to its handler, and are written again whenever its presence is announced anew.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};

@@ -1,4 +1,4 @@
-//! Locks that hold while something is in the hand of a handler.
+//! Guards that keep an interlock or a start lock on while a handler works.
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::Result;

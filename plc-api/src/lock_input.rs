@@ -1,8 +1,8 @@
-//! An interlock or a start lock of one coordinate system: pure, the same for the runtime and for the scripted machine.
+//! An interlock or start lock of one coordinate system. Pure; the runtime and the scripted machine share it.
 //!
-//! It is on while any of its sources is. A source that a handler has set is that handler's: nobody else clears it, and when
-//! its owner has gone, it has the value of its `on_loss`. Clients without presence own nothing: what one of them has set, any
-//! of them clears. An operator sets a source by force, which is marked until its owner writes it again.
+//! The input is on while any of its sources is on. A source that a handler has set belongs to that handler: nobody else can clear it,
+//! and when the handler has gone, the source takes the value of its `on_loss`. Clients without a presence own nothing: any of them may
+//! clear what another has set. An operator can force a source; the force is shown until the owner writes the source again.
 
 use std::collections::BTreeMap;
 

@@ -234,8 +234,8 @@ impl Plc {
         self.request(SkipInput(motor, value)).await
     }
 
-    /// Whether the runtime is there. Over a broker it has gone when its last will has come, or when it has not said for the age
-    /// of its presence that it is there; without a connection to the broker this is what was heard last.
+    /// Whether the runtime is online. Over a broker it counts as offline when its last will arrives, or when it has not repeated its
+    /// presence within the age of a presence. Without a connection to the broker, the answer is the last known one.
     pub async fn is_online(&self) -> bool {
         let presence = self.port.read(&Topic::Presence).await;
         presence.is_some_and(|message| matches!(&message.payload, Payload::Presence(said) if said.online))
@@ -284,7 +284,7 @@ impl Plc {
         self.levels.set_io((&*self.port, self.name()), point, value).await
     }
 
-    /// Writes again what was set, since this start of the machine has been told who is there.
+    /// Writes again what was set: the presence has been announced at this start of the machine.
     pub(crate) async fn write_levels(&self, boot: &BootId) {
         self.levels.write_all((&*self.port, self.name()), boot).await;
     }
@@ -293,7 +293,7 @@ impl Plc {
         &self.levels
     }
 
-    /// By which name the journal tells of what is asked.
+    /// The name under which the journal records requests.
     pub(crate) fn name(&self) -> &str {
         self.handler_id.as_deref().unwrap_or(&self.client_id)
     }

@@ -59,24 +59,24 @@ pub(crate) struct Announced {
 pub(crate) struct Offline {
     pub(crate) plc: Plc,
     pub(crate) by: Identity,
-    is_told: bool,
+    is_sent: bool,
 }
 
-const NOT_TOLD: &str = "the machine was not told that the handlers have gone";
+const NOT_SENT: &str = "the machine was not told that the handlers have gone";
 
 impl Offline {
     /// Tells it now, and waits until that has arrived: the process may end with what is left to others. Zero: it does not come back.
     pub(crate) async fn tell(mut self, returns_within: Duration) {
-        self.is_told = true;
+        self.is_sent = true;
         self.plc.levels().end();
         let ms = u64::try_from(returns_within.as_millis()).unwrap_or(u64::MAX);
         let ms = ms.min(*RETURNS_WITHIN_MS.end());
         let request = self.gone(RETURNS_WITHIN_MS.contains(&ms).then_some(ms));
         tokio::select! {
-            told = self.plc.port().request(request) => if let Err(refusal) = told {
-                tracing::warn!(%refusal, "{NOT_TOLD}");
+            answer = self.plc.port().request(request) => if let Err(refusal) = answer {
+                tracing::warn!(%refusal, "{NOT_SENT}");
             },
-            () = self.plc.sleep(TELL_MAX) => tracing::warn!("{NOT_TOLD}"),
+            () = self.plc.sleep(TELL_MAX) => tracing::warn!("{NOT_SENT}"),
         }
     }
 
@@ -91,9 +91,9 @@ impl Offline {
 
 impl Drop for Offline {
     fn drop(&mut self) {
-        if !self.is_told {
+        if !self.is_sent {
             self.plc.levels().end();
-            self.plc.send_without_waiting(self.gone(None), NOT_TOLD);
+            self.plc.send_without_waiting(self.gone(None), NOT_SENT);
         }
     }
 }
@@ -212,7 +212,7 @@ impl Presence {
         Offline {
             plc: self.plc.clone(),
             by: self.by.clone(),
-            is_told: false,
+            is_sent: false,
         }
     }
 
@@ -226,7 +226,7 @@ impl Presence {
                 // messages first: a cancel reaches a handler before it is polled again
                 biased;
                 message = self.messages.next() => {
-                    if let Some(text) = message.as_deref().and_then(|message| self.is_told(message, HandlerStatus::TakenOver)) {
+                    if let Some(text) = message.as_deref().and_then(|message| self.text_of(message, HandlerStatus::TakenOver)) {
                         return Err(Error::TakenOver { handler_id: self.by.id(), text });
                     }
                     return Ok(message.map(|message| self.on_message(message)));
@@ -241,8 +241,8 @@ impl Presence {
         }
     }
 
-    /// What a message says to this instance, where it says that this has become of its presence.
-    fn is_told(&self, message: &Message, wanted: HandlerStatus) -> Option<String> {
+    /// The text of a message to this instance with this status of its presence; `None` for any other message.
+    fn text_of(&self, message: &Message, wanted: HandlerStatus) -> Option<String> {
         let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
         else {
             return None;
@@ -273,7 +273,7 @@ impl Presence {
                 self.announced != Announcement::Never && **id == *self.by.handler_id && !presence.online
             }
             (Topic::HandlerResult(_), Payload::HandlerResult(_)) => {
-                self.is_told(&message, HandlerStatus::Confirm).is_some()
+                self.text_of(&message, HandlerStatus::Confirm).is_some()
             }
             _ => false,
         };

@@ -1,4 +1,4 @@
-//! A run as a thing that a program orders and waits for.
+//! A run that a program has ordered: its progress and its end.
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};

@@ -195,8 +195,8 @@ impl Scan {
             writer.carry_out(&plc, &self.flags, image).await;
             scans += 1;
             let end_s = plc.now_s();
-            if let Some(told) = watch.ended(end_s - begin_s, end_s) {
-                tracing::warn!(period = ?self.period, "{told}");
+            if let Some(report) = watch.ended(end_s - begin_s, end_s) {
+                tracing::warn!(period = ?self.period, "{report}");
             }
             next_s += period_s;
             while next_s < plc.now_s() {

@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use std::hash::{Hash, Hasher};
 use std::time::{Duration, SystemTime};
 
-use plc_api::execution::word;
+use plc_api::execution::wire_name;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandReply};
 
@@ -54,7 +54,7 @@ impl Asked {
 
     pub fn command(cs: CoordinateSystemNumber, command: &Command, client_id: &str) -> Self {
         let verb = command.verb();
-        let words = format!("{} of coordinate system {cs}", word(&verb));
+        let words = format!("{} of coordinate system {cs}", wire_name(&verb));
         Self {
             urgent_of: verb.is_urgent().then(|| client_id.to_owned()),
             ..Self::new(words, &(cs, command))

@@ -380,8 +380,8 @@ impl Parts {
         }
         shared.publish_birth();
         shared.publish_io();
-        shared.tell_areas();
-        shared.tell_tables();
+        shared.publish_areas();
+        shared.publish_tables();
         shared.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms::default()));
         shared.publish(Topic::Presence, Payload::Presence(presence(shared, true)));
         Self {
@@ -416,7 +416,7 @@ async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
         if let Some(first) = mailboxes.first() {
             shared.publish(Topic::Heartbeat, Payload::Heartbeat(first.view.heartbeat()));
         }
-        shared.tell_variables();
+        shared.publish_variables();
         for mailbox in &mailboxes {
             let topic = |topic| Topic::cs(mailbox.number, topic);
             let position = mailbox.view.position();

@@ -1,4 +1,4 @@
-//! The data folder of a machine that does not run: what `tandem store` verifies, repairs, exports and imports.
+//! The data folder of a stopped machine, as `tandem store` verifies, repairs, exports and imports it.
 
 use std::collections::BTreeMap;
 use std::io;

@@ -1,4 +1,4 @@
-//! What is declared of M codes, by handlers and in the configuration, and what programs give them.
+//! Declarations of M codes, by handlers and in the configuration, and the parameters that programs give them.
 
 use std::collections::BTreeMap;
 

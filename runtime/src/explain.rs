@@ -1,4 +1,4 @@
-//! What a person sees, explained: a page of each name, written from the rows that the product itself works with.
+//! Explanations of everything that a person sees: a page for each name, written from the rows that the product itself uses.
 
 mod language;
 

@@ -1,4 +1,4 @@
-//! Inputs and outputs of the plant: what is written, forced and lost is published and in the journal.
+//! Inputs and outputs of the plant: writes, forces and losses are published and journalled.
 
 use plc_api::types::io::{IoForce, IoPoint, IoSet, IoState};
 use plc_api::types::message::Payload;

@@ -1,4 +1,4 @@
-//! Runs as things: which go on, which have ended and how, and what was produced. Pure: it learns all from the journal's events.
+//! Runs: those that go on, those that have ended and how, and what was produced. Pure; it learns everything from events of the journal.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::SystemTime;

@@ -7,14 +7,14 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 use plc_api::alarm::USER_ALARM_BASE;
-use plc_api::execution::word;
+use plc_api::execution::wire_name;
 use plc_api::handler_registry::{HandlerRegistry, Registered};
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::io_points::IoPoints;
 use plc_api::types::alarm_text::AlarmText;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::data::VariableArea;
+use plc_api::types::data::{PublishedVariables, VariableArea};
 use plc_api::types::handler::HandlerResult;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
@@ -34,10 +34,10 @@ use crate::config::Machine;
 use crate::declared::Declared;
 use crate::disk::{Health, Part};
 use crate::journal::{Event, Journal};
+use crate::planned::OnPlan;
 use crate::program_store::ProgramStore;
 use crate::runs::RunBook;
 use crate::servo_thread::ServoStatistics;
-use crate::simulation::OnPlan;
 use crate::tables::Tables;
 
 /// Shared state of a machine.
@@ -49,7 +49,7 @@ pub(crate) struct Shared {
     pub clock: Clock,
     pub store: ProgramStore,
     pub journal: Journal,
-    /// Told what is planned, in simulated time.
+    /// Called with what is planned, in simulated time.
     pub on_plan: Option<OnPlan>,
     /// What of the data folder cannot be written.
     pub health: Arc<Health>,
@@ -70,8 +70,8 @@ pub(crate) struct Shared {
     pub io: Mutex<IoPoints>,
     /// Held while `birth` is published: what is published last is what is so.
     birth: Mutex<()>,
-    /// The variables that were told last, by their bits. Held while these, tools and offsets are published.
-    pub told: Mutex<BTreeMap<VariableArea, Vec<u64>>>,
+    /// The variables that were published last. Held while these, tools and offsets are published.
+    pub published_variables: Mutex<BTreeMap<VariableArea, PublishedVariables>>,
     pub runs: Arc<Mutex<RunBook>>,
     commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
@@ -107,7 +107,7 @@ impl Shared {
             alarms: Mutex::default(),
             handlers: Mutex::default(),
             birth: Mutex::default(),
-            told: Mutex::default(),
+            published_variables: Mutex::default(),
             runs: Arc::default(),
             commands: Mutex::default(),
             wakes: Mutex::default(),
@@ -216,14 +216,14 @@ impl Shared {
     /// Writes a line of the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
         let now = self.now();
-        let told = RunBook::learns_from(&event).then(|| {
+        let learned = RunBook::learns_from(&event).then(|| {
             let mut runs = self.runs.lock();
             runs.on(cs, &event, now).then(|| runs.state(cs))
         });
         if self.journal.record(now, cs, event) {
             self.sent.fetch_add(1, Ordering::Relaxed);
         }
-        if let Some(run) = told.flatten() {
+        if let Some(run) = learned.flatten() {
             self.publish(Topic::cs(cs, CsTopic::Run), Payload::Run(run));
         }
     }
@@ -444,7 +444,7 @@ impl Shared {
         meta: &CommandMeta,
         refusal: &Refusal,
     ) -> CommandReply {
-        let code = word(&refusal.code);
+        let code = wire_name(&refusal.code);
         self.reply_to(cs, meta, CommandStatus::Rejected, &code, &refusal.text)
     }
 

@@ -10,9 +10,6 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use plc_api::types::CoordinateSystemNumber;
-use tandem_model::flow::Segment;
-use tandem_model::profile::Profile;
 use tandem_servo::{HardwareFactory, Servo};
 use tokio::sync::Notify;
 
@@ -22,6 +19,8 @@ use crate::coordinate_system::Mailbox;
 use crate::servo_thread::cycle_after;
 use tokio_clock::TokioClock;
 
+pub use crate::planned::{OnPlan, Planned};
+
 /// Real time without progress of simulated time, after which that is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
 
@@ -30,46 +29,6 @@ const TURNS_MAX: usize = 256;
 
 /// Called after each servo cycle, for a trace.
 pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
-
-/// What a coordinate system has planned, in the order in which it will run.
-#[derive(Debug, Clone, Copy)]
-pub enum Planned<'a> {
-    /// A piece of the way; its profiles follow.
-    Segment {
-        /// Its number.
-        number: u64,
-        /// The geometry, with F as programmed.
-        segment: &'a Segment,
-        /// F within the limits of the coordinate system and its motors, path units per second; `None`: it is not at
-        /// feedrate.
-        speed_limit: Option<f64>,
-    },
-    /// Position as a function of time.
-    Profile(&'a Profile),
-}
-
-type Told = dyn FnMut(CoordinateSystemNumber, Planned<'_>) + Send;
-
-/// Is told what each coordinate system plans.
-#[derive(Clone)]
-pub struct OnPlan(Arc<Mutex<Told>>);
-
-impl OnPlan {
-    /// Tells this function.
-    pub fn new(told: impl FnMut(CoordinateSystemNumber, Planned<'_>) + Send + 'static) -> Self {
-        Self(Arc::new(Mutex::new(told)))
-    }
-
-    pub(crate) fn tell(&self, cs: CoordinateSystemNumber, planned: Planned<'_>) {
-        (self.0.lock())(cs, planned);
-    }
-}
-
-impl std::fmt::Debug for OnPlan {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("OnPlan").finish_non_exhaustive()
-    }
-}
 
 /// The servo of a simulation and the coordinate systems that its cycles concern.
 pub struct Simulation {
@@ -231,7 +190,7 @@ impl Simulation {
     /// Each coordinate system with servo events handles them. False when tasks must run before time advances.
     fn turn_alone(&self, servo: &Servo) -> bool {
         let mailboxes = self.mailboxes.iter().zip(servo.channels());
-        let told = mailboxes.filter(|(_, channel)| channel.has_told());
+        let told = mailboxes.filter(|(_, channel)| channel.has_reported());
         // all of them turn, also behind one that needs its task
         told.filter(|(mailbox, _)| !mailbox.turn_alone()).count() == 0
     }
@@ -262,7 +221,7 @@ pub struct SimulationOptions {
     pub on_cycle: Option<OnCycle>,
     /// Cycles in which each motor keeps its speed may be left out of that: the next one tells by its time.
     pub passes_even_motion: bool,
-    /// Told what is planned.
+    /// Called with what is planned.
     pub on_plan: Option<OnPlan>,
     /// What makes the hardware; `None`: it is simulated.
     pub hardware: Option<HardwareFactory>,

@@ -1,4 +1,4 @@
-//! What programs and sequence programs both read and write: variables, tools, work offsets.
+//! Data that NC programs and sequence programs share: variables, tools, work offsets.
 //!
 //! One lock orders them: a block is interpreted under its read side; a change of a range, a tool or an offset takes its
 //! write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.

@@ -87,7 +87,7 @@
 //! that real second. Ask `tokio::time::Instant` or [`Plc::now_s`](plc_api::Plc::now_s). What waits for anything else, which does not
 //! come, ends the run, too, and [`Run::completed`] says what the program waited for.
 
-mod beside;
+mod background;
 mod perform;
 mod record;
 mod standing;
@@ -362,9 +362,13 @@ impl Bench {
         self
     }
 
-    /// Tells of `count` variables from `from` on whenever one changes, as `[[variables.told]]` of a configuration does.
-    pub fn tell_variables(mut self, area: VariableArea, from: u32, count: u32) -> Self {
-        self.machine.told.entry(area).or_default().push((from, count));
+    /// Publishes `count` variables from `from` on whenever one changes, as `[[variables.published]]` of a configuration does.
+    pub fn publish_variables(mut self, area: VariableArea, from: u32, count: u32) -> Self {
+        self.machine
+            .published
+            .entry(area)
+            .or_default()
+            .push((from, count));
         self
     }
 

@@ -1,5 +1,4 @@
-//! Threads of their own for work that waits for a disk. In tests with a simulated world each is a task, which takes its
-//! turns on the simulated clock.
+//! Threads for work that waits for a disk. In tests with a simulated world each is a task instead, scheduled by the simulated clock.
 
 use std::io;
 use std::time::Duration;

@@ -43,7 +43,7 @@ unit = "strokes"
 [[hmi.card]]
 text = "Parts"
 variable = "P101"
-[[variables.told]]
+[[variables.published]]
 from = "P101"
 [[hmi.card]]
 text = "Lamp"
@@ -122,7 +122,7 @@ test("buttons and cards of the configuration are a panel: they run, ask, switch 
   await send("POST", "/cs/1/reset?wait=1", {});
   const { page, errors, close } = await openPage(browser);
   const screen = new Screen(page);
-  // what is told is not read
+  // what is published is not read
   await page.route(/variables\/p\?from=101/, (route) => route.abort());
   await page.goto(runtime.url);
   await page.getByRole("tab", { name: "Machine" }).click();

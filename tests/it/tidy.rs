@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use crate::support::binary::root;
 
 /// Sources of each crate.
-const CRATES: [&str; 11] = [
+const CRATES: [&str; 12] = [
     "plc-api/src",
     "runtime/src",
     "runtime/model/src",
@@ -24,6 +24,7 @@ const CRATES: [&str; 11] = [
     "runtime/gateway/src",
     "runtime/mtconnect/src",
     "runtime/structured-text/src",
+    "runtime/opcua/src",
 ];
 
 /// Folders that are made by tools, or of what others have written.

@@ -42,7 +42,7 @@ const M_CODES: &str =
 
 /// What the plant has, and what is told of variables.
 const IO: &str = "[io.in.level]\nkind = \"number\"\nunit = \"l\"\nmax = 60\n[io.out.lamp]\n\
-                  [[variables.told]]\nfrom = \"P300\"\ncount = 2\n";
+                  [[variables.published]]\nfrom = \"P300\"\ncount = 2\n";
 
 fn machine(mqtt: &str) -> Machine {
     let machine = Machine::new(&format!("{PROGRAMS}{M_CODES}{IO}{mqtt}"));

@@ -2,7 +2,7 @@
 
 import { CommandFailed, NotConnected, Refused } from "./errors.js";
 import { lockLevel } from "./levels.js";
-import { changesOf } from "./told.js";
+import { changesOf } from "./changes.js";
 
 /** How long a command may take until its effect, where it does not move. */
 const COMMAND_TIMEOUT_MS = 5_000;

@@ -5,7 +5,7 @@ import { CoordinateSystem } from "./coordinate_system.js";
 import { Refused } from "./errors.js";
 import { Io } from "./io.js";
 import { Levels } from "./levels.js";
-import { changesOf, numberOf } from "./told.js";
+import { changesOf, numberOf } from "./changes.js";
 
 /** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
 /** @typedef {import("./messages.d.ts").AlarmRecord} AlarmRecord */
@@ -124,9 +124,9 @@ export class Plc {
   }
 
   /**
-   * P variables: their values now, and again each time that one of them has changed, whoever wrote it. A machine tells of the variables
-   * that its configuration names in `[[variables.told]]`, at most 10 times a second; of values that follow each other faster, the latest.
-   * A program writes a variable when its block is interpreted, ahead of the motion. Throws `Refused`: not all of them are told.
+   * P variables: their values now, and again each time that one of them has changed, whoever wrote it. A machine publishes the variables
+   * that its configuration names in `[[variables.published]]`, at most 10 times a second; of values that follow each other faster, the latest.
+   * A program writes a variable when its block is interpreted, ahead of the motion. Throws `Refused`: not all of them are published.
    * @param {number} first @param {number} [count] @returns {AsyncGenerator<number[], void>}
    */
   pChanges(first, count = 1) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::types::CoordinateSystemNumber;
 use crate::types::data::{
-    ToldVariables, ToolChange, ToolData, ToolTable, VARIABLES_AT_ONCE_MAX, VariableArea, VariableValues,
+    PublishedVariables, ToolChange, ToolData, ToolTable, VARIABLES_AT_ONCE_MAX, VariableArea, VariableValues,
     WorkOffsetTable, WorkOffsetValues,
 };
 use crate::types::message::Payload;
@@ -17,7 +17,7 @@ pub(super) struct Data {
     variables: BTreeMap<(VariableArea, u32), f64>,
     tools: BTreeMap<u16, ToolData>,
     work_offsets: BTreeMap<CoordinateSystemNumber, WorkOffsetTable>,
-    told: Vec<(VariableArea, u32, u32)>,
+    published: Vec<(VariableArea, u32, u32)>,
 }
 
 impl Data {
@@ -47,37 +47,37 @@ impl Data {
         }
     }
 
-    /// Tells of these variables, too, from now on.
-    pub(super) fn tell(&mut self, area: VariableArea, from: u32, count: u32) {
-        self.told.push((area, from, count));
+    /// Publishes these variables, too, from now on.
+    pub(super) fn publish(&mut self, area: VariableArea, from: u32, count: u32) {
+        self.published.push((area, from, count));
     }
 
-    /// What is told of it all, for these coordinate systems.
-    pub(super) fn said(&self, systems: &[CoordinateSystemNumber]) -> Vec<(Topic, Payload)> {
-        let mut said = vec![
-            (Topic::Variables, self.variables_told(VariableArea::Global)),
+    /// All that is published of it, for these coordinate systems.
+    pub(super) fn messages(&self, systems: &[CoordinateSystemNumber]) -> Vec<(Topic, Payload)> {
+        let mut messages = vec![
+            (Topic::Variables, self.published_variables(VariableArea::Global)),
             (Topic::Tools, Payload::Tools(self.tool_table())),
         ];
         for cs in systems {
-            let variables = self.variables_told(VariableArea::CoordinateSystem(*cs));
-            said.push((Topic::cs(*cs, CsTopic::Variables), variables));
+            let variables = self.published_variables(VariableArea::CoordinateSystem(*cs));
+            messages.push((Topic::cs(*cs, CsTopic::Variables), variables));
             let work_offsets = self.work_offsets.get(cs).cloned().unwrap_or_default();
-            let told = WorkOffsetValues {
+            let values = WorkOffsetValues {
                 work_offsets: work_offsets.work_offsets,
             };
-            said.push((Topic::cs(*cs, CsTopic::WorkOffsets), Payload::WorkOffsets(told)));
+            messages.push((Topic::cs(*cs, CsTopic::WorkOffsets), Payload::WorkOffsets(values)));
         }
-        said
+        messages
     }
 
-    fn variables_told(&self, area: VariableArea) -> Payload {
-        let of_area = self.told.iter().filter(|(of, ..)| *of == area);
+    fn published_variables(&self, area: VariableArea) -> Payload {
+        let of_area = self.published.iter().filter(|(of, ..)| *of == area);
         let variables = of_area.map(|(_, from, count)| {
             let numbers = *from..from.saturating_add(*count);
             let values = numbers.map(|number| self.variables.get(&(area, number)).copied().unwrap_or(0.0));
             VariableValues::new(area.kind(), *from, values)
         });
-        Payload::Variables(ToldVariables {
+        Payload::Variables(PublishedVariables {
             variables: variables.collect(),
         })
     }

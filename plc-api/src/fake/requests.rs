@@ -49,11 +49,7 @@ impl FakePort {
             CoordinateSystemRequest::Input(input) => self.input(cs, input),
             CoordinateSystemRequest::Tool(id) => self.set(cs, CsTopic::Tool, Payload::Tool(Tool { id })),
             CoordinateSystemRequest::Spindle(command) => self.set(cs, CsTopic::Spindle, spindle(command)),
-            // arrive as requests to the machine
-            CoordinateSystemRequest::Handler(..)
-            | CoordinateSystemRequest::Heartbeat(..)
-            | CoordinateSystemRequest::RaiseAlarm(_)
-            | CoordinateSystemRequest::SkipInput(..) => Ok(Answer::Done),
+            _ => unsupported(),
         }
     }
 
@@ -85,14 +81,7 @@ impl FakePort {
             MachineRequest::LastRun(_) => Ok(Answer::LastRun(None)),
             MachineRequest::Journal { .. } => Ok(Answer::Journal(Vec::new())),
             MachineRequest::Programs => Ok(Answer::Programs(Vec::new())),
-            MachineRequest::CommandStatus(_)
-            | MachineRequest::Explain(_)
-            | MachineRequest::LineState(..)
-            | MachineRequest::ManualPath(..)
-            | MachineRequest::ManualRehearsal(..)
-            | MachineRequest::Trace(..)
-            | MachineRequest::Run { .. }
-            | MachineRequest::Runs(_) => unsupported(),
+            _ => unsupported(),
         }
     }
 
@@ -275,8 +264,9 @@ impl Inner {
     }
 }
 
+/// The scripted machine does what sequence programs need in unit tests, and says of anything else that it does not.
 fn unsupported() -> Result<Answer, Refusal> {
-    let text = "the fake machine does not do this";
+    let text = "the scripted machine (FakePort) does not do this; test with tandem_runtime::test";
     Err(Refusal::new(RefusalCode::NotSupported, text))
 }
 

@@ -1,4 +1,4 @@
-//! Levels that a sequence program follows.
+//! Interlocks and start locks that follow a level of a sequence program.
 
 use tokio::sync::watch;
 
@@ -19,7 +19,7 @@ pub(super) struct Followed {
 }
 
 impl Followed {
-    /// Follows it for ever. Once nobody sends it any more, it is on: nobody knows it then.
+    /// Follows it forever. When its sender has gone, the level is unknown, and counts as on.
     ///
     /// # Errors
     /// The machine refuses it.

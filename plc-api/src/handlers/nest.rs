@@ -1,4 +1,4 @@
-//! Programs made of programs.
+//! Sequence programs composed of other sequence programs.
 
 use std::ops::RangeInclusive;
 

@@ -137,7 +137,7 @@ impl AuxOutput {
         &self.inner.plc
     }
 
-    /// Names this output for ever, over all starts of the runtime: note under it what must be done once, such as a part
+    /// Identifies this output permanently, across all starts of the runtime: note under it what must be done once, such as a part
     /// that is counted, and look there before it is done again. A redelivered output has the same name.
     ///
     /// ```
@@ -169,7 +169,7 @@ impl AuxOutput {
         self.inner.notice.m
     }
 
-    /// Sequence number: identifies this output within boot and coordinate system, as [`AuxOutput::id`] does for ever.
+    /// Sequence number: identifies this output within boot and coordinate system, as [`AuxOutput::id`] does permanently.
     pub fn seq(&self) -> u64 {
         self.inner.id.seq
     }
@@ -223,11 +223,11 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// Notes how far the work has come, in place of what was noted before: any value that has at most 4096 bytes as JSON. When this
-    /// handler is lost and another takes the output up, that one is given it ([`AuxOutput::last_checkpoint`]), and five minutes of
-    /// washing go on at minute four. The machine keeps it as long as the output is open. No effect if the output is no longer this
-    /// handler's. It does nothing by itself: whether the work
-    /// may be taken up at all is said by [`SequenceProgram::redelivery`](super::SequenceProgram::redelivery).
+    /// Stores how far the work has come, replacing the previous checkpoint: any value of at most 4096 bytes as JSON. When this handler is
+    /// lost and another one takes over the output, it receives the checkpoint ([`AuxOutput::last_checkpoint`]), so that five minutes of
+    /// washing can continue at minute four. The machine keeps it as long as the output is open. No effect if the output is no longer
+    /// this handler's. Whether the work may be taken over at all is decided by
+    /// [`SequenceProgram::redelivery`](super::SequenceProgram::redelivery).
     ///
     /// ```
     /// # use std::time::Duration;
@@ -264,10 +264,10 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// What the last [`AuxOutput::checkpoint`] of whoever worked on this output before has noted; `None` where nothing was.
+    /// The last [`AuxOutput::checkpoint`] of the handler that worked on this output before; `None` if there is none.
     ///
     /// # Errors
-    /// It is not of this form: another version of the handler has noted it.
+    /// It has another form, as another version of the handler stored it.
     pub fn last_checkpoint<T: DeserializeOwned>(&self) -> Result<Option<T>> {
         let Some(noted) = &self.inner.checkpoint else {
             return Ok(None);
@@ -278,11 +278,12 @@ impl AuxOutput {
         })
     }
 
-    /// Does something when this output is cancelled and its handler has been dropped, such as moving an arm back; not when the
-    /// handler returns. It has so much time on the machine's clock, and is dropped then, with an error in the log. Of several the
-    /// last comes first. The machine does not wait for it: hold what must not begin meanwhile by an interlock or start lock.
+    /// Registers a clean-up for the case that this output is cancelled and its handler dropped, such as moving an arm back; it does not
+    /// run when the handler returns. It may take this long on the machine's clock, and is dropped then, with an error in the log.
+    /// Several clean-ups run in reverse order. The machine does not wait for them: use an interlock or a start lock for what must not
+    /// begin meanwhile.
     ///
-    /// It is not done when the whole program is dropped, or its process ends: what must be safe then is safe by itself.
+    /// It does not run when the whole program is dropped or its process ends: hardware must be safe without it.
     ///
     /// ```
     /// # use std::sync::{Arc, atomic::{AtomicBool, Ordering}};

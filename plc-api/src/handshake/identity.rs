@@ -1,4 +1,4 @@
-//! Who speaks for a handler, and who may take up an output that its handler has lost.
+//! Which instance speaks for a handler, and which handler may take an output whose owner was lost.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;

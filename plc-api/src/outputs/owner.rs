@@ -44,16 +44,16 @@ impl Owner {
 
     pub(super) async fn known(&self) -> Result<()> {
         let mut known = self.known.clone();
-        let told = known.wait_for(Option::is_some).await;
-        let told = told.map_err(|_| Error::Closed)?.clone();
-        told.unwrap_or(Ok(()))
+        let outcome = known.wait_for(Option::is_some).await;
+        let outcome = outcome.map_err(|_| Error::Closed)?.clone();
+        outcome.unwrap_or(Ok(()))
     }
 
     /// Waits until the machine refuses the handler, or another has taken its place.
     pub(super) async fn refused(&self) -> Error {
         let mut known = self.known.clone();
-        let told = known.wait_for(|known| matches!(known, Some(Err(_)))).await;
-        let error = told.ok().and_then(|told| told.clone()?.err());
+        let outcome = known.wait_for(|known| matches!(known, Some(Err(_)))).await;
+        let error = outcome.ok().and_then(|outcome| outcome.clone()?.err());
         match error {
             Some(error) => error,
             None => std::future::pending().await,

@@ -51,7 +51,7 @@ impl RawOutput {
         }
     }
 
-    /// Names this output for ever, over all starts of the runtime: note under it what must be done once. A redelivered
+    /// Identifies this output permanently, across all starts of the runtime: note under it what must be done once. A redelivered
     /// output has the same name.
     pub fn id(&self) -> &str {
         &self.inner.notice.id

@@ -152,7 +152,7 @@ impl Image {
         self.cycles.longest_s
     }
 
-    /// Scans so far that took longer than [`ScanProgram::cycle_limit`](super::ScanProgram::cycle_limit). The log tells of them.
+    /// Scans so far that took longer than [`ScanProgram::cycle_limit`](super::ScanProgram::cycle_limit). They are logged.
     /// A program for which a late scan is an alarm writes it: [`Image::set_alarm`].
     pub fn late_scans(&self) -> u64 {
         self.cycles.late

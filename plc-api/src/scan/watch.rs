@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Time between two lines of the log about scans that take too long. Reason: a log of a fast scan would hold nothing else.
-const TOLD_EVERY_S: f64 = 10.0;
+const REPORT_EVERY_S: f64 = 10.0;
 
 /// How long scans have taken.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -19,8 +19,8 @@ pub(super) struct CycleTimes {
 pub(super) struct CycleWatch {
     limit: Duration,
     pub(super) times: CycleTimes,
-    /// When it was told last, and how many had been late then.
-    told: Option<(f64, u64)>,
+    /// When it was reported last, and how many had been late then.
+    reported: Option<(f64, u64)>,
 }
 
 impl CycleWatch {
@@ -28,11 +28,11 @@ impl CycleWatch {
         Self {
             limit,
             times: CycleTimes::default(),
-            told: None,
+            reported: None,
         }
     }
 
-    /// A scan has taken so long. What is to be told of it: the first at once, others together.
+    /// A scan has taken so long. Returns what is to be reported: the first at once, further ones together.
     pub(super) fn ended(&mut self, took_s: f64, now_s: f64) -> Option<String> {
         let CycleTimes {
             last_s,
@@ -46,13 +46,13 @@ impl CycleWatch {
         if is_late {
             *late += 1;
         }
-        let (at_s, told) = self.told.unwrap_or((f64::NEG_INFINITY, 0));
-        if *late == told || now_s - at_s < TOLD_EVERY_S {
+        let (at_s, reported) = self.reported.unwrap_or((f64::NEG_INFINITY, 0));
+        if *late == reported || now_s - at_s < REPORT_EVERY_S {
             return None;
         }
-        let (news, limit_ms) = (*late - told, 1e3 * self.limit.as_secs_f64());
+        let (news, limit_ms) = (*late - reported, 1e3 * self.limit.as_secs_f64());
         let (last_ms, longest_ms) = (1e3 * took_s, 1e3 * *longest_s);
-        self.told = Some((now_s, *late));
+        self.reported = Some((now_s, *late));
         Some(format!(
             "{news} scans took longer than {limit_ms} ms: the last {last_ms:.3} ms, the longest {longest_ms:.3} ms; \
              {late} since the start"

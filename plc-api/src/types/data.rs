@@ -1,4 +1,4 @@
-//! What programs and sequence programs both read and write: variables, tools, work offsets.
+//! Data that NC programs and sequence programs share: variables, tools, work offsets.
 
 use std::collections::BTreeMap;
 
@@ -12,9 +12,16 @@ use super::{BootId, CoordinateSystemNumber, Timestamp};
 /// Variables of one read or write at the most; more are refused as `too_large`. Reason: a message stays below 64 KiB.
 pub const VARIABLES_AT_ONCE_MAX: usize = 1024;
 
-/// A number of a variable in JSON, which may be none: `"NaN"`, `"inf"` and `"-inf"` are strings there.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A number of a variable in JSON, which may be none: `"NaN"`, `"inf"` and `"-inf"` are strings there. One equals another of the
+/// same bits, so that NaN equals itself: of values that are compared to find what has changed, it has not.
+#[derive(Debug, Clone, Copy)]
 pub struct Number(pub f64);
+
+impl PartialEq for Number {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.to_bits() == other.0.to_bits()
+    }
+}
 
 #[cfg(feature = "schema")]
 impl schemars::JsonSchema for Number {
@@ -131,17 +138,17 @@ impl VariableValues {
     }
 }
 
-/// The variables that the configuration names in `[[variables.told]]`, as they were at one moment: of the topics `variables` and
+/// The variables that the configuration names in `[[variables.published]]`, as they were at one moment: of the topics `variables` and
 /// `cs/{cs}/variables`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct ToldVariables {
+pub struct PublishedVariables {
     /// Variables in a row, in the order of the configuration. One whose value is damaged (warning 406) is `"NaN"`.
     pub variables: Vec<VariableValues>,
 }
 
-impl ToldVariables {
-    /// Values of `count` variables from `from` on; `None`: not all of them are told.
+impl PublishedVariables {
+    /// Values of `count` variables from `from` on; `None`: not all of them are published.
     pub fn values(&self, from: u32, count: u32) -> Option<Vec<f64>> {
         let numbers = from..from.checked_add(count)?;
         numbers.map(|number| self.value(number)).collect()

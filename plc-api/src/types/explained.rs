@@ -1,4 +1,4 @@
-//! Words that people see, with their meaning and what to do: one row each, where the word is defined.
+//! Words that people see, each with its meaning and what to do about it. Each row is beside the definition of its word.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,7 @@ pub struct Explanation {
 pub struct Explained {
     /// What it is a word of.
     pub of: &'static str,
-    /// The word, as it stands in messages.
+    /// The word, as messages have it.
     pub word: &'static str,
     /// What it means.
     pub meaning: &'static str,

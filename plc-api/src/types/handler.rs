@@ -1,4 +1,4 @@
-//! Handlers: which M codes they serve, which of several processes is there, and what they do again.
+//! Handlers: the M codes they serve, the instance that speaks for each, and what they may do twice.
 
 use std::collections::BTreeSet;
 use std::ops::RangeInclusive;

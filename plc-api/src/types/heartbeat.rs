@@ -1,4 +1,4 @@
-//! Heartbeats: of the servo, for those who watch it, and of clients that ask the machine to watch them.
+//! Heartbeats: of the servo, for clients that watch the machine, and of clients that the machine watches.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Inputs and outputs of the plant: what its sensors tell, and what sequence programs command its valves.
+//! Inputs and outputs of the plant: readings of its sensors, and commands of sequence programs to its valves.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ impl IoSide {
     pub const ALL: [IoSide; 2] = [IoSide::In, IoSide::Out];
 
     /// Its level in topics and routes.
-    pub fn word(self) -> &'static str {
+    pub fn wire_name(self) -> &'static str {
         match self {
             IoSide::In => "in",
             IoSide::Out => "out",
@@ -36,8 +36,8 @@ impl IoSide {
     }
 
     /// The side of a level.
-    pub fn of_word(word: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|side| side.word() == word)
+    pub fn of_wire_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|side| side.wire_name() == name)
     }
 }
 
@@ -66,14 +66,14 @@ impl IoPoint {
     /// The point of a path such as `in/door_closed`.
     pub(super) fn parse(path: &str) -> Option<Self> {
         let (side, name) = path.split_once('/')?;
-        let (side, name) = (IoSide::of_word(side)?, name.to_owned());
+        let (side, name) = (IoSide::of_wire_name(side)?, name.to_owned());
         is_client_id(&name).then_some(Self { side, name })
     }
 }
 
 impl fmt::Display for IoPoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "io/{}/{}", self.side.word(), self.name)
+        write!(f, "io/{}/{}", self.side.wire_name(), self.name)
     }
 }
 

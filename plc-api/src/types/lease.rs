@@ -1,4 +1,4 @@
-//! The control lease of a coordinate system: who alone may start motion for a while.
+//! The control lease of a coordinate system: the exclusive right to start motion for a while.
 
 use serde::{Deserialize, Serialize};
 

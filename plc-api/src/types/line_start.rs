@@ -1,4 +1,4 @@
-//! A start that does not begin at the head of a program, and what is in force where it begins.
+//! A start in the middle of a program, and the state in force at that line.
 
 use std::collections::BTreeMap;
 

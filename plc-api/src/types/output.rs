@@ -26,7 +26,7 @@ pub enum Timing {
 
 explained! {
     "state of an output"
-    /// Where an open output stands in its life.
+    /// The stage of an open output.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
@@ -47,7 +47,7 @@ explained! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutputNotice {
-    /// Names this output for ever, over all starts of the runtime: work that must be done once, such as counting a part, is
+    /// Identifies this output permanently, across all starts of the runtime: work that must be done once, such as counting a part, is
     /// noted under it. Empty in what an older runtime has written.
     #[serde(default)]
     pub id: String,

@@ -1,4 +1,4 @@
-//! What the runtime knows of a program before it runs: its path, and its rehearsal.
+//! A program before it runs: its planned path and its rehearsal.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! What becomes of an output whose handler was lost.
+//! What happens to an output whose handler was lost.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! A run as a thing: what was ordered, how far it is, how it ended, and where its time went.
+//! A run: what was ordered, its progress, how it ended, and where its time went.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,10 +1,10 @@
-//! Topics: one table of everything that the runtime says, with its path, route, payload and explanation.
+//! Topics: one table of everything that the runtime publishes, each with its path, route, payload and explanation.
 
 use serde::Serialize;
 
 use super::CoordinateSystemNumber;
 use super::command::CommandReply;
-use super::data::{ToldVariables, ToolTable, WorkOffsetValues};
+use super::data::{PublishedVariables, ToolTable, WorkOffsetValues};
 use super::form::{Enveloped, Form};
 use super::handler::{HandlerPresence, HandlerResult};
 use super::heartbeat::Heartbeat;
@@ -66,7 +66,7 @@ pub enum Payload {
     HandlerPresence(HandlerPresence),
     HandlerResult(HandlerResult),
     Io(IoState),
-    Variables(ToldVariables),
+    Variables(PublishedVariables),
     Tools(ToolTable),
     WorkOffsets(WorkOffsetValues),
     State(State),
@@ -210,8 +210,8 @@ cs_topics! {
             "The run of the loaded program that goes on, or the last one that ended: parts, how it ended, waits and alarms.";
         TimeLeft "time_left" "time_left" TimeLeft(TimeLeft)
             "How long the program that runs takes to its end, and which share of it is done; once a second.";
-        Variables "variables" "variables" Variables(ToldVariables)
-            "The Q variables that the configuration names in [[variables.told]], whenever one has changed; at most 10 times a second.";
+        Variables "variables" "variables" Variables(PublishedVariables)
+            "The Q variables that the configuration names in [[variables.published]], whenever one has changed; at most 10 times a second.";
         WorkOffsets "work_offsets" "" WorkOffsets(WorkOffsetValues)
             "Work offsets, whenever one has changed.";
     }
@@ -259,7 +259,7 @@ impl Topic {
                 }
             },
             Topic::Variables => {
-                "The P variables that the configuration names in [[variables.told]], whenever one has changed; at most 10 times a second."
+                "The P variables that the configuration names in [[variables.published]], whenever one has changed; at most 10 times a second."
             }
             Topic::Tools => "The tool table, whenever it has changed.",
             Topic::CoordinateSystem(_, topic) => topic.summary(),
@@ -278,7 +278,7 @@ impl Topic {
             Topic::HandlerPresence(_) => Form::of::<Enveloped<'static, HandlerPresence>>(),
             Topic::HandlerResult(_) => Form::of::<Enveloped<'static, HandlerResult>>(),
             Topic::Io(_) => Form::of::<Enveloped<'static, IoState>>(),
-            Topic::Variables => Form::of::<Enveloped<'static, ToldVariables>>(),
+            Topic::Variables => Form::of::<Enveloped<'static, PublishedVariables>>(),
             Topic::Tools => Form::of::<Enveloped<'static, ToolTable>>(),
             Topic::CoordinateSystem(_, topic) => topic.form(),
         }

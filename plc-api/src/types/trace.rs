@@ -1,4 +1,4 @@
-//! What the axes of a coordinate system did lately, as the servo kept it.
+//! The recent motion of a coordinate system's axes, as the servo recorded it.
 
 use std::collections::BTreeMap;
 

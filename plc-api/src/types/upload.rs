@@ -1,4 +1,4 @@
-//! What is stored as a program, and the condition under which a program is changed.
+//! A program as it is uploaded, and the condition under which it replaces the stored one.
 
 use super::refusal::{Refusal, RefusalCode};
 

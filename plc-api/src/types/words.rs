@@ -1,4 +1,4 @@
-//! The words that people see, of all enums that have some.
+//! All words that people see, from every enumeration that explains its own.
 
 use super::command::CommandStatus;
 use super::execution::{Execution, Reason};

@@ -1,4 +1,4 @@
-//! What a machine builder adds to the HMI, as the configuration has it and as it is served.
+//! Additions of a machine builder to the HMI: as the configuration declares them, and as they are served.
 
 use serde::{Deserialize, Serialize};
 

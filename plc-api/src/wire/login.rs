@@ -1,4 +1,4 @@
-//! What a person says to be let in, and is told.
+//! Login: the request of a person, and the answer.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Machines that the HMI shows on one page, as the runtime knows them.
+//! The machines that the HMI shows on one page, as this runtime knows them.
 
 use serde::Serialize;
 

@@ -31,5 +31,9 @@ pub use json::json_object;
 pub use pattern::percent_encoded;
 pub use requests::ROWS;
 
+/// Bytes of what one message of a client carries, on every transport: the payload of a message over MQTT, a JSON body over REST, a
+/// frame of the WebSocket. More is refused. Reason: the largest, 1024 variables or a fault text, is far below.
+pub const PAYLOAD_MAX: usize = 64 * 1024;
+
 #[cfg(test)]
 mod tests;

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
+use super::PAYLOAD_MAX;
 use super::json::json_object;
 use super::pattern::{fill, take_apart};
 use super::requests::{COMMAND, ROWS};
@@ -19,9 +20,6 @@ use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
 use crate::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
-
-/// Bytes of one payload; more is refused. Reason: the largest, a fault text, is far below.
-const PAYLOAD_MAX: usize = 64 * 1024;
 
 /// A message to be sent, and how its end is known.
 #[derive(Debug, Clone, PartialEq)]

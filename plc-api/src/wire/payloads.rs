@@ -1,4 +1,4 @@
-//! Payloads and bodies that are no type of the interface, and how rows read and write what differs between the transports.
+//! Payloads and bodies without a type of their own, and conversions for rows whose form differs between transports.
 
 use std::collections::BTreeMap;
 

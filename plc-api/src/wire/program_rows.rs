@@ -1,4 +1,4 @@
-//! Rows about what programs and texts are and would do, without anything moving.
+//! Rows of requests that examine programs without moving anything.
 
 #![allow(
     clippy::result_large_err,

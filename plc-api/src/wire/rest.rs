@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn requests_have_the_routes_and_bodies_of_section_5() {
+    fn requests_have_the_routes_and_bodies_of_their_rows() {
         let post = |path: &str, body| ("POST".to_owned(), path.to_owned(), body);
         let put = |path: &str, body| ("PUT".to_owned(), path.to_owned(), body);
         assert_eq!(

@@ -1,4 +1,4 @@
-//! What a request asks of its user.
+//! The right that a request needs.
 
 /// What a request asks of its user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,7 +31,7 @@ impl Right {
     }
 
     /// The name of the right in the documents of the interface.
-    pub fn word(self) -> &'static str {
+    pub fn wire_name(self) -> &'static str {
         match self {
             Right::Read => "read",
             Right::Operate => "operate",

@@ -308,7 +308,7 @@ impl IncomingRequest<'_> {
     /// An input or output of the plant.
     pub(super) fn io_point(&self) -> Result<IoPoint, Fault> {
         let (side, name) = (self.text("side"), self.text("name").to_owned());
-        let side = IoSide::of_word(side)
+        let side = IoSide::of_wire_name(side)
             .ok_or_else(|| Fault::NotFound(format!("there is no io/{side:.64}; write in or out")))?;
         Ok(IoPoint { side, name })
     }
@@ -440,7 +440,7 @@ impl RequestParts {
     /// Of an input or output of the plant.
     pub(super) fn of_io(point: &IoPoint) -> Self {
         Self::default()
-            .with("side", point.side.word())
+            .with("side", point.side.wire_name())
             .with("name", &point.name)
     }
 

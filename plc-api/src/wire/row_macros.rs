@@ -1,4 +1,4 @@
-//! How rows of requests are written down.
+//! Macros that write the rows of requests.
 
 /// Writes a request of this row; another one is given back.
 macro_rules! written {

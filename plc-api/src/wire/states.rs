@@ -1,4 +1,4 @@
-//! States that can be read: the same messages as on MQTT, with the revision as `ETag`; and what a server makes of them.
+//! Readable states: the same messages as on MQTT, with the revision as `ETag`, and what a server adds to them.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;

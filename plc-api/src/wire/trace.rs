@@ -1,4 +1,4 @@
-//! The request for what the axes did lately.
+//! The request for the recent motion of the axes.
 
 use super::answer::json_of;
 use super::payloads::read_trace;

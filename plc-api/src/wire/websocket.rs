@@ -1,5 +1,7 @@
 //! Frames of the WebSocket `/api/v1/ws`, written and read by the client transport and the server end.
 
+use std::time::Duration;
+
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -13,6 +15,12 @@ use crate::types::question::ValidateResult;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 use crate::types::topic::Topic;
+
+/// Time between the pings of a machine.
+pub const PING_INTERVAL: Duration = Duration::from_secs(15);
+
+/// An end that is not heard for this long, not even by a ping or its answer, is lost: three pings.
+pub const SILENCE_MAX: Duration = Duration::from_secs(45);
 
 /// What a client sends.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

@@ -6,17 +6,17 @@ use plc_api::fake::FakePort;
 use plc_api::types::data::{ToolData, VariableArea};
 use plc_api::{Error, Plc};
 
-fn told() -> (FakePort, Plc) {
+fn published() -> (FakePort, Plc) {
     let fake = FakePort::new([1, 2]);
-    fake.tell_variables(VariableArea::Global, 200, 4);
-    fake.tell_variables(VariableArea::CoordinateSystem(2), 10, 1);
+    fake.publish_variables(VariableArea::Global, 200, 4);
+    fake.publish_variables(VariableArea::CoordinateSystem(2), 10, 1);
     let plc = fake.plc();
     (fake, plc)
 }
 
 #[tokio::test]
-async fn variables_are_told_as_they_are_and_each_time_that_one_of_them_changes() {
-    let (_fake, plc) = told();
+async fn variables_are_published_as_they_are_and_each_time_that_one_of_them_changes() {
+    let (_fake, plc) = published();
     let mut changes = plc.variables().changes(201, 2).await.unwrap();
     assert_eq!(changes.next().await, Some(vec![0.0, 0.0]));
     plc.variables().write(200, &[9.0]).await.unwrap(); // another one
@@ -29,8 +29,8 @@ async fn variables_are_told_as_they_are_and_each_time_that_one_of_them_changes()
 }
 
 #[tokio::test]
-async fn of_what_changes_faster_than_it_is_read_the_latest_is_told() {
-    let (_fake, plc) = told();
+async fn of_what_changes_faster_than_it_is_read_the_latest_is_published() {
+    let (_fake, plc) = published();
     let mut changes = plc.variables().changes(200, 1).await.unwrap();
     for value in 1..=9 {
         plc.variables().set(200, f64::from(value)).await.unwrap();
@@ -39,15 +39,20 @@ async fn of_what_changes_faster_than_it_is_read_the_latest_is_told() {
 }
 
 #[tokio::test]
-async fn variables_that_are_not_told_are_refused_with_what_to_write() {
-    let (_fake, plc) = told();
+async fn variables_that_are_not_published_are_refused_with_what_to_write() {
+    let (_fake, plc) = published();
     let of = |cs| plc.coordinate_system(cs).variables();
     for (variables, from, count, says) in [
-        (plc.variables(), 203, 2, "2 variables from P203 on are not told"),
+        (
+            plc.variables(),
+            203,
+            2,
+            "2 variables from P203 on are not published",
+        ),
         (plc.variables(), 199, 1, "from = \"P199\", count = 1"),
-        (plc.variables(), u32::MAX, 2, "not told"),
-        (plc.variables(), 0, u32::MAX, "not told"),
-        (of(1), 10, 1, "Q10 is not told by this machine: name them"),
+        (plc.variables(), u32::MAX, 2, "not published"),
+        (plc.variables(), 0, u32::MAX, "not published"),
+        (of(1), 10, 1, "Q10 is not published by this machine: name them"),
     ] {
         let refused = variables.changes(from, count).await.unwrap_err();
         assert!(
@@ -60,7 +65,7 @@ async fn variables_that_are_not_told_are_refused_with_what_to_write() {
 
 #[tokio::test]
 async fn a_value_is_waited_for_whoever_writes_it() {
-    let (fake, plc) = told();
+    let (fake, plc) = published();
     let waits = tokio::spawn(async move { plc.variables().wait_until(203, |value| value >= 2.0).await });
     for value in [1.0, 3.0] {
         fake.advance(Duration::from_millis(10)).await;
@@ -71,8 +76,8 @@ async fn a_value_is_waited_for_whoever_writes_it() {
 }
 
 #[tokio::test]
-async fn tools_and_work_offsets_are_told_each_time_that_they_change() {
-    let (_fake, plc) = told();
+async fn tools_and_work_offsets_are_published_each_time_that_they_change() {
+    let (_fake, plc) = published();
     let loader = plc.coordinate_system(2);
     let (mut tools, mut offsets) = (plc.tool_changes(), loader.work_offset_changes());
     assert_eq!(tools.next().await, Some(Vec::new()));

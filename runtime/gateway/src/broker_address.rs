@@ -1,4 +1,4 @@
-//! What an MQTT connection needs of an external broker.
+//! The address of an external broker, with credentials and TLS.
 
 use crate::error::GatewayError;
 use crate::settings::MqttSettings;

@@ -1,8 +1,8 @@
-//! The machine as the server ends reach it: everyone reads it, and only what was judged is asked of it.
+//! The machine as the server ends see it: anybody may read it, and it carries out only requests that were authorized.
 //!
-//! A row of the wire parses a request once; [`Machine::judge`] decides on that value whether its user may make it, and
-//! [`Machine::carry_out`] carries out the same value. There is no other way to the port, so a request that nobody judged
-//! does not compile.
+//! A row of the wire parses a request once. [`Machine::judge`] decides on the parsed value whether its user may make it, and
+//! [`Machine::carry_out`] carries out that same value. There is no other way to the port: a request that was not authorized does not
+//! compile.
 
 use std::net::IpAddr;
 use std::sync::Arc;

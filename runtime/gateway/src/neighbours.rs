@@ -1,7 +1,7 @@
-//! Other machines at the broker that this one shares with them, for the page of several machines.
+//! Other machines at the shared broker, for the page that shows several machines.
 //!
-//! They are listened to over a connection of its own, which only reads, and only while somebody asks: the connection of the
-//! machine itself carries nothing of it. [`registry`] keeps what is heard, [`listener`] hears it.
+//! A separate connection listens to them. It only reads, and exists only while somebody looks at that page; the machine's own
+//! connection is not affected. [`registry`] stores what the [`listener`] receives.
 
 mod listener;
 mod registry;

@@ -1,4 +1,4 @@
-//! What settings open to others, and whether it may be: pages of other origins, and a folder of files.
+//! Checks settings that open the server to others: pages of other origins, and a folder of files.
 
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,8 @@
-//! Places for connections: how many there are, and who gives way when none is left.
+//! Places for connections: how many there are, and which connection gives way when none is free.
 //!
-//! A connection is a stranger until its client has shown who it is. Strangers give way to whoever comes: those of the host
-//! that has the most of them, the oldest first. After them those give way that are known and idle. So hosts without a token
-//! shut nobody out, and places are kept in which a client that has just come can show its token.
+//! A connection is a stranger until its client has identified itself. Strangers give way to newcomers: those of the host with the
+//! most of them, the oldest first. Then idle connections of known clients give way. So hosts without a token cannot lock anybody out,
+//! and a newcomer always has room to show its token.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};

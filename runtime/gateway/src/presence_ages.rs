@@ -1,8 +1,8 @@
-//! How old the presences are that handlers say again and again: one that is too old counts as gone, as if its last will had
-//! come, which a broker's node that dies never publishes.
+//! Ages of handlers' presences. A handler repeats its presence; one that is too old counts as gone, as if its last will had arrived:
+//! when a node of a broker dies, it publishes no last wills.
 //!
-//! Pure: the time is a parameter. The age counts from the arrival, and only while the receiver is connected: with each
-//! connection it begins anew. A retained presence shows that a handler was there, not that it is: it renews nothing.
+//! Pure; the time is a parameter. The age counts from the arrival of a message, and only while the receiver is connected: it starts
+//! anew with each connection. A retained presence renews nothing: it shows that a handler was there, not that it still is.
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! What this process takes of its computer, as Linux tells it.
+//! The resources that this process uses, as Linux reports them.
 
 use std::fs::read_to_string;
 

@@ -25,9 +25,11 @@ use plc_api::server::ServerTransport;
 use plc_api::types::message::Message;
 use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::topic::Topic;
-use plc_api::wire::json_object;
 use plc_api::wire::row::ParsedRequest;
-use plc_api::wire::websocket::{ClientFrame, error_frame, message_frame, refusal_frame};
+use plc_api::wire::websocket::{
+    ClientFrame, PING_INTERVAL, SILENCE_MAX, error_frame, message_frame, refusal_frame,
+};
+use plc_api::wire::{PAYLOAD_MAX, json_object};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::access::http::WEBSOCKET_PROTOCOL;
@@ -40,20 +42,11 @@ use crate::problem::Problem;
 use crate::server::Peer;
 use crate::shared::{Shared, WEBSOCKETS_MAX};
 
-/// Bytes of one message of a client; more ends the connection.
-const CLIENT_MESSAGE_MAX: usize = 64 * 1024;
-
 /// Patterns of one client; more are refused.
 const PATTERNS_MAX: usize = 256;
 
 /// Handlers that one client serves; more are refused.
 const HANDLERS_MAX: usize = 16;
-
-/// Time between pings.
-const PING_INTERVAL: Duration = Duration::from_secs(15);
-
-/// A client that says nothing for this long, not even a pong, has gone.
-const SILENCE_MAX: Duration = Duration::from_secs(45);
 
 /// A message that cannot be handed to the client's connection within this time ends it.
 const SEND_MAX: Duration = Duration::from_secs(30);
@@ -85,8 +78,8 @@ async fn upgrade(
     let tasks = shared.tasks.clone();
     upgrade
         .protocols([WEBSOCKET_PROTOCOL])
-        .max_message_size(CLIENT_MESSAGE_MAX)
-        .max_frame_size(CLIENT_MESSAGE_MAX)
+        .max_message_size(PAYLOAD_MAX)
+        .max_frame_size(PAYLOAD_MAX)
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
                 add(&shared.metrics.websockets, 1);
@@ -224,7 +217,7 @@ impl Client {
         let mut new = Vec::new();
         for pattern in std::mem::take(&mut frame.subscribe) {
             let refusal = if !may_subscribe(&self.user) {
-                format!("role {} may not subscribe", self.user.role().word())
+                format!("role {} may not subscribe", self.user.role().name())
             } else if !is_known(&pattern) {
                 format!("there is no topic {pattern}; write one such as cs/1/state, or with wildcards cs/1/#")
             } else if self.patterns.len() == PATTERNS_MAX && !self.patterns.contains(&pattern) {

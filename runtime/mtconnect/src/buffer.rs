@@ -1,4 +1,4 @@
-//! Observations in the order of time: a ring with one sequence number, and what holds at any place in it.
+//! Observations in order of time: a ring buffer with sequence numbers, and the state at any place in it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! The device model: components and data items of a machine, as a probe tells them.
+//! The device model: components and data items of a machine, as a probe request returns them.
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::{Birth, Identification};
@@ -16,7 +16,7 @@ pub enum Category {
 
 impl Category {
     /// As documents write it.
-    pub fn word(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Category::Sample => "SAMPLE",
             Category::Event => "EVENT",

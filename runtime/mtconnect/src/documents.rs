@@ -191,7 +191,7 @@ fn component(xml: &mut Xml, device: &Device, index: usize) {
             xml.open("DataItems", &[]);
         }
         let mut attributes = vec![
-            ("category", item.category.word()),
+            ("category", item.category.name()),
             ("id", item.id.as_str()),
             ("type", item.kind),
         ];

@@ -1,4 +1,4 @@
-//! What the machine says, as observations.
+//! Messages of the machine as observations.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;

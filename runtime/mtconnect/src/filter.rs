@@ -1,4 +1,4 @@
-//! The `path` of a request: which data items are wanted, by a part of `XPath`.
+//! The `path` of a request selects data items by a subset of `XPath`.
 
 use crate::device::{Category, Device};
 
@@ -105,7 +105,7 @@ fn fits(device: &Device, item: usize, steps: &[Step<'_>]) -> bool {
         "id" => Some(this.id.as_str()),
         "type" => Some(this.kind),
         "subType" => this.sub_type,
-        "category" => Some(Category::word(this.category)),
+        "category" => Some(Category::name(this.category)),
         _ => None,
     };
     while left

@@ -1,4 +1,4 @@
-//! Who may do what: a client's user name and token are handed to the machine, which judges them.
+//! Access: a client's user name and token are passed to the machine, which judges them.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};

@@ -21,7 +21,7 @@ use crate::cnc;
 use crate::machine_tool::{MACHINE, MESSAGES, PROGRAM};
 use crate::program::Transition;
 
-/// Events that wait to be told; more are dropped, and the log says so. Reason: each state is a variable, too.
+/// Events that wait to be sent; more are dropped, and the log says so. Reason: each state is a variable, too.
 pub const WAITING_MAX: usize = 1000;
 
 /// Severity of what is no fault.
@@ -143,9 +143,9 @@ async fn explain(plc: &Plc, number: u16) -> String {
 }
 
 /// An event, by the names of its fields.
-pub struct Told {
+pub struct MachineEvent {
     type_id: NodeId,
-    /// The object whose clients are told.
+    /// The object whose clients receive it.
     notifier: NodeId,
     time: DateTime,
     /// Of an alarm.
@@ -163,7 +163,7 @@ struct Base<'a> {
     severity: u16,
 }
 
-fn told(count: u64, base: Base<'_>) -> Told {
+fn event(count: u64, base: Base<'_>) -> MachineEvent {
     let (node, name) = base.source;
     let fields = [
         ("EventId", ByteString::from(count.to_be_bytes().to_vec()).into()),
@@ -175,7 +175,7 @@ fn told(count: u64, base: Base<'_>) -> Told {
         ("Message", LocalizedText::from(base.text).into()),
         ("Severity", base.severity.into()),
     ];
-    Told {
+    MachineEvent {
         type_id: base.type_id,
         notifier: base.notifier,
         time: base.time,
@@ -217,8 +217,15 @@ struct Of<'a> {
 }
 
 impl Of<'_> {
-    /// An event of the alarm: of a type, told to the clients of an object, from a source.
-    fn event(self, ids: Ids, count: u64, type_id: NodeId, notifier: &str, source: (NodeId, String)) -> Told {
+    /// An event of the alarm: of a type, sent to the clients of an object, from a source.
+    fn event(
+        self,
+        ids: Ids,
+        count: u64,
+        type_id: NodeId,
+        notifier: &str,
+        source: (NodeId, String),
+    ) -> MachineEvent {
         let Self {
             boot,
             alarm,
@@ -240,7 +247,7 @@ impl Of<'_> {
             text: &alarm.text,
             severity,
         };
-        let mut event = told(count, base);
+        let mut event = event(count, base);
         let condition = format!("{notifier}/Alarms/{boot}-{}", alarm.id);
         event.condition = Some(NodeId::new(ids.own, condition));
         event
@@ -251,7 +258,7 @@ impl Of<'_> {
 }
 
 /// An alarm as OPC 40502 tells it.
-fn cnc_alarm(ids: Ids, count: u64, of_alarm: Of<'_>, help: String) -> Told {
+fn cnc_alarm(ids: Ids, count: u64, of_alarm: Of<'_>, help: String) -> MachineEvent {
     let alarm = of_alarm.alarm;
     let type_id = NodeId::new(ids.cnc, 1006);
     let mut event = of_alarm.event(ids, count, type_id, cnc::INTERFACE, cnc_source(ids, alarm.cs));
@@ -264,7 +271,7 @@ fn cnc_alarm(ids: Ids, count: u64, of_alarm: Of<'_>, help: String) -> Told {
 }
 
 /// The same as OPC 40501 tells it.
-fn alert(ids: Ids, count: u64, of_alarm: Of<'_>) -> Told {
+fn alert(ids: Ids, count: u64, of_alarm: Of<'_>) -> MachineEvent {
     let alarm = of_alarm.alarm;
     let type_id = NodeId::new(ids.machine_tool, 39);
     let mut event = of_alarm.event(ids, count, type_id, MESSAGES, machine_tool_source(ids, alarm.cs));
@@ -331,7 +338,7 @@ fn condition_fields(
 }
 
 /// What a handler says, as OPC 40502 tells it.
-fn cnc_message(ids: Ids, count: u64, cs: u8, text: &str) -> Told {
+fn cnc_message(ids: Ids, count: u64, cs: u8, text: &str) -> MachineEvent {
     let base = Base {
         type_id: NodeId::new(ids.cnc, 1011),
         notifier: NodeId::new(ids.own, cnc::INTERFACE),
@@ -340,11 +347,11 @@ fn cnc_message(ids: Ids, count: u64, cs: u8, text: &str) -> Told {
         text,
         severity: MESSAGE_SEVERITY,
     };
-    told(count, base)
+    event(count, base)
 }
 
 /// The same as OPC 40501 tells it.
-fn message(ids: Ids, count: u64, (cs, m): (u8, u16), text: &str) -> Told {
+fn message(ids: Ids, count: u64, (cs, m): (u8, u16), text: &str) -> MachineEvent {
     let base = Base {
         type_id: NodeId::new(ids.own, TYPES[0].0),
         notifier: NodeId::new(ids.own, MESSAGES),
@@ -353,7 +360,7 @@ fn message(ids: Ids, count: u64, (cs, m): (u8, u16), text: &str) -> Told {
         text,
         severity: MESSAGE_SEVERITY,
     };
-    let mut event = told(count, base);
+    let mut event = event(count, base);
     event
         .fields
         .insert("Identifier", UAString::from(format!("M{m}")).into());
@@ -361,7 +368,13 @@ fn message(ids: Ids, count: u64, (cs, m): (u8, u16), text: &str) -> Told {
 }
 
 /// A transition of the active program.
-fn program_transition(ids: Ids, count: u64, transition: Transition, program: String, job: String) -> Told {
+fn program_transition(
+    ids: Ids,
+    count: u64,
+    transition: Transition,
+    program: String,
+    job: String,
+) -> MachineEvent {
     let state_machine = format!("{PROGRAM}/State");
     let text = format!("{} to {}", transition.from.name(), transition.to.name());
     let base = Base {
@@ -372,7 +385,7 @@ fn program_transition(ids: Ids, count: u64, transition: Transition, program: Str
         text: &text,
         severity: MESSAGE_SEVERITY,
     };
-    let mut event = told(count, base);
+    let mut event = event(count, base);
     let node = |node: u32| Variant::from(NodeId::new(ids.machine_tool, node));
     let (from, to) = (transition.from, transition.to);
     event.fields.extend([
@@ -388,7 +401,7 @@ fn program_transition(ids: Ids, count: u64, transition: Transition, program: Str
     event
 }
 
-impl Event for Told {
+impl Event for MachineEvent {
     fn get_field(
         &self,
         _: &NodeId,
@@ -408,7 +421,7 @@ impl Event for Told {
     }
 }
 
-impl EventField for Told {
+impl EventField for MachineEvent {
     fn get_value(&self, attribute: AttributeId, range: &NumericRange, path: &[QualifiedName]) -> Variant {
         match (attribute, path) {
             // the identifier of a condition (OPC 10000-9, 5.5.2.13)

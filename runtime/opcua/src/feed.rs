@@ -1,4 +1,4 @@
-//! Follows the machine, and tells what it says as values of variables.
+//! Follows the machine and writes its states to variables.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -41,11 +41,11 @@ pub struct Feed {
     pub view: View,
     /// The program of the first coordinate system.
     pub program: ActiveProgram,
-    /// What was told last, by path.
-    pub told: BTreeMap<String, (NodeId, Result<Variant, StatusCode>)>,
-    /// Takes what clients are told as events.
+    /// What was written last, by path.
+    pub written: BTreeMap<String, (NodeId, Result<Variant, StatusCode>)>,
+    /// Takes events for clients.
     pub happened: mpsc::Sender<Happened>,
-    /// Alarms that clients were told of, by the start of the runtime and their ids.
+    /// Alarms of which clients have an event, by the start of the runtime and their ids.
     pub alarms: BTreeMap<(BootId, u64), AlarmRecord>,
     /// What handlers say or ask, by coordinate system.
     pub messages: BTreeMap<CoordinateSystemNumber, String>,
@@ -109,7 +109,7 @@ impl Feed {
         if shape(&before) != shape(&self.view) {
             tracing::info!("the machine is another one: its nodes are built anew");
             self.manager.inner().rebuild(&self.manager, &self.view);
-            self.told.clear();
+            self.written.clear();
         }
         tracing::info!(machine = %self.view.birth.machine, "the machine is heard");
         let now = DateTime::now();
@@ -149,7 +149,7 @@ impl Feed {
         }
     }
 
-    /// Tells what differs from what was told.
+    /// Writes what has changed since the last time.
     fn tell(&mut self, change: Change, at: DateTime) {
         let mut values = Values::default();
         let spaces = self.manager.inner().spaces();
@@ -172,14 +172,14 @@ impl Feed {
         }
         let mut changed = Vec::new();
         for (path, value) in values.into_iter() {
-            if let Some((id, told)) = self.told.get_mut(&path) {
-                if *told != value {
+            if let Some((id, written)) = self.written.get_mut(&path) {
+                if *written != value {
                     changed.push((id.clone(), data_value(&value, at)));
-                    *told = value;
+                    *written = value;
                 }
             } else if let Some(id) = self.manager.inner().id(&path) {
                 changed.push((id.clone(), data_value(&value, at)));
-                self.told.insert(path, (id, value));
+                self.written.insert(path, (id, value));
             } else {
                 tracing::error!(path, "there is no such variable");
             }
@@ -187,7 +187,7 @@ impl Feed {
         self.tell_events(change);
         let values = changed.iter().map(|(id, value)| (id, None, value.clone()));
         if let Err(status) = self.manager.set_values(&self.subscriptions, values) {
-            tracing::error!(%status, "values were not told");
+            tracing::error!(%status, "values were not written");
         }
     }
 
@@ -266,7 +266,7 @@ impl Feed {
 
     fn tell_event(&self, happened: Happened) {
         if let Err(error) = self.happened.try_send(happened) {
-            tracing::warn!(%error, "an event is not told");
+            tracing::warn!(%error, "an event is not sent");
         }
     }
 
@@ -275,11 +275,11 @@ impl Feed {
         self.view.forget();
         self.program = ActiveProgram::default();
         let away = unknown(StatusCode::BadNoCommunication);
-        let values = self.told.values().map(|(id, _)| (id, None, away.clone()));
+        let values = self.written.values().map(|(id, _)| (id, None, away.clone()));
         if let Err(status) = self.manager.set_values(&self.subscriptions, values) {
-            tracing::error!(%status, "values were not told");
+            tracing::error!(%status, "values were not written");
         }
-        self.told.clear();
+        self.written.clear();
     }
 }
 

@@ -87,7 +87,7 @@ impl From<Refusal> for Outcome {
             RefusalCode::Unavailable => StatusCode::BadNoCommunication,
             _ => StatusCode::BadInvalidState,
         };
-        Self::of(status, plc_api::execution::word(&refusal.code), refusal.text)
+        Self::of(status, plc_api::execution::wire_name(&refusal.code), refusal.text)
     }
 }
 
@@ -243,7 +243,7 @@ fn handshake(result: HandshakeResult) -> Outcome {
         HandshakeStatus::Refused => StatusCode::BadInvalidArgument,
         _ => StatusCode::BadInvalidState,
     };
-    let code = plc_api::execution::word(&result.status);
+    let code = plc_api::execution::wire_name(&result.status);
     Outcome::of(status, code, result.text.unwrap_or_default())
 }
 

@@ -138,12 +138,12 @@ impl Nodes {
 
 /// The value of a variable, or why there is none.
 pub fn data_value(value: &Result<Variant, StatusCode>, at: opcua::types::DateTime) -> DataValue {
-    let mut told = match value {
+    let mut written = match value {
         Ok(value) => DataValue::new_now(value.clone()),
         Err(why) => unknown(*why),
     };
-    told.source_timestamp = Some(at);
-    told
+    written.source_timestamp = Some(at);
+    written
 }
 
 #[async_trait]

@@ -111,7 +111,7 @@ impl Options {
         }
     }
 
-    /// Host name that clients are told.
+    /// Host name that clients receive.
     pub fn host(&self) -> String {
         self.host.clone().unwrap_or_else(|| self.listen.ip().to_string())
     }

@@ -1,7 +1,7 @@
-//! What no specification has: the words of the machine, its M codes, and commands, in a namespace of this server.
+//! The namespace of this server, for what no specification covers: state words of the machine, its M codes, and commands.
 
 use opcua::types::{Argument, DataTypeId, LocalizedText, NodeId, ObjectId, UAString};
-use plc_api::execution::word;
+use plc_api::execution::wire_name;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::{AlarmRecord, CoordinateSystemInfo};
 
@@ -299,7 +299,7 @@ pub fn alarm_values(view: &View, values: &mut Values) {
         "AlarmCoordinateSystems",
         of_each(all, |alarm| u32::from(alarm.cs.unwrap_or(0))),
     );
-    let is_warning = |alarm: &AlarmRecord| word(&alarm.severity) == "warning";
+    let is_warning = |alarm: &AlarmRecord| wire_name(&alarm.severity) == "warning";
     values.put(ROOT, "AlarmsAreWarnings", of_each(all, is_warning));
     let by = |alarm: &AlarmRecord| alarm.acknowledged_by.clone().unwrap_or_default();
     values.put(ROOT, "AlarmsAcknowledgedBy", of_each(all, by));
@@ -313,11 +313,11 @@ fn of_each<T, V>(all: Option<&[T]>, value: impl Fn(&T) -> V) -> Option<Vec<V>> {
 pub fn channel_values(info: &CoordinateSystemInfo, channel: &Channel, values: &mut Values) {
     let path = channel_path(info.number);
     let state = channel.state.as_ref();
-    values.put(&path, "State", state.map(|state| word(&state.execution)));
+    values.put(&path, "State", state.map(|state| wire_name(&state.execution)));
     values.put(
         &path,
         "Reason",
-        state.map(|state| state.reason.map_or_else(String::new, |reason| word(&reason))),
+        state.map(|state| state.reason.map_or_else(String::new, |reason| wire_name(&reason))),
     );
     values.put(
         &path,
@@ -367,7 +367,7 @@ fn m_code_values(path: &str, channel: &Channel, values: &mut Values) {
     let open = channel.pending.as_ref().map(|pending| pending.outputs.as_slice());
     values.put(path, "MCodes", of_each(open, |open| u32::from(open.output.m)));
     values.put(path, "MCodeSeqs", of_each(open, |open| open.output.seq));
-    values.put(path, "MCodeStates", of_each(open, |open| word(&open.state)));
+    values.put(path, "MCodeStates", of_each(open, |open| wire_name(&open.state)));
     values.put(
         path,
         "MCodeHandlers",

@@ -1,4 +1,4 @@
-//! The active program of OPC 40501: its state, and the transitions that it has gone through.
+//! The active program of OPC 40501: its state and its transitions.
 
 use std::collections::VecDeque;
 

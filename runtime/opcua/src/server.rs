@@ -1,4 +1,4 @@
-//! The server: endpoints, limits, and its life.
+//! The server: endpoints, limits, start and stop.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -48,7 +48,7 @@ const INTERVAL_MIN_MS: f64 = 100.0;
 /// Pause before the machine is looked for again.
 const AGAIN_AFTER: Duration = Duration::from_secs(2);
 
-/// Serves until the process is told to end.
+/// Serves until the process receives a signal to end.
 ///
 /// # Errors
 /// An option cannot be carried out, or the address is in use.
@@ -59,7 +59,7 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
         .with_context(|| format!("cannot listen on {}", options.listen))?;
     let plc = tokio::select! {
         plc = connect(&machine, user.as_ref()) => plc?,
-        () = told_to_end() => return Ok(()),
+        () = end_signal() => return Ok(()),
     };
     if !options.listen.ip().is_loopback() {
         refuse_without_users(&machine).await?;
@@ -76,9 +76,9 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
     let name = view.birth.machine.clone();
     let (server, handle) = build(&options, port, &name, view.clone(), access)?;
     let manager = manager(&handle).context("the node manager is missing")?;
-    let (happened, told) = mpsc::channel(events::WAITING_MAX);
+    let (happened, waiting) = mpsc::channel(events::WAITING_MAX);
     let tells = tokio::spawn(events::tell(
-        told,
+        waiting,
         plc.clone(),
         Arc::clone(handle.subscriptions()),
         manager.inner().event_ids(),
@@ -89,20 +89,20 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
         subscriptions: Arc::clone(handle.subscriptions()),
         view,
         program: ActiveProgram::default(),
-        told: BTreeMap::new(),
+        written: BTreeMap::new(),
         happened,
         alarms: BTreeMap::new(),
         messages: BTreeMap::new(),
     };
     tokio::select! {
         () = feed.begin() => {}
-        () = told_to_end() => return Ok(()),
+        () = end_signal() => return Ok(()),
     }
     say(&format!("OPC UA of {name}: opc.tcp://{}:{port}/", options.host()));
     let follows = tokio::spawn(feed.follow());
     let end = handle.token().clone();
     tokio::spawn(async move {
-        told_to_end().await;
+        end_signal().await;
         end.cancel();
     });
     let served = server.run_with(listener).await.map_err(|error| anyhow!(error));
@@ -208,7 +208,7 @@ fn say(line: &str) {
 }
 
 /// Until the process is interrupted or terminated.
-async fn told_to_end() {
+async fn end_signal() {
     #[cfg(unix)]
     {
         use tokio::signal::unix::{SignalKind, signal};

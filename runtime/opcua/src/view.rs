@@ -1,4 +1,4 @@
-//! What is known of the machine: the last message of each topic that clients are told of.
+//! The known state of the machine: the last message of each topic that clients can see.
 
 use std::collections::BTreeMap;
 

@@ -79,7 +79,7 @@ pub struct Channel {
     pub(crate) time_base: Option<TimeBase>,
     pub(crate) last_segment: u64,
     /// An event was put out in this cycle.
-    pub(crate) told: bool,
+    pub(crate) reported: bool,
     /// In this cycle nothing moves, and no motion is pending.
     pub(crate) rests: bool,
 }
@@ -188,7 +188,7 @@ pub(crate) fn channel(
         executing: None,
         time_base: None,
         last_segment: 0,
-        told: false,
+        reported: false,
         rests: false,
     };
     (channel, handle)
@@ -240,8 +240,8 @@ impl Channel {
     }
 
     /// True when the last cycle put out an event, or was slower for want of more profiles.
-    pub fn has_told(&self) -> bool {
-        self.told
+    pub fn has_reported(&self) -> bool {
+        self.reported
     }
 
     /// Which override scales the block of [`Channel::executing`]: [`TimeBase::Rapid`] for G00, G28, G30, G53 and G31.

@@ -1,4 +1,4 @@
-//! What the coordinator tells a channel, and what the channel tells back.
+//! Messages from the coordinator to a channel, and from the channel to the coordinator.
 
 use tandem_model::alarm::{
     Alarm, DRIVE_BUS_LOST, DRIVE_FAULT, DRIVE_NOT_ENABLED, IN_POSITION_TIMEOUT, MOTION_RAN_OUT,

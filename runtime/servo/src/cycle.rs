@@ -45,7 +45,7 @@ impl Channel {
     }
 
     fn move_on(&mut self, time_s: f64) {
-        self.told = false;
+        self.reported = false;
         let before = self.setpoint;
         self.take_controls();
         self.drop_older();
@@ -91,7 +91,7 @@ impl Channel {
             self.cycle_spindle();
         }
         self.publish(time_s);
-        self.told
+        self.reported
     }
 
     /// True when nothing is left to do but the drives' work: nothing moves, and no motion or control is pending.
@@ -105,7 +105,7 @@ impl Channel {
 
     fn has_come_to_rest(&self) -> bool {
         self.is_idle()
-            && !self.told
+            && !self.reported
             && self.executing.is_none()
             && self.hold != Hold::ComingToRest
             && self.velocity == AxisVector::ZERO
@@ -300,7 +300,7 @@ impl Channel {
         let allowed = way.target(&mut self.profiles, rate, wanted);
         if allowed != Some(wanted) {
             // The coordinator then checks whether the ring has room for more.
-            self.told = true;
+            self.reported = true;
             // All that waits takes less time than the reserve, and a full ring accepts no more: one block at a time, too
             // short for any motor to notice.
             if rate == 0.0 && allowed == Some(0.0) && self.has_next() {
@@ -515,7 +515,7 @@ impl Channel {
 
     /// The reserve makes sure that there is a place.
     pub(crate) fn tell(&mut self, event: Event) {
-        self.told |= self.events.push(event).is_ok();
+        self.reported |= self.events.push(event).is_ok();
     }
 
     /// At a joint the motion cannot wait: without a place the event is left out.

@@ -1,4 +1,4 @@
-//! The drives of a channel: a fault of one of them, or a lost bus, brings the channel to rest and takes their power off.
+//! The drives of a channel: when one of them has a fault, or the bus is lost, the channel brakes and the drives lose power.
 
 use crate::brake::Brake;
 use crate::bus::Command;
@@ -62,7 +62,7 @@ impl Channel {
     pub(crate) fn watch_drives(&mut self) {
         let trouble = self.motors.trouble(self.bus_lost);
         match self.power.watch(trouble, self.period_s) {
-            Ok(follow) => self.told |= follow,
+            Ok(follow) => self.reported |= follow,
             Err(fault) => self.trip(fault),
         }
     }

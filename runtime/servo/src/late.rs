@@ -1,4 +1,4 @@
-//! What a channel does when its cycles come late: it holds on its path.
+//! What a channel does when its cycles are late: it holds on its path.
 
 use tandem_model::AxisVector;
 use tandem_model::profile::{Law, Profile};

@@ -1,5 +1,5 @@
-//! Cycles without an event are left out in simulated time. A position is a closed form of the profile time, and profile time
-//! at a constant rate is counted, so their result is known without them, to the last bit.
+//! Simulated time skips cycles without an event. A position is a closed form of profile time, and profile time advances at a
+//! constant rate there, so the result of the skipped cycles is known exactly, to the last bit.
 
 use tandem_model::AxisVector;
 use tandem_model::flow::Path;
@@ -31,7 +31,7 @@ impl Channel {
     /// the spindle, and the place on the running profile.
     pub(crate) fn cycles_to_pass(&mut self) -> u64 {
         let is_steady = self.spindle_is_steady() && self.hold != Hold::ComingToRest;
-        if self.told || !self.controls.is_empty() || !is_steady {
+        if self.reported || !self.controls.is_empty() || !is_steady {
             return 0;
         }
         let rests = self.velocity == AxisVector::ZERO && self.motors.has_settled();

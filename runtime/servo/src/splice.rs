@@ -1,8 +1,8 @@
-//! A plan that is to take the place of the one that runs, from a place on the path on.
+//! A plan that replaces the running one from a certain place on the path.
 //!
-//! Its profiles are in a ring of their own, so nothing is thrown away before the motion has switched to it, and what is thrown
-//! away then goes back to the coordinator with its ring. At the place both plans have the same position, and the override factor
-//! changes so that the motion keeps its velocity.
+//! Its profiles are in a ring of their own, so nothing is discarded before the motion has switched over; the discarded ring then goes
+//! back to the coordinator. At that place both plans have the same position, and the override factor changes so that the motion keeps
+//! its velocity.
 
 use rtrb::Consumer;
 use tandem_model::profile::{Law, PathPlace, Profile};

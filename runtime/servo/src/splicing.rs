@@ -1,4 +1,4 @@
-//! A channel switches to another plan: at a place on the path that is still to come, or at once while it is at rest.
+//! A channel switches to another plan: at a place ahead on the path, or at once while it is at rest.
 
 use rtrb::Consumer;
 use tandem_model::profile::{Law, PathPlace, Profile};

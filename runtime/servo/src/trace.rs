@@ -1,4 +1,4 @@
-//! What the axes did lately: samples of the last minute, for any number of readers, without a lock.
+//! The recent motion of the axes: samples of the last minute, for any number of readers, without a lock.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering, fence};

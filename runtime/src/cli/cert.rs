@@ -104,7 +104,7 @@ fn of_machine(new: &New) -> Ran {
 
 fn of_client(client: &Client) -> Ran {
     let (name, file) = (&client.name, &client.file);
-    let role = Role::of_word(&client.role).with_context(|| format!("there is no role {}", client.role))?;
+    let role = Role::of_name(&client.role).with_context(|| format!("there is no role {}", client.role))?;
     if is_known(file, name)? {
         complain(format!(
             "{} has an entry {name} already; remove it, or choose another name",

@@ -100,7 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             let folder = place.journal()?;
             let shown = folder.display().to_string();
             let verified = audit::verify(&folder, head.as_deref());
-            Ok(told(&shown, &verified.with_context(|| shown.clone())?))
+            Ok(report(&shown, &verified.with_context(|| shown.clone())?))
         }
         Action::Show {
             place,
@@ -125,7 +125,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     }
 }
 
-fn told(shown: &str, verified: &Verified) -> u8 {
+fn report(shown: &str, verified: &Verified) -> u8 {
     for note in &verified.notes {
         say(format!("note: {note}"));
     }

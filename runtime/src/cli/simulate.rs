@@ -126,13 +126,13 @@ struct Job {
     program: u16,
 }
 
-/// Is told a line of the journal.
+/// Called with each line of the journal.
 pub(super) type Heard = Box<dyn FnMut(&Line) + Send>;
 
-/// Is told what is planned.
-pub(super) type Told = Box<dyn FnMut(Planned<'_>) + Send>;
+/// Called with what is planned.
+pub(super) type Watcher = Box<dyn FnMut(Planned<'_>) + Send>;
 
-/// What is written and told of a simulation.
+/// What a simulation writes and calls.
 #[derive(Default)]
 pub(super) struct Watch<'a> {
     /// Takes what happens, one JSON object a line.
@@ -142,8 +142,8 @@ pub(super) struct Watch<'a> {
     pub on_cycle: Option<OnCycle>,
     /// That is called for each cycle, also for those in which motors keep their speeds.
     pub every_cycle: bool,
-    pub on_plan: Option<Told>,
-    /// Is told each line of the journal.
+    pub on_plan: Option<Watcher>,
+    /// Called with each line of the journal.
     pub on_line: Option<Heard>,
 }
 
@@ -356,11 +356,11 @@ fn on_each_cycle(recorder: Arc<Mutex<Recorder>>, mut on_cycle: Option<OnCycle>) 
     })
 }
 
-fn on_plan(recorder: Arc<Mutex<Recorder>>, mut told: Option<Told>) -> OnPlan {
+fn on_plan(recorder: Arc<Mutex<Recorder>>, mut watcher: Option<Watcher>) -> OnPlan {
     OnPlan::new(move |cs, planned| {
         recorder.lock().on_plan(cs, planned);
-        if let Some(told) = &mut told {
-            told(planned);
+        if let Some(watcher) = &mut watcher {
+            watcher(planned);
         }
     })
 }

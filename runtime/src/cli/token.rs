@@ -44,7 +44,7 @@ pub struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
     let name = &arguments.name;
-    let role = Role::of_word(&arguments.role);
+    let role = Role::of_name(&arguments.role);
     let role = role.with_context(|| format!("there is no role {}", arguments.role))?;
     let until = arguments
         .days

@@ -1,4 +1,4 @@
-//! `[alarm.N]`: what the machine says of alarms of its sequence programs.
+//! `[alarm.N]`: texts and remedies for alarms of sequence programs.
 
 use std::collections::BTreeMap;
 
@@ -10,11 +10,11 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AlarmConfig {
-    /// What happened, 1 to 1000 characters, for lists of alarms. An alarm that is raised has the text of whoever raised it.
+    /// What happened, 1 to 1000 characters, for lists of alarms. A raised alarm shows the text given by the program that raised it.
     pub text: String,
     /// What to do, 1 to 1000 characters: shown with the alarm.
     pub remedy: Option<String>,
-    /// `text` and `remedy` in other languages, by their tags, such as `language.de = { text = ".." }`; up to 8. Panels show that of
-    /// their language.
+    /// `text` and `remedy` in other languages, by language tag, such as `language.de = { text = ".." }`; up to 8. A panel shows those of
+    /// its own language.
     pub language: BTreeMap<String, AlarmWords>,
 }

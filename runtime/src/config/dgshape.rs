@@ -1,4 +1,4 @@
-//! `[coordinate_system.dgshape]`: what the manual of dialect dgshape leaves to the machine.
+//! `[coordinate_system.dgshape]`: settings that the manual of dialect dgshape leaves to the machine.
 
 use std::collections::BTreeMap;
 

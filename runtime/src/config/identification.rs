@@ -1,23 +1,23 @@
-//! `[identification]`: what the nameplate of the machine says.
+//! `[identification]`: the nameplate of the machine.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `[identification]`: what the nameplate of the machine says, for those who read the machine by OPC UA, MTConnect, MQTT or REST.
+/// `[identification]`: the nameplate of the machine, for clients over OPC UA, MTConnect, MQTT and REST.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IdentificationConfig {
-    /// Who built the machine.
+    /// Manufacturer of the machine.
     pub manufacturer: Option<String>,
-    /// What its builder calls machines of its kind.
+    /// Model name of the manufacturer.
     pub model: Option<String>,
-    /// What its builder tells it from others by.
+    /// Serial number of the manufacturer.
     pub serial_number: Option<String>,
-    /// A URI that names it among all machines in the world, such as `urn:example.com:mill:4711`.
+    /// A URI that identifies the machine worldwide, such as `urn:example.com:mill:4711`.
     pub product_instance_uri: Option<String>,
-    /// Where it stands, such as `hall 2, cell 4`.
+    /// Its location, such as `hall 2, cell 4`.
     pub location: Option<String>,
-    /// When it was built.
+    /// Year of construction.
     #[schemars(range(min = 1900, max = 2999))]
     pub year_of_construction: Option<u16>,
 }

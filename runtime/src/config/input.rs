@@ -1,4 +1,4 @@
-//! `[input]`: inputs of which a program outside says the value.
+//! `[input]`: inputs whose values come from programs outside.
 
 use std::collections::BTreeMap;
 
@@ -20,8 +20,8 @@ pub struct InputConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LockConfig {
-    /// Value of a source while the handler that owns it is not there; default `keep`, and `on` for sources that are declared.
-    /// Sources of clients without presence have no owner, and stay as they are.
+    /// Value of a source while the handler that owns it is absent; default `keep`, and `on` for declared sources. Sources set by
+    /// clients without a presence have no owner, and keep their values.
     pub on_loss: Option<OnLoss>,
     /// `[input.interlock.source.NAME]`
     pub source: BTreeMap<String, LockSourceConfig>,
@@ -31,7 +31,7 @@ pub struct LockConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LockSourceConfig {
-    /// Value of this source at every start, until its handler has set it, and while that is not there; default that of the
+    /// Value of this source from every start until its handler sets it, and while the handler is absent; default that of the
     /// input, else `on`.
     pub on_loss: Option<OnLoss>,
     /// Coordinate systems that have this source; default all.

@@ -22,14 +22,14 @@ pub struct IoConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IoPointConfig {
-    /// What kind of value it has.
+    /// Kind of its value.
     pub kind: IoKind,
-    /// The safe value: at every start, until a handler has written it, and while its owner is not there; default `false`, or 0.
+    /// The safe value: from every start until a handler writes it, and while its owner is absent; default `false`, or 0.
     #[schemars(with = "IoValue")]
     pub on_loss: Option<IoValue>,
-    /// What it is, for people, up to 100 characters; default its name.
+    /// Its description, up to 100 characters; default its name.
     pub text: String,
-    /// Unit of a number, for people, up to 16 characters.
+    /// Unit of a number, up to 16 characters.
     pub unit: Option<String>,
     /// Lowest number that may be written.
     pub min: Option<f64>,

@@ -54,8 +54,8 @@ pub struct Machine {
     pub alarms: BTreeMap<u16, AlarmText>,
     /// Inputs and outputs of the plant.
     pub io: IoDeclarations,
-    /// Variables that are told when they change: the first of each range, and how many, 1024 of an area in all.
-    pub told: BTreeMap<VariableArea, Vec<(u32, u32)>>,
+    /// Variables that are published when they change: the first of each range, and how many, 1024 of an area in all.
+    pub published: BTreeMap<VariableArea, Vec<(u32, u32)>>,
     /// What the file of the sequence side says that it serves; none: there is no file.
     pub served: Option<Served>,
     /// What happens to an output of an M code without settings that no handler is registered for.

@@ -40,7 +40,7 @@ pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use io::{IoConfig, IoPointConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 pub use reference::{ConfigKey, ConfigWord};
-pub use variables::{ToldConfig, VariablesConfig};
+pub use variables::{PublishedConfig, VariablesConfig};
 use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
 pub use words::{OnBusLoss, RoundKind};
 
@@ -134,19 +134,18 @@ pub struct MachineConfig {
     /// Servo period.
     #[schemars(range(min = 125, max = 10_000), extend("x-unit" = "us"))]
     pub servo_period_us: u64,
-    /// How late a servo cycle may begin while motors move: one that is so late, or later, holds the motion (`FEED_HOLD`, reason
-    /// `SERVO_LATE`).
+    /// A servo cycle that begins this late, or later, while motors move holds the motion (`FEED_HOLD`, reason `SERVO_LATE`).
     #[schemars(range(min = 25, max = 60_000), extend("x-unit" = "ms"))]
     pub servo_late_ms: u64,
-    /// How old a presence of the runtime may become: it is published again at a third of this time. A client that has not heard
-    /// it for as long takes the machine for gone.
+    /// Age at which a presence of the runtime expires. It is published again every third of this time; a client that has not received
+    /// it for this long considers the machine offline.
     #[schemars(range(min = 300, max = 3_600_000), extend("x-unit" = "ms"))]
     pub presence_expires_ms: u64,
-    /// Folder of programs and of all else that is kept.
+    /// Folder of programs and of all other data that is kept.
     pub data_dir: PathBuf,
-    /// File of what the sequence side serves, for `tandem check`, `tandem explain` and editors, which know M codes and parameters by
-    /// it where no handler is: `SequenceProgram::served` writes it, or `curl` of `/api/v1/machine`. A machine that runs asks its
-    /// handlers.
+    /// File that describes the M codes of the sequence program and their parameters, for `tandem check`, `tandem explain` and editors
+    /// while no handler is online. `SequenceProgram::served` writes it, or `curl` of `/api/v1/machine`. A running machine asks its
+    /// handlers instead.
     pub served: Option<PathBuf>,
 }
 
@@ -394,21 +393,20 @@ pub struct MCodeConfig {
     /// Time limit of the reset, from the output on; then an alarm.
     #[schemars(range(min = 1, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub timeout_ms: Option<u64>,
-    /// What happens with an output that was claimed when its handler was lost: `ask` leaves it to an operator, `verify` and `redo`
-    /// give it to a handler again. The strictest counts of this and of what the handler says of itself (`ask`, then `verify`,
-    /// then `redo`); where neither says anything, it is `ask`.
+    /// What happens to an output that was claimed when its handler was lost: `ask` leaves it to an operator, `verify` and `redo`
+    /// give it to a handler again. A handler may declare it as well; the strictest applies (`ask`, then `verify`, then `redo`).
+    /// Without any, it is `ask`.
     pub redelivery: Option<plc_api::types::output::Redelivery>,
     /// What the state shows while the program waits for it.
     pub wait_state: Option<String>,
-    /// What the stock sequence program does where no handler is registered. `select_tool` says of the M code that VA is the tool
-    /// that it brings into the spindle: the path and the times that are planned ahead count on it, whoever does the work.
+    /// What the stock sequence program does where no handler is registered. `select_tool` also declares that VA is the tool that the
+    /// M code brings into the spindle: paths and times planned ahead rely on it, whoever does the work.
     pub stock: Option<Stock>,
-    /// Group of M codes of which a start from a line puts the newest out again that the program has before that line: M codes
-    /// of a group end each other, such as those of the coolant. Default `spindle` for M03, M04, M05 and M19, `tool` where
-    /// `stock` is `select_tool`, otherwise none: it is not put out.
+    /// Group for a start from a line: of each group, the last M code before that line is put out again. M codes of a group replace
+    /// each other, such as those of the coolant. Default `spindle` for M03, M04, M05 and M19, `tool` where `stock` is `select_tool`,
+    /// otherwise none: it is not put out.
     pub restore_group: Option<String>,
-    /// Where in the order of these outputs it comes; equal ones in the order of the program. Default 10 in `tool`, 30 in `spindle`,
-    /// otherwise 20.
+    /// Position among these outputs; equal ones keep the order of the program. Default 10 in `tool`, 30 in `spindle`, otherwise 20.
     #[schemars(range(min = 0, max = 1000))]
     pub restore_order: Option<u16>,
     /// How long the stock sequence program takes.

@@ -1,4 +1,4 @@
-//! From the values of the configuration to the settings that the stages take; all faults are reported together.
+//! From configuration values to the settings of the stages; all faults are reported together.
 
 mod alarm;
 mod coordinate_system;
@@ -139,7 +139,7 @@ impl Config {
         let m_codes = self.m_codes(problems);
         let alarms = alarm::alarm_texts(&self.alarm, problems);
         let served = self.served(problems);
-        let told = self.variables.told(&self.coordinate_system, problems);
+        let published = self.variables.published(&self.coordinate_system, problems);
         let coordinate_systems = self.coordinate_systems(&motors, &m_codes, problems);
         self.check_hmi(&coordinate_systems, problems);
         Machine {
@@ -156,7 +156,7 @@ impl Config {
             m_codes,
             alarms,
             io,
-            told,
+            published,
             served,
             unhandled: Unhandled::Alarm,
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),

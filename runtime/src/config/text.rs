@@ -1,4 +1,4 @@
-//! From the text of a configuration to its tables. All problems are found, not only the first: each is noted and mended, and the
+//! From the text of a configuration to its tables. All problems are found, not only the first: each is recorded and taken out, and the
 //! tables are read again.
 
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! `[variables]`: what is said of variables.
+//! `[variables]`: settings of variables.
 
 use plc_api::types::CoordinateSystemNumber;
 use schemars::JsonSchema;
@@ -8,18 +8,18 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VariablesConfig {
-    /// `[[variables.told]]`
-    pub told: Vec<ToldConfig>,
+    /// `[[variables.published]]`
+    pub published: Vec<PublishedConfig>,
 }
 
-/// `[[variables.told]]`
+/// `[[variables.published]]`
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct ToldConfig {
-    /// The first variable that is told on the topic `variables` or `cs/{cs}/variables` whenever it changes, at most 10 times a second:
+pub struct PublishedConfig {
+    /// The first variable that is published on the topic `variables` or `cs/{cs}/variables` whenever it changes, at most 10 times a second:
     /// `P0` to `P32767`, or `Q0` to `Q4095`.
     pub from: String,
-    /// How many are told from it on. Of P, and of the Q of a coordinate system, up to 1024 in all.
+    /// How many are published from it on. Of P, and of the Q of a coordinate system, up to 1024 in all.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 1024))]
     pub count: u32,

@@ -1,4 +1,4 @@
-//! The words that keys of the configuration take.
+//! The words that configuration keys accept.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
-//! What a lost connection to the MQTT broker does to a run, with `[mqtt] on_bus_loss = "hold_at_wait"`: nothing on its
-//! way; where it waits for an output it is held, since whoever resets the output may be out of reach.
+//! Loss of the MQTT broker with `[mqtt] on_bus_loss = "hold_at_wait"`. Motion continues; where a run waits for an output, it is held,
+//! because the handler that resets the output may be unreachable.
 //!
-//! The hold is made once for each output and loss, so that an operator may resume without a broker. A reset that comes by
-//! another way is latched, as under any hold.
+//! Each output is held once per loss, so that an operator may resume without a broker. A reset that arrives another way is latched, as
+//! during any hold.
 
 use std::mem::replace;
 use std::sync::atomic::Ordering;

@@ -18,7 +18,7 @@ use super::run::{Kind, Run};
 use super::run_state::{Cause, End, Phase, RunEvent};
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
-use plc_api::execution::{Situation, word};
+use plc_api::execution::{Situation, wire_name};
 
 /// A command that nothing refuses, and what it needs.
 #[derive(Default)]
@@ -227,7 +227,7 @@ impl CoordinateSystem {
 
     pub(super) fn situation(&self) -> Situation {
         Situation {
-            execution: self.state.word_at_rest().0,
+            execution: self.state.state_word_at_rest().0,
             program_loaded: self.commands.program.is_some(),
             alarm_active: self.context.alarm_count() > 0,
         }
@@ -245,7 +245,7 @@ impl CoordinateSystem {
             _ => self.commands.program,
         };
         self.context.record(Event::Refused {
-            request: word(&command.command.verb()),
+            request: wire_name(&command.command.verb()),
             program,
             code,
             text: refusal.text.clone(),
@@ -437,8 +437,8 @@ impl CoordinateSystem {
         if matches!(run.kind, Kind::Jog(_)) && into.0 == Execution::Ready {
             return;
         }
-        let reason = into.1.map(|reason| word(&reason)).unwrap_or_default();
-        let text = format!("it was ended before its end: {} {reason}", word(&into.0));
+        let reason = into.1.map(|reason| wire_name(&reason)).unwrap_or_default();
+        let text = format!("it was ended before its end: {} {reason}", wire_name(&into.0));
         self.commands.answer(
             &self.context,
             &Awaiting::is_of_run,

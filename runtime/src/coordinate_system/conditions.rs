@@ -1,4 +1,4 @@
-//! What a plan is made with: the machine as it is when it is made.
+//! The conditions of a plan: the state of the machine when the plan is made.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};

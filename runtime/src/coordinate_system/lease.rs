@@ -3,7 +3,7 @@
 //! It puts commanders in an order and proves nothing about them: every operator may read the fence. A run continues when
 //! the lease changes hands; hold, stop, abort and reset are for everyone.
 
-use plc_api::execution::word;
+use plc_api::execution::wire_name;
 use plc_api::handshake::Now;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus, Verb};
 use plc_api::types::lease::{
@@ -148,7 +148,7 @@ impl CoordinateSystem {
         if !needs_lease(verb) {
             return Ok(());
         }
-        self.lease.judge(meta.fence, &word(&verb))
+        self.lease.judge(meta.fence, &wire_name(&verb))
     }
 
     pub(super) fn ask_lease(

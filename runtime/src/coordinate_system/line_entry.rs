@@ -1,4 +1,4 @@
-//! A run that begins at a line: M codes that its state needs are put out, then the axes go there, then it goes on.
+//! A run that starts at a line: the M codes that its state needs are put out, the axes move there, then the program continues.
 
 use std::sync::Arc;
 

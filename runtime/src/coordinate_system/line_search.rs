@@ -1,8 +1,8 @@
-//! What is in force at a line of a program: the program is interpreted from its head, as a run would, and nothing moves.
+//! Finds the state in force at a line of a program: the program is interpreted from its beginning, as in a run, without motion.
 //!
-//! Only what the text, the tables and the inputs of now decide can be known: what a handler, a capture or a skip input decides
-//! on the way is refused by its name. A variable that the program has set itself counts as that, though a handler might have
-//! set it anew.
+//! This works only where the text, the tables and the present inputs decide. Where a handler, a capture or a skip input would decide,
+//! the search is refused and names it. A variable that the program itself has set counts as known, although a handler might have set
+//! it to another value.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use tandem_model::{Alarm, Axis, AxisVector, MachinePosition, Origin, Variables};
 use tandem_path::{PathStage, work_position};
 
 use super::conditions::Conditions;
-use super::{callers, modal_told, rest_refused};
+use super::{callers, published_modal, rest_refused};
 use crate::config::{MCodeSettings, Stock, Unhandled};
 use crate::sequence::stock;
 use crate::shared::Shared;
@@ -84,8 +84,11 @@ impl LineArrival {
     }
 }
 
-/// What operators are told of it.
-pub(crate) fn told(LineEntry { interpreter, arrival }: &LineEntry, conditions: &Conditions) -> LineState {
+/// The state at the line, as operators see it.
+pub(crate) fn line_state(
+    LineEntry { interpreter, arrival }: &LineEntry,
+    conditions: &Conditions,
+) -> LineState {
     let axes = conditions.configured.settings.axes();
     let by_letter = |at: AxisVector| -> BTreeMap<String, f64> {
         let letters = axes.iter().map(|axis| (axis.letter().to_string(), at[axis]));
@@ -103,7 +106,7 @@ pub(crate) fn told(LineEntry { interpreter, arrival }: &LineEntry, conditions: &
         before = step;
         moved
     });
-    let told = |output: &Output| RestoredOutput {
+    let restored = |output: &Output| RestoredOutput {
         m: output.m,
         params: output.params.into(),
         program: output.origin.program,
@@ -116,12 +119,12 @@ pub(crate) fn told(LineEntry { interpreter, arrival }: &LineEntry, conditions: &
         occurrence: arrival.occurrence,
         block: text.map_or_else(String::new, |text| text.line(arrival.target.line).to_owned()),
         stack: callers(interpreter).collect(),
-        modal: modal_told(interpreter.modal(), &conditions.configured, arrival.tool),
+        modal: published_modal(interpreter.modal(), &conditions.configured, arrival.tool),
         work: by_letter(work_position(arrival.path.transform(), at).0),
         machine: by_letter(at.0),
         approach: approach.collect(),
-        restore: arrival.restore.iter().map(told).collect(),
-        not_restored: arrival.not_restored.iter().map(told).collect(),
+        restore: arrival.restore.iter().map(restored).collect(),
+        not_restored: arrival.not_restored.iter().map(restored).collect(),
         variables: arrival
             .variables
             .iter()

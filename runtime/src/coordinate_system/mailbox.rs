@@ -1,9 +1,8 @@
-//! The queues of requests to a coordinate system, and the coordinate system itself.
+//! The request queues of a coordinate system, and the coordinate system itself.
 //!
-//! A caller works on its request at once, in its own thread, if no other thread is working there: the answer then needs
-//! no other thread, and a handler in process no wake. Otherwise it leaves the request to the task, which does all the
-//! rest: commands, which may take long since a load checks whole programs; what the servo reports; what is due; and
-//! further preparation.
+//! If no other thread is working on the coordinate system, a caller carries out its own request at once, in its own thread: the answer
+//! needs no second thread, and an in-process handler no wake-up. Otherwise it queues the request for the task. The task does everything
+//! else: commands, which may take long because a load checks whole programs; events of the servo; deadlines; and further preparation.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};

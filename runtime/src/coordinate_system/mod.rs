@@ -60,7 +60,7 @@ pub(crate) use pipeline::{Pipeline, callers};
 use preparation::Share;
 pub(crate) use preparation::rest_refused;
 use publish::Published;
-pub(crate) use publish::modal_told;
+pub(crate) use publish::published_modal;
 use replanning::Replanning;
 use run::{Kind, PastRuns, Run};
 use run_state::{End, RunAction, RunEvent, RunState};
@@ -196,7 +196,7 @@ impl CoordinateSystem {
         let busy = self.prepare(share) || self.has_command_to_judge() || self.part_is_due();
         self.hold_without_bus();
         self.publish_changes();
-        self.context.shared.tell_variables_simulated();
+        self.context.shared.publish_variables_simulated();
         busy
     }
 

@@ -2,8 +2,20 @@
 //! segments of that motion run. Cutter compensation decides only later how many segments a motion has.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-use super::pipeline::Change;
+use plc_api::types::state::CallSite;
+use tandem_interp::Modal;
+use tandem_model::flow::Transform;
+
+/// What is in force from the segment after `after_segment` on.
+#[derive(Debug, Clone)]
+pub(crate) struct Change {
+    pub after_segment: u64,
+    pub modal: Modal,
+    pub transform: Transform,
+    pub stack: Arc<[CallSite]>,
+}
 
 /// Notes of one coordinate system, in the order of the program.
 #[derive(Debug, Default)]

@@ -1,5 +1,5 @@
-//! The parts of a run that are still to be made. Each begins after `PROGRAM_COMPLETED` alone, under the order's own lease; an alarm,
-//! a stop, a reset or another command ends the order. The interlock and the start lock hold the next part back, and no more.
+//! The parts of an ordered run that are still to be made. Each begins only after `PROGRAM_COMPLETED`, under the lease of the order; an
+//! alarm, a stop, a reset or another command ends the order. The interlock and the start lock only delay the next part.
 
 use plc_api::types::command::{CommandMeta, Verb};
 use plc_api::types::request::{Refusal, RefusalCode};
@@ -60,7 +60,7 @@ impl CoordinateSystem {
         }
         let Some(parts) = &self.commands.parts else { return };
         let meta = parts.meta.clone();
-        if self.state.word() != (Execution::ProgramCompleted, None) {
+        if self.state.state_word() != (Execution::ProgramCompleted, None) {
             return self.end_parts(RunEndedHow::Replaced, "");
         }
         self.publish_changes();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use plc_api::types::state::CallSite;
 use tandem_interp::{Dialect, Inputs, Interpreter, Modal};
 use tandem_model::flow::{
-    Action, Block, Compensation, Item, MultiBlock, Segment, SegmentEnd, SegmentMotion, TapLeg, Transform,
+    Action, Block, Compensation, Item, MultiBlock, Segment, SegmentEnd, SegmentMotion, TapLeg,
 };
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
@@ -16,8 +16,8 @@ use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
 
 use super::line_search::{LineArrival, LineEntry};
-use super::notes::Notes;
-use crate::simulation::{OnPlan, Planned};
+use super::notes::{Change, Notes};
+use crate::planned::{OnPlan, Planned};
 
 /// The stages and what they have ready for the servo.
 #[derive(Debug)]
@@ -40,17 +40,8 @@ pub(crate) struct Pipeline {
     noted_step: Option<u64>,
     /// The tool is in a thread when all that has been given out so far has run.
     pub in_thread: bool,
-    /// Told what is planned, with the settings of the coordinate system.
+    /// Called with what is planned, and the settings of the coordinate system.
     watched: Option<(OnPlan, Box<CoordinateSystemSettings>)>,
-}
-
-/// What is in force from the segment after `after_segment` on.
-#[derive(Debug, Clone)]
-pub(crate) struct Change {
-    pub after_segment: u64,
-    pub modal: Modal,
-    pub transform: Transform,
-    pub stack: Arc<[CallSite]>,
 }
 
 /// An item that the path stage has not been given yet.
@@ -415,14 +406,14 @@ fn tell_segment(
         segment,
         speed_limit,
     };
-    on_plan.tell(settings.number, planned);
+    on_plan.call(settings.number, planned);
 }
 
 fn tell_profiles<'a>(
     (on_plan, settings): &(OnPlan, Box<CoordinateSystemSettings>),
     profiles: impl Iterator<Item = &'a Profile>,
 ) {
-    profiles.for_each(|profile| on_plan.tell(settings.number, Planned::Profile(profile)));
+    profiles.for_each(|profile| on_plan.call(settings.number, Planned::Profile(profile)));
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ pub(super) struct Published {
 
 impl CoordinateSystem {
     fn state(&self) -> State {
-        let (execution, reason) = self.state.word();
+        let (execution, reason) = self.state.state_word();
         let awaited = self.state.awaited();
         let waiting_on = awaited
             .and_then(|awaited| self.outputs.ledger.get(awaited.seq))
@@ -57,7 +57,7 @@ impl CoordinateSystem {
             hash: main.as_ref().map(|main| main.sum().to_owned()),
             o_number: main.and_then(|main| main.tree.number()),
             run_id: self.past.last_id.clone(),
-            run_kind: self.run.as_ref().map(|run| run.kind.word()),
+            run_kind: self.run.as_ref().map(|run| run.kind.run_kind()),
             single_block: self.inputs.single_block,
             dry_run: self.pipeline.path.is_dry_run(),
             optional_stop: self.inputs.optional_stop,
@@ -99,11 +99,11 @@ impl CoordinateSystem {
         } = state;
         self.state.awaited().is_none()
             && (wait_state, waiting_on) == (&None, &None)
-            && (*execution, *reason) == self.state.word()
+            && (*execution, *reason) == self.state.state_word()
             && *transition == self.state.transition()
             && self.published.changes == self.context.shared.store.changes()
             && (*program, run_id) == (self.commands.program, &self.past.last_id)
-            && *run_kind == self.run.as_ref().map(|run| run.kind.word())
+            && *run_kind == self.run.as_ref().map(|run| run.kind.run_kind())
             && *single_block == self.inputs.single_block
             && *dry_run == self.pipeline.path.is_dry_run()
             && *optional_stop == self.inputs.optional_stop
@@ -228,20 +228,24 @@ impl CoordinateSystem {
     pub(super) fn publish_tool(&self) {
         let tables = &self.context.shared.tables;
         tables.note_spindle(self.context.number, self.inputs.tool.is_some());
-        // Nobody is told of a tool that nobody knows.
+        // A tool that nobody knows is not published.
         if let Some(id) = self.inputs.tool {
             self.context.publish(CsTopic::Tool, Payload::Tool(Tool { id }));
         }
     }
 
     pub(super) fn publish_modal(&self, modal: &tandem_interp::Modal) {
-        let modal = modal_told(modal, &self.context.configured, self.inputs.tool);
+        let modal = published_modal(modal, &self.context.configured, self.inputs.tool);
         self.context.publish(CsTopic::Modal, Payload::Modal(modal));
     }
 }
 
-/// A modal state, with the tool in the spindle, as it is told.
-pub(crate) fn modal_told(modal: &tandem_interp::Modal, configured: &Configured, tool: Option<u16>) -> Modal {
+/// A modal state, with the tool in the spindle, as it is published.
+pub(crate) fn published_modal(
+    modal: &tandem_interp::Modal,
+    configured: &Configured,
+    tool: Option<u16>,
+) -> Modal {
     let groups = modal
         .groups()
         .map(|(group, code)| (group.to_owned(), code.to_owned()));

@@ -105,7 +105,7 @@ pub(super) enum Kind {
 
 impl Kind {
     /// As the state says it.
-    pub fn word(&self) -> RunKind {
+    pub fn run_kind(&self) -> RunKind {
         match self {
             Kind::Program => RunKind::Program,
             Kind::Manual => RunKind::Mdi,

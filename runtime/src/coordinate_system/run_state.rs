@@ -205,7 +205,7 @@ pub(super) enum RunAction {
 
 impl Cause {
     /// State word and reason at rest.
-    fn word(self) -> StateWord {
+    fn state_word(self) -> StateWord {
         match self {
             Cause::Operator => (Execution::FeedHold, None),
             Cause::SingleBlock => (Execution::Interrupted, Some(Reason::SingleBlock)),
@@ -237,7 +237,7 @@ impl Progress {
     }
 
     /// State word and reason while the run is not at rest under a hold.
-    fn word(&self) -> StateWord {
+    fn state_word(&self) -> StateWord {
         match (&self.phase, self.awaited) {
             (Phase::Paused(stop), _) if stop.optional => (Execution::OptionalStop, None),
             (Phase::Paused(_), _) => (Execution::ProgramStopped, None),
@@ -256,23 +256,23 @@ impl Default for RunState {
 
 impl RunState {
     /// State word and reason.
-    pub fn word(&self) -> StateWord {
+    pub fn state_word(&self) -> StateWord {
         match self {
             RunState::Idle(word) => *word,
             RunState::Run(Hold::AtRest(cause), progress) => {
-                let (execution, reason) = cause.word();
+                let (execution, reason) = cause.state_word();
                 (execution, reason.or(progress.back()))
             }
-            RunState::Run(_, progress) => progress.word(),
+            RunState::Run(_, progress) => progress.state_word(),
             RunState::Ending { from, .. } => *from,
         }
     }
 
     /// State word and reason by which commands are judged: of a run that is being ended those at rest.
-    pub fn word_at_rest(&self) -> StateWord {
+    pub fn state_word_at_rest(&self) -> StateWord {
         match self {
             RunState::Ending { why, .. } => why.at_rest(),
-            _ => self.word(),
+            _ => self.state_word(),
         }
     }
 
@@ -360,7 +360,7 @@ impl RunState {
                 },
             ) => state,
             (state, RunEvent::End { why, epoch }) => {
-                let from = state.word();
+                let from = state.state_word();
                 let ending = RunState::Ending { epoch, why, from };
                 return (ending, vec![RunAction::End { why, epoch }]);
             }

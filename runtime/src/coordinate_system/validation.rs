@@ -1,7 +1,7 @@
-//! At a load: the handlers of the program's M codes say whether they take the parameters, before anything moves.
+//! Validation at a load: before anything moves, the handlers of the program's M codes check their parameters.
 //!
-//! The load waits for their answers, and commands behind it wait with it; hold, stop and abort pass it as ever. A start
-//! asks again when a program was written anew since.
+//! The load waits for their answers, and commands behind it wait with it; hold, stop and abort pass it as always. A start validates
+//! again if a program has been rewritten since.
 
 use std::collections::{BTreeMap, BTreeSet};
 

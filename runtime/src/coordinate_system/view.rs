@@ -1,4 +1,4 @@
-//! What any thread may read of a coordinate system at any time, without its task.
+//! A snapshot of a coordinate system that any thread may read at any time, without its task.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,8 +1,8 @@
-//! Clients that ask the machine to watch them: it holds when it does not hear one of them in time.
+//! Clients that asked to be watched: the machine holds when one of them falls silent.
 //!
-//! A heartbeat says who is heard, and within which time again. It is no lease (who may start motion) and no presence of a
-//! handler (who serves M codes): a client may have any of them. The hold is made once for each loss, so that an operator may
-//! resume without the client; it is watched again from its next heartbeat on.
+//! A heartbeat names its client and the time within which the next one must come. It is neither a lease (the right to start motion)
+//! nor the presence of a handler (the M codes that it serves); a client may have any of them. There is one hold per loss, so that an
+//! operator may resume without the client; watching begins again with its next heartbeat.
 
 use std::collections::BTreeMap;
 

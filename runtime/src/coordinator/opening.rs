@@ -1,4 +1,4 @@
-//! What is opened before a machine starts: its data folder, its program store and its hardware.
+//! Opens what a machine needs before it starts: its data folder, its program store and its hardware.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,15 +12,15 @@ use tandem_servo::{Hardware, HardwareFactory};
 use super::StartError;
 use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
+use crate::data_watch::{DataWatch, list, warn_changed, warn_once, warn_standing};
 use crate::disk::fs;
 use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
 use crate::journal::Event;
 use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest};
 use crate::persistence::{
-    Condition, DataWatch, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source,
-    StateWriterThread, Store, judge, list, page_name, pages, replay_last_runs, restore, tell_changed,
-    warn_once, warn_standing,
+    Condition, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source, StateWriterThread, Store,
+    judge, page_name, pages, replay_last_runs, restore,
 };
 use crate::program_store::signing::read_signature_beside;
 use crate::program_store::{
@@ -302,7 +302,7 @@ impl ProgramFindings {
             shared.record(0, Event::Program(edit));
         }
         for text in self.changed {
-            tell_changed(shared, &text);
+            warn_changed(shared, &text);
         }
         if self.without_sum > 0 {
             let text = format!(

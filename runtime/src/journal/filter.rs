@@ -1,4 +1,4 @@
-//! Which lines of the journal somebody wants to see.
+//! Selects lines of the journal.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};

@@ -1,6 +1,7 @@
 //! The text of each event.
 
 use plc_api::types::Timestamp;
+use plc_api::types::data::JournalFilter;
 use plc_api::types::machine::AlarmSeverity;
 use plc_api::types::output::{Params, Timing};
 
@@ -350,4 +351,48 @@ fn each_event_is_a_line_of_one_form_which_is_read_as_that_event() {
         assert_eq!(fields, format!("{{{expected}}}"));
         assert_eq!(Line::from_json(&json), Some(line));
     }
+}
+
+#[test]
+fn the_lines_that_are_written_are_those_that_a_filter_follows() {
+    let claim = Event::Claim {
+        seq: 7,
+        handler_id: "gripper".to_owned(),
+    };
+    let end = Event::End(RunEnd::Completed {
+        outcome: Execution::ProgramCompleted,
+    });
+    let events = [
+        Event::Output(Box::new(output())),
+        claim.clone(),
+        reset(None, ResetOutcome::Ok, false),
+        claim,
+        end,
+        Event::Resume,
+    ];
+    let lines = events.map(|event| {
+        let line = Line {
+            t_s: 1.5,
+            cs: 1,
+            event,
+        };
+        let mut json = line.to_json();
+        json["boot_id"] = json!("b1");
+        json
+    });
+    let found = |wanted: JournalFilter| {
+        let mut filter = LineFilter::new(&wanted, SystemTime::UNIX_EPOCH).expect("no time is asked for");
+        let found = lines.iter().map(|line| filter.takes(line));
+        found.collect::<Vec<_>>()
+    };
+    let of_m_code = JournalFilter {
+        m: Some(100),
+        ..JournalFilter::default()
+    };
+    assert_eq!(found(of_m_code), [true, true, true, false, false, false]);
+    let of_run = JournalFilter {
+        run: Some("1-1".to_owned()),
+        ..JournalFilter::default()
+    };
+    assert_eq!(found(of_run), [true, true, true, true, true, false]);
 }

@@ -1,6 +1,6 @@
 //! The report to the operator about a run that was cut short by the end of an earlier start of the runtime.
 
-use plc_api::execution::word;
+use plc_api::execution::wire_name;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
@@ -32,7 +32,7 @@ fn what_was_open(last_run: &LastRun) -> String {
             .collect();
         let params = params.concat();
         let owner = open.handler_id.as_ref().map(|id| format!(" by {id}"));
-        let state = word(&open.state) + &owner.unwrap_or_default();
+        let state = wire_name(&open.state) + &owner.unwrap_or_default();
         format!("M{:02}{params} (line {}, {state})", output.m, output.line)
     };
     let open: Vec<String> = last_run.outputs.iter().map(one).collect();
@@ -41,6 +41,6 @@ fn what_was_open(last_run: &LastRun) -> String {
     } else {
         format!("open: {}", open.join(", "))
     };
-    let execution = word(&last_run.execution);
+    let execution = wire_name(&last_run.execution);
     format!("run {} was in {execution}; {open}", last_run.run_id)
 }

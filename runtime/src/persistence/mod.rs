@@ -26,7 +26,6 @@ mod restore;
 mod resume;
 mod state_writer;
 mod store;
-mod watch;
 
 pub(crate) use cut_short::cut_short;
 pub(crate) use generation::Generation;
@@ -36,4 +35,3 @@ pub(crate) use replay::replay_last_runs;
 pub(crate) use restore::{Restored, restore};
 pub(crate) use state_writer::{Source, StateWriter, StateWriterThread};
 pub(crate) use store::Store;
-pub(crate) use watch::{DataWatch, list, tell_changed, warn_once, warn_standing};

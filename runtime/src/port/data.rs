@@ -63,7 +63,7 @@ impl RuntimePort {
                 None => Ok(()),
             };
             let changed = shared.tables.change(changed, keep);
-            shared.tell_tables();
+            shared.publish_tables();
             Ok(changed)
         };
         self.on_disk(keep_and_set).await?.map(|()| Answer::Done)
@@ -116,7 +116,7 @@ impl RuntimePort {
     ) -> Result<Answer, Refusal> {
         let write = || {
             self.shared.tables.write_variables(area, from, values)?;
-            self.shared.tell_variables_simulated();
+            self.shared.publish_variables_simulated();
             Ok(())
         };
         let Some(meta) = meta else {

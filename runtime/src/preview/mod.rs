@@ -1,8 +1,8 @@
-//! What a program will do, before it runs: its path and its rehearsal, planned by a thread of low priority with the stages of
-//! a run. The servo and its tasks know nothing of it: it reads what anybody may read.
+//! What a program will do, before it runs: its path and its rehearsal. A thread of low priority plans it with the stages of a run; the
+//! servo and its tasks do not depend on it, and it reads only what anybody may read.
 //!
-//! Of each coordinate system the loaded program is planned by itself, and anew when what it was made with changes, but never
-//! while it runs; another program is planned when somebody asks for it.
+//! The loaded program of each coordinate system is planned automatically, and again when something that its plan depends on changes, but
+//! never while it runs. Other programs are planned on request.
 
 mod bytes;
 mod chunk;
@@ -39,7 +39,7 @@ use plan::{Moment, Plan};
 /// How often the thread looks whether something has changed.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// How often the time left is told.
+/// How often the time left is published.
 const TIME_LEFT_INTERVAL: Duration = Duration::from_secs(1);
 
 /// How long a request waits for a plan that is not complete: that of a short program is there then.
@@ -63,8 +63,8 @@ struct Inner {
     /// Wakes the thread.
     work: Condvar,
     closing: AtomicBool,
-    /// Counts what plans have told.
-    told: watch::Sender<u64>,
+    /// Counts changes of plans.
+    changes: watch::Sender<u64>,
 }
 
 /// The plans of a coordinate system.
@@ -110,7 +110,7 @@ impl Previews {
             slots: Mutex::default(),
             work: Condvar::new(),
             closing: AtomicBool::new(false),
-            told: watch::Sender::new(0),
+            changes: watch::Sender::new(0),
         };
         Self {
             inner: Arc::new(inner),
@@ -200,7 +200,7 @@ impl Previews {
             let conditions = inner.conditions(cs, &program);
             let conditions = conditions.ok_or_else(|| Refusal::new(RefusalCode::NotFound, none))?;
             let entry = line_search::search(&inner.shared, &conditions, &from)?;
-            Ok(line_search::told(&entry, &conditions))
+            Ok(line_search::line_state(&entry, &conditions))
         }
     }
 
@@ -222,7 +222,7 @@ impl Previews {
         if self.thread.is_none() {
             inner.make_if_needed(cs, &program);
         }
-        let mut told = inner.told.subscribe();
+        let mut changes = inner.changes.subscribe();
         let end = tokio::time::Instant::now() + PATIENCE;
         loop {
             let plan = inner.look(cs, &program);
@@ -233,7 +233,7 @@ impl Previews {
             }
             let left = end.saturating_duration_since(tokio::time::Instant::now());
             let clock = &inner.shared.clock;
-            let is_late = clock.within_real(left, told.changed()).await.is_none();
+            let is_late = clock.within_real(left, changes.changed()).await.is_none();
             if is_late {
                 return match plan.or_else(|| inner.look(cs, &program)) {
                     Some(plan) => Ok((cs, plan)),
@@ -463,8 +463,8 @@ impl Inner {
             let loaded = state_of(&self.shared, cs).and_then(|state| state.program);
             !self.is_closing() && (loaded == Some(program.number)) == is_loaded
         };
-        let told = || self.told.send_modify(|count| *count += 1);
-        planning::plan(&self.shared, &plan, &is_wanted, &told);
+        let on_change = || self.changes.send_modify(|count| *count += 1);
+        planning::plan(&self.shared, &plan, &is_wanted, &on_change);
         slot(&|slot| {
             slot.took = Some((began.elapsed(), Instant::now()));
             if !plan.content().is_complete()
@@ -473,7 +473,7 @@ impl Inner {
                 slot.plan = None;
             }
         });
-        told();
+        on_change();
     }
 }
 

@@ -1,4 +1,4 @@
-//! A plan as it grows: what one thread makes of a program, and others read.
+//! A plan as it grows: one thread writes it, others read it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,4 @@
-//! Plans a program from its head to its end: the stages of a run, and behind them a tracer in place of the servo.
+//! Plans a program from beginning to end: the stages of a run, followed by a tracer instead of the servo.
 
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ const ITEMS_MAX: u64 = 20_000_000;
 /// Time that is planned ahead at the most, s: a week.
 const TIME_MAX_S: f64 = 7.0 * 86_400.0;
 
-/// M codes that are told one by one.
+/// M codes that a rehearsal lists one by one.
 const M_CODES_MAX: usize = 1000;
 
 /// Items between two looks at whether the plan is still wanted.
@@ -38,8 +38,8 @@ enum Stop {
     Cancelled,
 }
 
-/// Plans it, telling what is known from time to time; `told` is called then.
-pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, told: &dyn Fn()) {
+/// Plans it; `on_change` is called from time to time, when more of it is known.
+pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) {
     let conditions = &plan.conditions;
     let settings = &conditions.configured.settings;
     let mut pipeline = Pipeline::new(settings, conditions.configured.dialect, conditions.at);
@@ -56,9 +56,9 @@ pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, t
         tool: conditions.tool,
         has_put_out: false,
     };
-    let stop = planning.run(is_wanted, told);
+    let stop = planning.run(is_wanted, on_change);
     planning.end(stop);
-    told();
+    on_change();
 }
 
 struct Planning<'a> {
@@ -75,7 +75,7 @@ struct Planning<'a> {
 }
 
 impl Planning<'_> {
-    fn run(&mut self, is_wanted: &dyn Fn() -> bool, told: &dyn Fn()) -> Stop {
+    fn run(&mut self, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) -> Stop {
         for items in 0..ITEMS_MAX {
             if items % ITEMS_PER_LOOK == 0 {
                 if self.plan.is_cancelled() || !is_wanted() {
@@ -83,7 +83,7 @@ impl Planning<'_> {
                 }
                 if self.take_chunks() {
                     self.publish();
-                    told();
+                    on_change();
                 }
             }
             let item = self.next().and_then(|item| self.judge(item));

@@ -1,4 +1,4 @@
-//! A plan as the interface tells it: the rehearsal.
+//! The rehearsal: a plan in the form of the interface.
 
 use plc_api::types::planned::{Rehearsal, RehearsedAxis, RehearsedLine, RehearsedPeak, RehearsedRun};
 use plc_api::types::state::Overrides;
@@ -7,7 +7,7 @@ use tandem_model::settings::MotorSettings;
 use super::plan::{Content, Moment, Plan};
 use super::tracer::{AxisTrace, Mark, Peak, Times};
 
-/// Blocks whose times are told at the most.
+/// Most blocks whose times are listed.
 const LINES_MAX: usize = 2048;
 
 pub(super) fn rehearsal(plan: &Plan, content: &Content) -> Rehearsal {

@@ -1,4 +1,4 @@
-//! A line through many points in space and time, with as few of them as its tolerance allows.
+//! Reduces a line through many points in space and time to as few points as its tolerance allows.
 
 /// A point of the path, mm, and when it is reached, s.
 pub(super) type Point = ([f64; 3], f64);

@@ -1,4 +1,4 @@
-//! Follows profiles as the servo does, one setpoint each period at 100 percent, and notes where, when and how fast.
+//! Follows profiles as the servo does, one setpoint per period at 100 percent, and records where, when and how fast.
 
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};

@@ -1,4 +1,4 @@
-//! In which folder each program lies among others, for lists: one file beside the programs.
+//! The folder of each program in lists: one file beside the programs.
 
 use std::collections::BTreeMap;
 use std::io;

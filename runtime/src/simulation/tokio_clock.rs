@@ -1,11 +1,11 @@
-//! tokio's clock in simulated time: paused, and led along with the simulation's.
+//! tokio's clock in simulated time: paused, and advanced together with the simulation.
 //!
-//! A paused executor that has nothing to do goes to its next timer. One timer is ours, at the servo cycle that comes next: so
-//! tokio either comes to that cycle, or to an earlier timer of a task, up to which the simulation follows before the task runs.
-//! Where the machine rests and nobody sleeps on its own clock, ours is set again and again, until no task has had a timer for long.
+//! A paused executor with nothing to do jumps to its next timer. One timer is ours, set to the next servo cycle. So tokio reaches either
+//! that cycle, or an earlier timer of a task; then the simulation advances to that timer before the task runs. Where the machine is at
+//! rest and no task sleeps on its clock, our timer is set again and again, until no task has had a timer for a long time.
 //!
-//! tokio counts milliseconds: between them its clock is ahead of the machine's by less than one. Its timers are in slots of 64 ms, and
-//! of 64 of these, and so on, which it comes to one by one: a timer of ours at the begin of the next one is all that it comes to.
+//! tokio counts milliseconds: between them its clock is ahead of the machine's by less than one. Its timers are in slots of 64 ms, and of
+//! 64 of these, and so on, which it visits one by one: a timer of ours at the beginning of the next slot is as far as it gets.
 
 use std::pin::Pin;
 use std::sync::Arc;

@@ -19,7 +19,7 @@ use tandem_model::variables::VariableArray;
 use tokio::sync::mpsc;
 use tokio::task::{AbortHandle, JoinError, JoinSet};
 
-use super::beside::{Failures, foreign, is_foreign};
+use super::background::{Failures, foreign, is_foreign};
 use super::record::{Ended, NonZero, OutputRecord, Run, StateChange, Stopped, SystemEnd};
 use super::trace::Tracer;
 use super::{Action, Bench, Cue, TestError};
@@ -261,7 +261,7 @@ impl Stage {
                 biased;
                 Some(line) = self.lines.recv() => self.on_line(&line),
                 Some(message) = self.states.next() => self.on_message(&message),
-                () = self.scene.failures.told() => {
+                () = self.scene.failures.noted() => {
                     self.scene.failures.judge()?;
                 }
                 Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => on_action_end(ended, &self.scene.failures)?,

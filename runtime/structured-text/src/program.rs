@@ -116,7 +116,7 @@ impl Program {
     }
 
     /// What has happened, with its line.
-    fn told(&self, FaultAt { fault, span }: &FaultAt) -> String {
+    fn text_of(&self, FaultAt { fault, span }: &FaultAt) -> String {
         let start = usize::try_from(span.start).unwrap_or(0);
         let before = self.source.get(..start).unwrap_or_default();
         let line = before.matches('\n').count() + 1;
@@ -171,7 +171,7 @@ impl ScanProgram for Program {
                 variables: &self.variables,
             };
             if let Err(fault) = scan(&self.code, &mut self.memory, &mut machine) {
-                self.stopped = Some(self.told(&fault));
+                self.stopped = Some(self.text_of(&fault));
             }
         }
         if let Some(text) = &self.stopped {

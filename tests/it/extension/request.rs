@@ -59,6 +59,10 @@ fn a_request_that_the_machine_carries_out_is_named_by_its_two_rows_and_there() {
         let whole_word = |code: &str| code.split(|letter| !is_name(letter)).any(|word| word == request);
         assert_eq!(files(whole_word), sorted([REQUESTS, WIRE, PORT]), "{request}");
     }
+    for request in ["CommandStatus", "Explain", "LineState"] {
+        let named = naming("MachineRequest", request);
+        assert_eq!(named, sorted([REQUESTS, WIRE, PORT]), "{request}");
+    }
     assert_eq!(costs("a request"), [REQUESTS, WIRE, PORT]);
 }
 
@@ -72,7 +76,8 @@ fn a_request_about_an_output_is_named_by_its_two_rows_and_by_the_ledger() {
 }
 
 #[test]
-fn a_request_that_a_coordinate_system_carries_out_is_named_there_and_by_the_fake_machine_as_well() {
+fn a_request_that_a_coordinate_system_carries_out_is_named_there_and_by_the_scripted_machine_if_that_does_the_same()
+ {
     let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE];
     assert_eq!(naming("CoordinateSystemRequest", "Spindle"), sorted(files));
     assert_eq!(costs("a request to a coordinate system"), files);

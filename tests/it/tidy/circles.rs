@@ -183,6 +183,15 @@ fn circles(graph: &Graph) -> BTreeSet<Vec<String>> {
         .collect()
 }
 
+/// True for a file, or one below it, that its parent builds for tests only.
+fn is_of_tests(module: &Module, texts: &BTreeMap<Module, String>) -> bool {
+    (0..module.len()).any(|depth| {
+        let declared = format!("#[cfg(test)]\nmod {};", module[depth]);
+        let parent = texts.get(&module[..depth]);
+        parent.is_some_and(|text| text.contains(&declared))
+    })
+}
+
 /// The files of a crate by module; tests and the root of a binary are none.
 fn sources(folder: &str) -> BTreeMap<Module, String> {
     let mut found = BTreeMap::new();
@@ -195,11 +204,16 @@ fn sources(folder: &str) -> BTreeMap<Module, String> {
         if module == ["lib"] || module.last().is_some_and(|last| last == "mod") {
             module.pop();
         }
-        let is_left_out = |part: &String| ["tests", "simulation"].contains(&part.as_str());
-        if module != ["main"] && !module.iter().any(is_left_out) {
+        if module != ["main"] {
             found.insert(module, read(&path));
         }
     }
+    let of_tests: Vec<Module> = found
+        .keys()
+        .filter(|module| is_of_tests(module, &found))
+        .cloned()
+        .collect();
+    found.retain(|module, _| !of_tests.contains(module));
     found
 }
 
@@ -288,4 +302,11 @@ fn the_sources_are_read() {
     assert!(found.len() > 40, "{}", found.len());
     assert!(found[&parts("scan")].contains(&parts("handlers")));
     assert!(!found[&parts("handlers")].contains(&parts("scan")));
+    assert!(
+        !found.contains_key(&parts("handshake::simulation")),
+        "it is a test"
+    );
+    let found = graph(&sources("runtime/src"));
+    assert!(found.contains_key(&parts("simulation")), "it is none");
+    assert!(!found.contains_key(&parts("world::broker")), "it is below one");
 }

@@ -120,15 +120,15 @@ async fn inputs_and_outputs_of_the_plant_are_written_forced_and_read(plc: &Plc) 
     .await;
 }
 
-async fn variables_tools_and_offsets_are_told(plc: &Plc, system: &CoordinateSystem) {
+async fn variables_tools_and_offsets_are_published(plc: &Plc, system: &CoordinateSystem) {
     let (mut tools, mut offsets) = (plc.tool_changes(), system.work_offset_changes());
     within("tools", tools.next()).await.expect("tools");
-    let told = within("offsets", offsets.next()).await.expect("offsets");
-    assert_eq!(told["G54"].get("X"), Some(&10.0));
+    let now = within("offsets", offsets.next()).await.expect("offsets");
+    assert_eq!(now["G54"].get("X"), Some(&10.0));
     let variables = plc.variables();
     let mut changes = within("P300", variables.changes(300, 2))
         .await
-        .expect("they are told");
+        .expect("they are published");
     assert_eq!(within("values", changes.next()).await, Some(vec![0.0, 0.0]));
     within("P301", variables.set(301, 4.5)).await.expect("P301");
     assert_eq!(within("values", changes.next()).await, Some(vec![0.0, 4.5]));
@@ -250,7 +250,7 @@ async fn everything(reached: &Reached, carries_tables: bool) {
     inputs_are_set_and_read_back(&system).await;
     locks_are_set_and_read_back_with_their_words(&system).await;
     inputs_and_outputs_of_the_plant_are_written_forced_and_read(&reached.plc).await;
-    variables_tools_and_offsets_are_told(&reached.plc, &system).await;
+    variables_tools_and_offsets_are_published(&reached.plc, &system).await;
     spindle_and_tool_are_commanded_and_read(&system).await;
     tools_offsets_and_programs(reached, carries_tables).await;
     the_machine_is_moved_by_hand_and_its_readings_follow(&reached.plc, &system).await;

@@ -22,7 +22,7 @@ from .messages import (
     State,
     Tool,
 )
-from .told import changes
+from .changes import changes
 
 if TYPE_CHECKING:
     from .plc import Plc
@@ -346,8 +346,8 @@ class CoordinateSystem:
     async def work_offset_changes(self) -> AsyncIterator[dict[str, dict[str, float]]]:
         """Follow work offsets ``G54`` to ``G59``, each by axis letter, mm or degrees: now, and after each change."""
         async with self._following("work_offsets") as offsets:
-            async for told in offsets:
-                yield told.work_offsets
+            async for values in offsets:
+                yield values.work_offsets
 
     async def pendings(self) -> AsyncIterator[tuple[PendingOutput, ...]]:
         """Follow the open outputs: those of now, then after each change."""

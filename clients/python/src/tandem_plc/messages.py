@@ -444,8 +444,8 @@ class Tool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToldVariables:
-    """Variables that the configuration names in ``[[variables.told]]``."""
+class PublishedVariables:
+    """Variables that the configuration names in ``[[variables.published]]``."""
 
     variables: tuple[dict[str, Any], ...]
     """Variables in a row: ``kind``, ``from`` and ``values``."""

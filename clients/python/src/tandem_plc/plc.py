@@ -13,7 +13,7 @@ from .errors import Alarm, Refused
 from .io import Io
 from .levels import Levels
 from .messages import AlarmRecord, Birth, CommandReply, Presence, ToolData
-from .told import changes
+from .changes import changes
 
 
 class Plc:
@@ -138,12 +138,12 @@ class Plc:
     async def p_changes(self, first: int, count: int = 1) -> AsyncIterator[list[float]]:
         """Follow P variables: their values now, and again each time that one of them has changed, whoever wrote it.
 
-        A machine tells of the variables that its configuration names in ``[[variables.told]]``, at most 10 times a
+        A machine publishes the variables that its configuration names in ``[[variables.published]]``, at most 10 times a
         second; of values that follow each other faster, the latest. A program writes a variable when its block is
         interpreted, ahead of the motion.
 
         Raises:
-            Refused: the machine does not tell of all these variables.
+            Refused: the machine does not publish all these variables.
         """
         async for values in changes(self, "variables", "P", first, count):
             yield values

@@ -1,5 +1,5 @@
-//! How old the presence of the machine is: one that is too old counts as offline, as if its last will had come, which a
-//! broker's node that dies never publishes. Pure: the time is a parameter.
+//! The age of the machine's presence. A presence that is too old counts as offline, as if the machine's last will had arrived: when a
+//! node of a broker dies, it publishes no last wills. Pure; the time is a parameter.
 
 use std::time::{Duration, Instant};
 

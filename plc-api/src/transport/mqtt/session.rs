@@ -15,6 +15,7 @@ use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
 use crate::types::topic::{CsTopic, Topic};
 
+use super::super::BROKER_SILENCE_MAX;
 use super::super::backoff::Backoff;
 use super::Shared;
 
@@ -25,10 +26,6 @@ const PACKET_MAX: usize = 1 << 20;
 const LIBRARY_QUEUE: usize = 64;
 
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
-
-/// A broker that acknowledges nothing for this long, while something waits for it, is left for the next one. Reason: a node of a
-/// cluster that has lost the others may take messages and never acknowledge them, also when it has found them again.
-const SILENCE_MAX: Duration = Duration::from_secs(10);
 
 /// How long a new age of the machine may stay unseen.
 const WATCH: Duration = Duration::from_millis(100);
@@ -230,7 +227,9 @@ async fn say_presence(shared: &Shared) {
 async fn watch_broker(shared: &Shared) {
     loop {
         let since = lock(&shared.state).silent_since;
-        let left = since.map_or(SILENCE_MAX, |since| SILENCE_MAX.saturating_sub(since.elapsed()));
+        let left = since.map_or(BROKER_SILENCE_MAX, |since| {
+            BROKER_SILENCE_MAX.saturating_sub(since.elapsed())
+        });
         if left.is_zero() {
             break;
         }
@@ -238,7 +237,7 @@ async fn watch_broker(shared: &Shared) {
     }
     let text = format!(
         "the broker has acknowledged nothing for {} s",
-        SILENCE_MAX.as_secs()
+        BROKER_SILENCE_MAX.as_secs()
     );
     tracing::warn!(address = %shared.link.address, "{text}: connecting again");
     lock(&shared.state).trouble = Some(text);

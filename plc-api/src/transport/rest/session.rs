@@ -1,7 +1,6 @@
 //! The WebSocket: messages of the machine, and presence and validations of handlers.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
 use tokio::net::TcpStream;
@@ -13,13 +12,10 @@ use tokio_tungstenite::{Connector, MaybeTlsStream, WebSocketStream, connect_asyn
 use crate::lock::lock;
 use crate::types::request::{Refusal, Request};
 use crate::types::topic::Topic;
-use crate::wire::websocket::{ClientFrame, ServerFrame, encode};
+use crate::wire::websocket::{ClientFrame, SILENCE_MAX, ServerFrame, encode};
 
 use super::super::backoff::Backoff;
 use super::Shared;
-
-/// The machine pings every 15 s; after this silence the connection counts as lost.
-const SILENCE_MAX: Duration = Duration::from_secs(45);
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 

@@ -423,7 +423,7 @@ fn sent(request: Request) -> (String, Value, bool) {
 }
 
 #[test]
-fn requests_have_the_topics_and_payloads_of_section_4() {
+fn requests_have_the_topics_and_payloads_of_their_rows() {
     let reset = reset_of(&BootId("b".into()), 7, "h", None);
     let json = json!({"boot_id": "b", "seq": 7, "handler_id": "h", "result": "ok"});
     assert_eq!(

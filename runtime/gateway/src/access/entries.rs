@@ -175,7 +175,7 @@ fn entry(
     if !is_name(name) {
         return Err(TokenError::Name(name.to_owned()));
     }
-    let role = role.word();
+    let role = role.name();
     let until = until.map(|until| format!("until = \"{}\"\n", humantime::format_rfc3339_seconds(until)));
     let until = until.unwrap_or_default();
     Ok(format!(

@@ -99,7 +99,7 @@ fn admit(
     match found {
         Found::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(shown),
         Found::Route(_) => {
-            let text = format!("role {} may not {method} here", user.role().word());
+            let text = format!("role {} may not {method} here", user.role().name());
             let noted = (AccessKind::Forbidden, user.name().map(str::to_owned));
             Err(Turned::away(forbidden(text).into_response(), Some(noted)))
         }

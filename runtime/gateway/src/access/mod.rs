@@ -57,15 +57,15 @@ impl Role {
     ];
 
     /// The role with this name.
-    pub fn of_word(word: &str) -> Option<Role> {
+    pub fn of_name(name: &str) -> Option<Role> {
         let mut all = Self::ALL.iter();
-        all.find(|(known, _)| *known == word).map(|(_, role)| *role)
+        all.find(|(known, _)| *known == name).map(|(_, role)| *role)
     }
 
     /// The name of the role.
-    pub fn word(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         let mut all = Self::ALL.iter();
-        all.find(|(_, role)| *role == self).map_or("", |(word, _)| word)
+        all.find(|(_, role)| *role == self).map_or("", |(name, _)| name)
     }
 
     pub(crate) fn has(self, right: Right) -> bool {
@@ -137,7 +137,7 @@ mod tests {
         ];
         for (role, expected) in table {
             assert_eq!(rights.map(|right| role.has(right)), expected, "{role:?}");
-            assert_eq!(Role::of_word(role.word()), Some(role));
+            assert_eq!(Role::of_name(role.name()), Some(role));
         }
     }
 }

@@ -29,7 +29,7 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
         }
     }
     for (name, role) in tokens.users() {
-        let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.word());
+        let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.name());
         for (row, _) in inbound_topics().filter(|(_, right)| role.has(*right)) {
             // a handler announces itself, and is watched, in its own name only
             let filter = match row.filter().as_str() {

@@ -23,7 +23,7 @@ pub(crate) fn check(
         let needed: Vec<_> = needed.into_iter().map(|(word, _)| *word).collect();
         return Err(format!(
             "role {} may not do this; it needs {}",
-            role.word(),
+            role.name(),
             needed.join(" or ")
         ));
     }

@@ -1,4 +1,4 @@
-//! One connection as its packets pass: what its client publishes, whole, and whether it takes what it is sent.
+//! One connection, packet by packet: whole messages of its client, and whether the client keeps reading.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Weak};
@@ -149,9 +149,9 @@ impl Line {
             .any(|since| since.elapsed() >= DEAF_AFTER)
     }
 
-    /// Ends the connection; a client of MQTT 5 is told why. The library sees the client go, so that its will is published.
-    pub(super) fn end(&self, told: Option<(ReasonCode, &str)>) {
-        *self.farewell.lock() = told.map(disconnect).unwrap_or_default();
+    /// Ends the connection; a client of MQTT 5 receives the reason. The library sees the client go, so that its will is published.
+    pub(super) fn end(&self, reason: Option<(ReasonCode, &str)>) {
+        *self.farewell.lock() = reason.map(disconnect).unwrap_or_default();
         self.ended.cancel();
     }
 

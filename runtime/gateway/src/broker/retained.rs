@@ -1,5 +1,5 @@
-//! What the broker keeps for later subscribers, in messages and bytes. States of the runtime and presences of handlers have
-//! places of their own, which nobody else can fill.
+//! Messages that the broker retains, with limits on their number and size. States of the runtime and presences of handlers have
+//! room of their own, which other topics cannot use up.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -59,7 +59,7 @@ struct Table {
     topics: HashMap<String, Kept>,
     /// The message that was not kept first, since when there was room for all: its kind and bytes.
     refused: Option<(Kind, usize)>,
-    is_told: bool,
+    is_reported: bool,
 }
 
 impl Table {
@@ -152,7 +152,7 @@ impl Retained {
             .is_some_and(|(kind, bytes)| table.fits(kind, "", bytes));
         if has_room {
             table.refused = None;
-            table.is_told = false;
+            table.is_reported = false;
         }
         has_room
     }
@@ -160,7 +160,7 @@ impl Retained {
     /// True once after the first message that was not kept.
     pub(super) fn is_newly_full(&self) -> bool {
         let mut table = self.0.lock();
-        table.refused.is_some() && !std::mem::replace(&mut table.is_told, true)
+        table.refused.is_some() && !std::mem::replace(&mut table.is_reported, true)
     }
 }
 

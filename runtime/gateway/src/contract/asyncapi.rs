@@ -50,7 +50,8 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     }
     for (topic, right) in inbound_topics() {
         let bindings = json!({"mqtt": {"qos": 1, "retain": topic.retained}});
-        let mut operation = json!({"summary": topic.summary, "bindings": bindings, "x-right": right.word()});
+        let mut operation =
+            json!({"summary": topic.summary, "bindings": bindings, "x-right": right.wire_name()});
         if let Some(answer) = answer_to(topic) {
             operation["reply"] = json!({"channel": {"$ref": format!("#/channels/{}", channel_name(answer))}});
         }
@@ -180,7 +181,7 @@ fn add_websocket(channels: &mut Map<String, Value>, operations: &mut Map<String,
             "messages": messages,
         });
         if action == "receive" {
-            operation["x-right"] = Right::Read.word().into();
+            operation["x-right"] = Right::Read.wire_name().into();
         }
         operations.insert(format!("{action}_websocket"), operation);
     }

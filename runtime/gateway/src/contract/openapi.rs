@@ -143,7 +143,7 @@ fn operation(route: &Route, right: Option<Right>) -> Value {
         "responses": responses(route, right),
     });
     if let Some(right) = right {
-        operation["x-right"] = right.word().into();
+        operation["x-right"] = right.wire_name().into();
     } else {
         operation["security"] = json!([]);
     }

@@ -1,4 +1,4 @@
-//! Topics that the runtime publishes, with numbers in place of the names in their paths.
+//! Topics that the runtime publishes, with example numbers in their paths.
 
 use plc_api::types::io::IoPoint;
 use plc_api::types::topic::{CsTopic, Topic};

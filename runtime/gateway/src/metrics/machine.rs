@@ -1,9 +1,9 @@
-//! What the states of the machine say, as metrics: coordinate systems, open M codes, runs, alarms, handlers; and what the
-//! process takes of its computer.
+//! Metrics of the machine's states (coordinate systems, open M codes, runs, alarms, handlers) and of the process.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
+use plc_api::execution::wire_name;
 use plc_api::hub::Filter;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::ActiveAlarms;
@@ -12,7 +12,6 @@ use plc_api::types::output::Pending;
 use plc_api::types::run::Run;
 use plc_api::types::state::State;
 use plc_api::types::topic::Topic;
-use serde::Serialize;
 
 use super::Text;
 use crate::machine::Machine;
@@ -72,7 +71,7 @@ impl Text {
         for alarm in &states.alarms.alarms {
             let cs = alarm.cs.map_or_else(String::new, |cs| cs.to_string());
             *alarms
-                .entry((cs, alarm.number, word(&alarm.severity)))
+                .entry((cs, alarm.number, wire_name(&alarm.severity)))
                 .or_default() += 1;
         }
         let name = "tandem_alarms_active";
@@ -103,7 +102,7 @@ impl Text {
         let name = "tandem_execution";
         self.head(name, "1 for the state word of each coordinate system.");
         for (cs, state) in &states.systems {
-            let execution = word(&state.execution);
+            let execution = wire_name(&state.execution);
             self.value(&format!("{name}{{cs=\"{cs}\",execution=\"{execution}\"}}"), 1);
         }
         let name = "tandem_reason";
@@ -113,7 +112,10 @@ impl Text {
         );
         for (cs, state) in &states.systems {
             if let Some(reason) = &state.reason {
-                self.value(&format!("{name}{{cs=\"{cs}\",reason=\"{}\"}}", word(reason)), 1);
+                self.value(
+                    &format!("{name}{{cs=\"{cs}\",reason=\"{}\"}}", wire_name(reason)),
+                    1,
+                );
             }
         }
     }
@@ -133,7 +135,7 @@ impl Text {
         };
         for (cs, pending) in &states.pending {
             for open in &pending.outputs {
-                let (m, state) = (open.output.m, word(&open.state));
+                let (m, state) = (open.output.m, wire_name(&open.state));
                 let age_s = age_s(&open.since).unwrap_or_default();
                 // of one M code one output is open at a time
                 self.value(
@@ -183,12 +185,6 @@ impl Text {
             self.number("process_resident_memory_bytes", "Memory of the process.", bytes);
         }
     }
-}
-
-/// A word as it stands in messages.
-fn word(value: &impl Serialize) -> String {
-    let value = serde_json::to_value(value).unwrap_or_default();
-    escaped(value.as_str().unwrap_or_default())
 }
 
 /// The value of a label.

@@ -32,7 +32,7 @@ const UNANSWERED_MAX: usize = 256;
 /// The same for hold, stop and abort.
 const URGENT_MAX: usize = 64;
 
-/// To whom a refusal is told: coordinate system, client id, command id.
+/// Who receives a refusal: coordinate system, client id, command id.
 type ToTell = (CoordinateSystemNumber, String, String);
 
 /// Makes requests of the machine.
@@ -54,7 +54,7 @@ impl Dispatch {
         metrics: Arc<Metrics>,
         clients: Option<Arc<Sessions>>,
     ) -> (Self, mpsc::Receiver<Message>) {
-        let (results, told) = mpsc::channel(UNANSWERED_MAX);
+        let (results, received) = mpsc::channel(UNANSWERED_MAX);
         let dispatch = Self {
             machine,
             metrics,
@@ -64,7 +64,7 @@ impl Dispatch {
             clients,
             ages: PresenceAges::default(),
         };
-        (dispatch, told)
+        (dispatch, received)
     }
 
     /// Carries out what came in, and returns the reply to a command that never becomes a request. Each request has reached
@@ -86,7 +86,7 @@ impl Dispatch {
             } => Some(self.reject(cs, client_id, command_id, refusal).await),
             Inbound::RefuseOutput { cs, m, result, right } => {
                 let text = result.text.as_deref().unwrap_or_default();
-                let told = self.drop_message(&format!(
+                let dropped = self.drop_message(&format!(
                     "MQTT message about output {} refused: {text}",
                     result.seq
                 ));
@@ -94,7 +94,7 @@ impl Dispatch {
                     Publisher::User { user, .. } if rules::may_speak_as(user, right, &result.handler_id) => {
                         Some(self.result(cs, m, result))
                     }
-                    _ => told,
+                    _ => dropped,
                 }
             }
             Inbound::Drop(text) => self.drop_message(&text),

@@ -65,8 +65,8 @@ enum Order {
 
 /// What an order has led to.
 enum Done {
-    /// What the runtime is told.
-    Told(Event),
+    /// An event for the runtime.
+    Event(Event),
     /// It is connected, as the router numbers its connections.
     Connected(u64),
     /// Retained messages of a subscription.
@@ -151,7 +151,7 @@ impl InsideWire {
                     .await;
                 match publish.qos {
                     QoS::AtMostOnce => Done::Nothing,
-                    _ => Done::Told(Event::Acknowledged { refused: None }),
+                    _ => Done::Event(Event::Acknowledged { refused: None }),
                 }
             }),
             Order::Disconnect => {
@@ -159,7 +159,7 @@ impl InsideWire {
                 let connection = self.connection;
                 Box::pin(async move {
                     router.release_client(&client_id, connection, false).await;
-                    Done::Told(Event::Disconnected)
+                    Done::Event(Event::Disconnected)
                 })
             }
         }
@@ -176,7 +176,7 @@ async fn subscribe(router: Arc<MessageRouter>, client_id: Arc<str>, filters: Vec
             .await
             .is_err()
         {
-            return Done::Told(Event::SubscriptionRefused);
+            return Done::Event(Event::SubscriptionRefused);
         }
         retained.extend(router.get_retained_messages(&filter).await);
     }
@@ -190,7 +190,7 @@ impl Wire for InsideWire {
                 let done = work.await;
                 self.work = None;
                 match done {
-                    Done::Told(event) => return Ok(event),
+                    Done::Event(event) => return Ok(event),
                     Done::Connected(connection) => {
                         self.connection = connection;
                         return Ok(Event::Connected {

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::server::ServerNotice;
+use plc_api::transport::BROKER_SILENCE_MAX;
 use plc_api::types::Timestamp;
 use plc_api::types::handler::REFRESHES;
 use plc_api::types::machine::{BrokerInUse, Presence};
@@ -34,9 +35,6 @@ use crate::position::{every, is_position};
 const MESSAGE_MAX: usize = 256 * 1024;
 /// Attempts over MQTT 5 at which a broker that has spoken it may hang up before 3.1.1 is tried.
 const HANG_UPS_MAX: u32 = 10;
-/// A broker that acknowledges nothing for this long, while something waits for it, is left for the next one. Reason: a node of a
-/// cluster that has lost the others may take messages and never acknowledge them, also when it has found them again.
-const SILENCE_MAX: Duration = Duration::from_secs(10);
 /// After a connection of this duration the delays between attempts start afresh.
 const STABLE: Duration = Duration::from_secs(5);
 
@@ -62,8 +60,8 @@ pub(super) struct Link<C> {
     speaks_5: bool,
     // attempts over MQTT 5 in a row that the broker did not answer
     hang_ups: u32,
-    // what the port was told last
-    told_connected: bool,
+    // what was reported to the port last
+    reported_connected: bool,
     // presences since every state was published
     presences: u32,
 }
@@ -85,9 +83,9 @@ impl<W: Wire> Session<W> {
         let Some(since) = self.silent_since else {
             return self.wire.next().await;
         };
-        let next = tokio::time::timeout_at(since + SILENCE_MAX, self.wire.next());
+        let next = tokio::time::timeout_at(since + BROKER_SILENCE_MAX, self.wire.next());
         next.await.unwrap_or_else(|_| {
-            let wait_s = SILENCE_MAX.as_secs();
+            let wait_s = BROKER_SILENCE_MAX.as_secs();
             Err(Lost {
                 why: format!("it has acknowledged nothing for {wait_s} s"),
                 version_unknown: false,
@@ -129,7 +127,7 @@ impl<C: Connect> Link<C> {
             failures: 0,
             speaks_5: false,
             hang_ups: 0,
-            told_connected: true,
+            reported_connected: true,
             presences: 0,
         }
     }
@@ -388,8 +386,8 @@ impl<C: Connect> Link<C> {
     /// Reports a lost and a restored connection to the machine.
     fn report_bus(&mut self, connected: bool) {
         let broker = self.parts.metrics.broker.in_use();
-        if self.told_connected != connected || broker.is_some() {
-            self.told_connected = connected;
+        if self.reported_connected != connected || broker.is_some() {
+            self.reported_connected = connected;
             self.parts
                 .machine
                 .notice(ServerNotice::BusLink { connected, broker });

@@ -54,7 +54,7 @@ pub(super) struct Outbox {
     // last value of each retained state
     states: BTreeMap<Topic, Arc<Message>>,
     queue: Queue<Parcel>,
-    told_lost: u64,
+    reported_lost: u64,
     // published with QoS 1, oldest first; None: a state, which is published again anyway
     unacknowledged: VecDeque<Option<Parcel>>,
 }
@@ -158,8 +158,8 @@ impl Outbox {
 
     /// Events dropped since the last call.
     pub(super) fn take_lost(&mut self) -> u64 {
-        let told = std::mem::replace(&mut self.told_lost, self.queue.lost());
-        self.queue.lost() - told
+        let reported = std::mem::replace(&mut self.reported_lost, self.queue.lost());
+        self.queue.lost() - reported
     }
 }
 

@@ -1,4 +1,4 @@
-//! Hears the other machines.
+//! The connection that listens to other machines.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,6 +1,4 @@
-//! What is heard of other machines, within limits: anything may be published under their names.
-//!
-//! Pure: the time is a parameter.
+//! What is known of other machines, with limits, because anybody can publish under their names. Pure; the time is a parameter.
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -5,12 +5,10 @@ use std::time::Duration;
 use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
 use futures_util::StreamExt;
+use plc_api::wire::PAYLOAD_MAX;
 use tokio::time::{Instant, timeout_at};
 
 use crate::problem::Problem;
-
-/// Bytes of a JSON body; more is 413. Reason: the largest, a fault text, is far below.
-const JSON_BODY_MAX: usize = 64 * 1024;
 
 /// Time for a body to come in, to which each byte that has come adds as much as it may take by [`BODY_RATE_MIN`]; then 408.
 /// Reason: a body that hardly comes holds a place, and the largest may need minutes on a slow line.
@@ -24,7 +22,7 @@ const OF_FORMS: &str = "application/x-www-form-urlencoded";
 
 /// A JSON body; an empty one is `{}`.
 pub(super) async fn json(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Problem> {
-    let body = read(body, JSON_BODY_MAX).await?;
+    let body = read(body, PAYLOAD_MAX).await?;
     if body.is_empty() {
         return Ok(b"{}".to_vec());
     }

@@ -70,7 +70,7 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
     let answer = Login {
         token,
         user: name,
-        role: user.role().word(),
+        role: user.role().name(),
         expires_s: LOGIN_MAX.as_secs(),
     };
     Ok(json_response(StatusCode::OK, json!(answer).to_string()))
@@ -80,7 +80,7 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
 pub(super) async fn who(Extension(shown): Extension<Shown>) -> Response {
     let answer = CurrentUser {
         user: shown.user.name().map(str::to_owned),
-        role: shown.user.role().word(),
+        role: shown.user.role().name(),
         is_login: shown.is_login(),
     };
     json_response(StatusCode::OK, json!(answer).to_string())

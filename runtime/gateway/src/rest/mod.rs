@@ -1,4 +1,4 @@
-//! REST: one route for each thing that can be read or asked.
+//! REST: a route for everything that can be read or requested.
 
 mod body;
 mod documents;

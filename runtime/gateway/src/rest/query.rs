@@ -1,4 +1,4 @@
-//! The query of a route: what is not of it is 400.
+//! The query of a route; an unknown parameter is answered with 400.
 
 use axum::extract::Query;
 use axum::http::Uri;

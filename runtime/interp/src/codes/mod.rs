@@ -239,11 +239,6 @@ impl WordSpec {
         set
     }
 
-    /// True for a position or a distance.
-    pub fn is_length(&self) -> bool {
-        matches!(self.unit, "mm" | "mm or deg")
-    }
-
     /// True for a value within the range; never for one that is not a number.
     pub fn holds(&self, value: f64) -> bool {
         value >= self.min && value <= self.max

@@ -1,4 +1,4 @@
-//! `[[variables.told]]`.
+//! `[[variables.published]]`.
 
 use std::collections::BTreeMap;
 
@@ -6,39 +6,43 @@ use plc_api::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
 use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, GLOBAL_VARIABLES};
 
 use super::super::text::Problems;
-use super::super::{CoordinateSystemConfig, ToldConfig, VariablesConfig};
+use super::super::{CoordinateSystemConfig, PublishedConfig, VariablesConfig};
 use super::Checked;
 
-/// Ranges of variables that are told: the first of each, and how many.
-pub(crate) type ToldRanges = BTreeMap<VariableArea, Vec<(u32, u32)>>;
+/// Ranges of variables that are published: the first of each, and how many.
+pub(crate) type PublishedRanges = BTreeMap<VariableArea, Vec<(u32, u32)>>;
 
 impl VariablesConfig {
-    pub(super) fn told(&self, systems: &[CoordinateSystemConfig], problems: &mut Problems<'_>) -> ToldRanges {
-        let mut told = ToldRanges::new();
-        for (index, config) in self.told.iter().enumerate() {
-            let name = format!("[[variables.told]] from = \"{:.16}\": ", config.from);
-            let mut checked = problems.of(format!("variables.told.{index}"), name);
+    pub(super) fn published(
+        &self,
+        systems: &[CoordinateSystemConfig],
+        problems: &mut Problems<'_>,
+    ) -> PublishedRanges {
+        let mut published = PublishedRanges::new();
+        for (index, config) in self.published.iter().enumerate() {
+            let name = format!("[[variables.published]] from = \"{:.16}\": ", config.from);
+            let mut checked = problems.of(format!("variables.published.{index}"), name);
             checked.check_ranges(config, &[]);
             let Some(first) = config.first(&mut checked) else {
                 continue;
             };
             for area in config.areas(systems, &mut checked) {
-                let ranges = told.entry(area).or_default();
+                let ranges = published.entry(area).or_default();
                 ranges.push((first, config.count));
                 let all: usize = ranges.iter().map(|(_, count)| *count as usize).sum();
                 if all > VARIABLES_AT_ONCE_MAX {
                     let text = format!(
-                        "{all} are told with it: write up to {VARIABLES_AT_ONCE_MAX} in all, of P, and of Q"
+                        "{all} are published with it: write up to {VARIABLES_AT_ONCE_MAX} in all, of P, and of Q"
                     );
                     checked.problem("count", text);
                 }
             }
         }
-        told
+        published
     }
 }
 
-impl ToldConfig {
+impl PublishedConfig {
     fn is_global(&self) -> bool {
         self.from.starts_with('P')
     }
@@ -110,29 +114,29 @@ mod tests {
                        [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n\
                        [[coordinate_system]]\nnumber = 2\naxes = { X = 2 }\n";
 
-    fn resolved(told: &str) -> Result<crate::config::Machine, String> {
-        let config = Config::from_toml(&format!("{TWO}{told}"), "");
+    fn resolved(tables: &str) -> Result<crate::config::Machine, String> {
+        let config = Config::from_toml(&format!("{TWO}{tables}"), "");
         let machine = config.and_then(|config| config.resolve());
         machine.map_err(|error| error.to_string())
     }
 
     #[test]
-    fn p_is_told_of_the_machine_and_q_of_each_coordinate_system_or_of_one() {
-        let told = "[[variables.told]]\nfrom = \"P200\"\ncount = 16\n[[variables.told]]\nfrom = \"Q0\"\n\
-                    [[variables.told]]\nfrom = \"Q4095\"\ncoordinate_system = 2\n";
-        let told: Vec<_> = resolved(told).unwrap().told.into_iter().collect();
+    fn p_is_published_of_the_machine_and_q_of_each_coordinate_system_or_of_one() {
+        let tables = "[[variables.published]]\nfrom = \"P200\"\ncount = 16\n[[variables.published]]\nfrom = \"Q0\"\n\
+                    [[variables.published]]\nfrom = \"Q4095\"\ncoordinate_system = 2\n";
+        let published: Vec<_> = resolved(tables).unwrap().published.into_iter().collect();
         let q = |more: &[(u32, u32)]| [&[(0, 1)], more].concat();
         let expected = [
             (Global, vec![(200, 16)]),
             (CoordinateSystem(1), q(&[])),
             (CoordinateSystem(2), q(&[(4095, 1)])),
         ];
-        assert_eq!(told, expected);
+        assert_eq!(published, expected);
     }
 
     #[test]
-    fn what_cannot_be_told_is_refused_with_what_to_write() {
-        for (told, says) in [
+    fn what_cannot_be_published_is_refused_with_what_to_write() {
+        for (table, says) in [
             ("from = \"X1\"", "write a variable, P0 to P32767 or Q0 to Q4095"),
             ("from = \"P-1\"", "write a variable"),
             ("from = \"\"", "write a variable"),
@@ -146,13 +150,13 @@ mod tests {
                 "write one that is there: 1, 2",
             ),
         ] {
-            let refused = resolved(&format!("[[variables.told]]\n{told}\n")).err();
+            let refused = resolved(&format!("[[variables.published]]\n{table}\n")).err();
             assert!(
                 refused.as_ref().is_some_and(|text| text.contains(says)),
-                "{told}: {refused:?}"
+                "{table}: {refused:?}"
             );
         }
-        let two = "[[variables.told]]\nfrom = \"P0\"\ncount = 1000\n[[variables.told]]\nfrom = \"P5000\"\ncount = 25\n";
-        assert!(resolved(two).unwrap_err().contains("1025 are told with it"));
+        let two = "[[variables.published]]\nfrom = \"P0\"\ncount = 1000\n[[variables.published]]\nfrom = \"P5000\"\ncount = 25\n";
+        assert!(resolved(two).unwrap_err().contains("1025 are published with it"));
     }
 }

@@ -1,6 +1,6 @@
 //! Each state with each command as the interface's table has them, and random events.
 
-use plc_api::execution::{Situation, word};
+use plc_api::execution::{Situation, wire_name};
 use plc_api::types::command::Verb;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -40,8 +40,8 @@ fn at_rest(state: RunState) -> RunState {
 
 /// `FEED_HOLD BUS_LOST`.
 fn words((execution, reason): StateWord) -> String {
-    let reason = reason.map(|reason| format!(" {}", word(&reason)));
-    format!("{}{}", word(&execution), reason.unwrap_or_default())
+    let reason = reason.map(|reason| format!(" {}", wire_name(&reason)));
+    format!("{}{}", wire_name(&execution), reason.unwrap_or_default())
 }
 
 /// The state of state word and reason.
@@ -132,10 +132,10 @@ fn event_of(verb: Verb, has_program: bool) -> RunEvent {
 fn each_command_leads_from_each_state_to_that_of_its_row_or_is_refused() {
     for (from, row) in TABLE {
         let has_program = !["STOPPED NO_PROGRAM", "STOPPED RESTARTED"].contains(&from);
-        assert_eq!(words(state(from).word()), from);
+        assert_eq!(words(state(from).state_word()), from);
         assert_eq!(state(from).transition(), None, "{from}");
         let situation = Situation {
-            execution: state(from).word_at_rest().0,
+            execution: state(from).state_word_at_rest().0,
             program_loaded: has_program,
             alarm_active: from == "STOPPED ALARM",
         };
@@ -148,7 +148,7 @@ fn each_command_leads_from_each_state_to_that_of_its_row_or_is_refused() {
             if to == "=" {
                 assert_eq!((led, actions), (state(from), Vec::new()), "{verb:?} in {from}");
             } else {
-                assert_eq!(words(at_rest(led).word()), to, "{verb:?} in {from}");
+                assert_eq!(words(at_rest(led).state_word()), to, "{verb:?} in {from}");
             }
         }
     }
@@ -164,7 +164,7 @@ fn a_hold_and_an_end_show_the_state_before_until_the_machine_rests() {
     ] {
         let ending = after(state("WAIT"), [event]);
         assert_eq!(
-            (words(ending.word()), ending.transition()),
+            (words(ending.state_word()), ending.transition()),
             ("WAIT".to_owned(), Some(transition))
         );
     }
@@ -177,11 +177,11 @@ fn under_hold_a_reset_is_latched_and_resume_goes_on_with_what_the_run_waited_for
     assert_eq!(resumed, state("WAIT"));
     let latched = after(held, [RunEvent::Awaited(None)]);
     assert_eq!(
-        (words(latched.word()), latched.awaited()),
+        (words(latched.state_word()), latched.awaited()),
         ("FEED_HOLD".to_owned(), None)
     );
     assert_eq!(latched.phase(), Some(&Phase::Reset { seq: 3 }), "the block stays");
-    assert_eq!(words(after(latched, [RunEvent::Resume]).word()), "ACTIVE");
+    assert_eq!(words(after(latched, [RunEvent::Resume]).state_word()), "ACTIVE");
 }
 
 #[test]
@@ -208,7 +208,7 @@ fn a_stop_under_way_is_not_begun_anew_and_an_abort_an_alarm_and_a_reset_are() {
         let epoch = EPOCH + 1;
         let (state, actions) = stopping.clone().on(RunEvent::End { why, epoch });
         assert_eq!(actions, [RunAction::End { why, epoch }]);
-        assert_eq!(words(state.word()), "ACTIVE", "as before the first of them");
+        assert_eq!(words(state.state_word()), "ACTIVE", "as before the first of them");
         let early = after(state.clone(), [RunEvent::AtRest { epoch: EPOCH }]);
         assert_eq!(early, state, "the rest of the stop is not its own");
         assert_eq!(
@@ -221,7 +221,7 @@ fn a_stop_under_way_is_not_begun_anew_and_an_abort_an_alarm_and_a_reset_are() {
 #[test]
 fn a_command_that_waited_is_judged_by_the_state_that_an_alarm_leads_to() {
     let alarmed = after(state("READY"), [end(End::Alarm)]);
-    let judged = (words(alarmed.word()), words(alarmed.word_at_rest()));
+    let judged = (words(alarmed.state_word()), words(alarmed.state_word_at_rest()));
     assert_eq!(judged, ("READY".to_owned(), "STOPPED ALARM".to_owned()));
 }
 
@@ -229,11 +229,11 @@ fn a_command_that_waited_is_judged_by_the_state_that_an_alarm_leads_to() {
 fn single_block_that_was_switched_off_while_the_servo_held_lets_it_go_on() {
     let (state, actions) = state("ACTIVE").on(RunEvent::ServoHeld { behind_block: false });
     assert_eq!(
-        (words(state.word()), actions),
+        (words(state.state_word()), actions),
         ("ACTIVE".to_owned(), vec![RunAction::ResumeServo])
     );
     let (state, actions) = state.on(RunEvent::ServoHeld { behind_block: true });
-    assert_eq!(words(state.word()), "INTERRUPTED SINGLE_BLOCK");
+    assert_eq!(words(state.state_word()), "INTERRUPTED SINGLE_BLOCK");
     assert_eq!(actions, []);
 }
 
@@ -338,7 +338,7 @@ impl Model {
 
     fn command(&mut self, verb: Verb) {
         let situation = Situation {
-            execution: self.state.word_at_rest().0,
+            execution: self.state.state_word_at_rest().0,
             program_loaded: self.has_program,
             alarm_active: self.has_alarm,
         };
@@ -355,7 +355,7 @@ impl Model {
         };
         self.has_program |= verb == Verb::Load;
         self.on(event);
-        let (execution, transition) = (self.state.word().0, self.state.transition());
+        let (execution, transition) = (self.state.state_word().0, self.state.transition());
         match verb {
             Verb::Load => assert_eq!(execution, Execution::Ready),
             Verb::Start | Verb::Mdi => assert_eq!(execution, Execution::Active),
@@ -433,7 +433,7 @@ impl Model {
     }
 
     fn check(&self) {
-        let (execution, reason) = self.state.word();
+        let (execution, reason) = self.state.state_word();
         assert!(reasons(execution).contains(&reason), "{execution:?} {reason:?}");
         assert_eq!(self.state.phase().is_some(), self.has_run, "{:?}", self.state);
         let is_of_run = !matches!(

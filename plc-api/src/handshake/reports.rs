@@ -1,4 +1,4 @@
-//! What is told of an open output: progress, checkpoints, questions and their answers.
+//! Reports on an open output: progress, checkpoints, questions and their answers.
 
 use super::Ledger;
 use super::effect::Now;

@@ -1,4 +1,4 @@
-// Variables as the machine tells of them whenever they change.
+// Variables as the machine publishes them whenever they change.
 
 import { Refused } from "./errors.js";
 
@@ -16,13 +16,13 @@ export function numberOf(value) {
   return typeof value === "number" ? value : (WORDS.get(/** @type {string} */ (value)) ?? NaN);
 }
 
-/** @typedef {{variables: readonly {from: number, values: readonly unknown[]}[]}} Told */
+/** @typedef {{variables: readonly {from: number, values: readonly unknown[]}[]}} Published */
 
-/** Values of variables; undefined: not all of them are told. @param {Told} told @param {number} first @param {number} count */
+/** Values of variables; undefined: not all of them are published. @param {Published} published @param {number} first @param {number} count */
 export function valuesOf({ variables }, first, count) {
   const values = [];
   for (let number = first; number < first + count; number += 1) {
-    const row = variables.find(({ from, values: told }) => from <= number && number < from + told.length);
+    const row = variables.find(({ from, values: numbers }) => from <= number && number < from + numbers.length);
     if (row === undefined) return undefined;
     values.push(numberOf(row.values[number - row.from]));
   }
@@ -30,7 +30,7 @@ export function valuesOf({ variables }, first, count) {
 }
 
 /**
- * Values of variables that are told on a topic: those of now, then each time that one has changed.
+ * Values of variables that are published on a topic: those of now, then each time that one has changed.
  * @param {import("./plc.js").Plc} plc @param {string} path @param {"P" | "Q"} kind @param {number} first @param {number} count
  * @returns {AsyncGenerator<number[], void>}
  */
@@ -50,6 +50,6 @@ export async function* changesOf(plc, path, kind, first, count) {
 /** @param {"P" | "Q"} kind @param {number} first @param {number} count */
 function refused(kind, first, count) {
   const which = count === 1 ? `${kind}${first} is` : `${count} variables from ${kind}${first} on are`;
-  const toWrite = `[[variables.told]] from = "${kind}${first}", count = ${count}`;
-  return new Refused("not_found", `${which} not told by this machine: name them in its configuration, such as ${toWrite}`);
+  const toWrite = `[[variables.published]] from = "${kind}${first}", count = ${count}`;
+  return new Refused("not_found", `${which} not published by this machine: name them in its configuration, such as ${toWrite}`);
 }

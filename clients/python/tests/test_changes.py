@@ -13,12 +13,12 @@ from tandem_plc.testing import DEFAULT_CONFIG, Machine
 
 InLoop = Callable[[Awaitable[Any]], Any]
 
-TOLD = """
-[[variables.told]]
+PUBLISHED = """
+[[variables.published]]
 from = "P200"
 count = 4
 
-[[variables.told]]
+[[variables.published]]
 from = "Q7"
 """
 
@@ -26,10 +26,10 @@ from = "Q7"
 @pytest.fixture
 def tandem_config() -> str:
     """Let the machine tell of variables."""
-    return DEFAULT_CONFIG + TOLD
+    return DEFAULT_CONFIG + PUBLISHED
 
 
-def test_what_a_program_writes_is_told_and_what_another_client_writes(tandem_machine: Machine, in_loop: InLoop) -> None:
+def test_what_a_program_writes_is_published_and_what_another_client_writes(tandem_machine: Machine, in_loop: InLoop) -> None:
     program = SequenceProgram("cell")
 
     @program.on(20)
@@ -63,21 +63,21 @@ def test_what_a_program_writes_is_told_and_what_another_client_writes(tandem_mac
     in_loop(after())
 
 
-def test_variables_that_are_not_told_are_refused_with_what_to_write(tandem_machine: Machine, in_loop: InLoop) -> None:
+def test_variables_that_are_not_published_are_refused_with_what_to_write(tandem_machine: Machine, in_loop: InLoop) -> None:
     async def work() -> None:
         async with Plc.connect(tandem_machine.mqtt) as plc:
-            with pytest.raises(Refused, match=r'2 variables from P203 on are not told.*from = "P203", count = 2'):
+            with pytest.raises(Refused, match=r'2 variables from P203 on are not published.*from = "P203", count = 2'):
                 await anext(plc.p_changes(203, 2))
-            with pytest.raises(Refused, match=r"Q8 is not told"):
+            with pytest.raises(Refused, match=r"Q8 is not published"):
                 await anext(plc.cs(1).q_changes(8))
             for count in (0, 1025):
-                with pytest.raises(Refused, match="not told"):
+                with pytest.raises(Refused, match="not published"):
                     await anext(plc.p_changes(200, count))
 
     in_loop(work())
 
 
-def test_tools_and_work_offsets_are_told_when_they_change(tandem_machine: Machine, in_loop: InLoop) -> None:
+def test_tools_and_work_offsets_are_published_when_they_change(tandem_machine: Machine, in_loop: InLoop) -> None:
     async def work() -> None:
         async with Plc.connect(tandem_machine.mqtt) as plc:
             tools, offsets = plc.tool_changes(), plc.cs(1).work_offset_changes()

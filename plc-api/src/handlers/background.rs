@@ -1,5 +1,4 @@
-//! What runs beside the handlers: alarms that follow a level, and tasks. They belong to the program, and begin anew with each
-//! boot of the machine.
+//! The parts of a program that serve no M code: alarms that follow a level, and tasks. They start anew at each boot of the machine.
 
 use std::future::{Future, pending};
 use std::panic::AssertUnwindSafe;
@@ -23,8 +22,8 @@ use crate::types::{BootId, CoordinateSystemNumber};
 impl<Scope> SequenceProgram<Scope> {
     /// Raises an alarm while a level is true: of the whole machine, or within
     /// [`in_coordinate_system`](SequenceProgram::in_coordinate_system) of that coordinate system. It is raised once. It stays after
-    /// the level until a reset, and a reset while the level is still true does not last: the alarm comes again, as it does after a
-    /// start of the machine. When nobody sends the level any more, the alarm is raised.
+    /// the level until a reset; after a reset while the level is still true, or a start of the machine, it is raised again. It is also
+    /// raised when the sender of the level has gone.
     ///
     /// ```
     /// # use plc_api::{Alarm, SequenceProgram, fake::FakePort};
@@ -126,7 +125,7 @@ impl Alarms {
 }
 
 impl FollowedAlarm {
-    /// Follows it for ever.
+    /// Follows it forever.
     ///
     /// # Errors
     /// The machine refuses the alarm.

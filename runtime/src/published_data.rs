@@ -1,6 +1,8 @@
-//! Variables, tools and work offsets that are told when they change.
+//! Publishes variables, tools and work offsets when they change.
 
-use plc_api::types::data::{ToldVariables, VariableArea, VariableValues, WorkOffsetValues};
+use plc_api::types::data::{
+    PublishedVariables, VariableArea, VariableValues, WorkOffsetTable, WorkOffsetValues,
+};
 use plc_api::types::message::Payload;
 use plc_api::types::topic::{CsTopic, Topic};
 
@@ -8,56 +10,52 @@ use crate::shared::Shared;
 
 impl Shared {
     /// Publishes the variables that the configuration names, of each area in which one has changed.
-    pub fn tell_variables(&self) {
-        if !self.machine.told.is_empty() {
-            self.tell_areas();
+    pub fn publish_variables(&self) {
+        if !self.machine.published.is_empty() {
+            self.publish_areas();
         }
     }
 
     /// The same in simulated time, where nothing happens at a rate: after each turn and write.
-    pub fn tell_variables_simulated(&self) {
+    pub fn publish_variables_simulated(&self) {
         if self.clock.is_simulated() {
-            self.tell_variables();
+            self.publish_variables();
         }
     }
 
-    /// Publishes all areas, those without such variables, too: whoever follows one learns that it is not told.
-    pub fn tell_areas(&self) {
+    /// Publishes all areas, those of which nothing is configured, too: whoever follows a variable there learns that it is not
+    /// published.
+    pub fn publish_areas(&self) {
         let of_systems = self.tables.coordinate_systems();
         let areas = of_systems.map(VariableArea::CoordinateSystem);
-        let mut last = self.told.lock();
+        let mut last = self.published_variables.lock();
         for area in std::iter::once(VariableArea::Global).chain(areas) {
-            let ranges = self.machine.told.get(&area).map_or(&[][..], Vec::as_slice);
-            let values = self.tables.ranges(area, ranges);
-            // NaN is to equal itself here
-            let bits: Vec<u64> = values.iter().flatten().map(|value| value.to_bits()).collect();
-            if last.get(&area) == Some(&bits) {
+            let ranges = self.machine.published.get(&area).map_or(&[][..], Vec::as_slice);
+            let values = ranges.iter().zip(self.tables.ranges(area, ranges));
+            let variables = values.map(|((from, _), values)| VariableValues::new(area.kind(), *from, values));
+            let now = PublishedVariables {
+                variables: variables.collect(),
+            };
+            if last.get(&area) == Some(&now) {
                 continue;
             }
-            last.insert(area, bits);
-            let told = ranges.iter().zip(values);
-            let variables = told.map(|((from, _), values)| VariableValues::new(area.kind(), *from, values));
+            last.insert(area, now.clone());
             let topic = match area.coordinate_system() {
                 None => Topic::Variables,
                 Some(cs) => Topic::cs(cs, CsTopic::Variables),
             };
-            let told = ToldVariables {
-                variables: variables.collect(),
-            };
-            self.publish(topic, Payload::Variables(told));
+            self.publish(topic, Payload::Variables(now));
         }
     }
 
     /// Publishes tool table and work offsets, where they have changed.
-    pub fn tell_tables(&self) {
-        let _one_after_the_other = self.told.lock();
+    pub fn publish_tables(&self) {
+        let _one_after_the_other = self.published_variables.lock();
         self.publish(Topic::Tools, Payload::Tools(self.tables.tools()));
         for cs in self.tables.coordinate_systems() {
-            if let Ok(table) = self.tables.work_offsets(cs) {
-                let told = WorkOffsetValues {
-                    work_offsets: table.work_offsets,
-                };
-                self.publish(Topic::cs(cs, CsTopic::WorkOffsets), Payload::WorkOffsets(told));
+            if let Ok(WorkOffsetTable { work_offsets }) = self.tables.work_offsets(cs) {
+                let offsets = Payload::WorkOffsets(WorkOffsetValues { work_offsets });
+                self.publish(Topic::cs(cs, CsTopic::WorkOffsets), offsets);
             }
         }
     }
@@ -76,7 +74,7 @@ mod tests {
 
     type Heard = Arc<Mutex<Vec<Vec<f64>>>>;
 
-    /// A program that notes what it is told of P200 and P201, and works for a second on M20.
+    /// A program that notes what it reads of P200 and P201, and works for a second on M20.
     fn follows(heard: &Heard) -> SequenceProgram {
         let heard = Arc::clone(heard);
         let work = async |_output: AuxOutput, plc: Plc| -> Result<(), Alarm> {
@@ -97,9 +95,9 @@ mod tests {
     }
 
     #[test]
-    fn what_programs_and_handlers_write_is_told_once_and_what_stays_is_not() {
+    fn what_programs_and_handlers_write_is_published_once_and_what_stays_is_not() {
         let heard = Heard::default();
-        let bench = Bench::new().tell_variables(VariableArea::Global, 200, 2);
+        let bench = Bench::new().publish_variables(VariableArea::Global, 200, 2);
         let text = "P200=1\nP202=5\nM20\nP200=1\nG01 X10 F600\nM20\nP200=P201+1\nM30";
         bench
             .serve(follows(&heard))
@@ -107,23 +105,23 @@ mod tests {
             .unwrap()
             .completed()
             .unwrap();
-        let told = [[0.0, 0.0], [1.0, 0.0], [1.0, 7.0], [8.0, 7.0]].map(Vec::from);
-        assert_eq!(*heard.lock().unwrap(), told);
+        let published = [[0.0, 0.0], [1.0, 0.0], [1.0, 7.0], [8.0, 7.0]].map(Vec::from);
+        assert_eq!(*heard.lock().unwrap(), published);
     }
 
     #[test]
-    fn a_variable_that_is_no_number_is_told_once() {
-        let bench = Bench::new().tell_variables(VariableArea::Global, 200, 2);
+    fn a_variable_that_is_no_number_is_published_once() {
+        let bench = Bench::new().publish_variables(VariableArea::Global, 200, 2);
         let played = bench.play(async move |_, runtime| {
             let plc = Plc::in_process(runtime.port());
             let revision = async || plc.port().read(&Topic::Variables).await.unwrap().rev;
             let at_start = revision().await;
             plc.variables().set(200, f64::NAN).await.unwrap();
-            let told = revision().await;
-            assert!(told > at_start);
+            let published = revision().await;
+            assert!(published > at_start);
             plc.variables().set(500, 1.0).await.unwrap();
             plc.sleep(Duration::from_secs(1)).await;
-            assert_eq!(revision().await, told);
+            assert_eq!(revision().await, published);
         });
         played.unwrap();
     }
@@ -134,14 +132,14 @@ mod tests {
         let failed = Bench::new().serve(follows(&heard)).run("M20\nM30").unwrap_err();
         let text = failed.to_string();
         assert!(
-            text.contains("[[variables.told]] from = \"P200\", count = 2"),
+            text.contains("[[variables.published]] from = \"P200\", count = 2"),
             "{text}"
         );
     }
 
     #[test]
-    fn q_variables_tools_and_offsets_are_told_of_their_coordinate_system() {
-        let bench = Bench::new().tell_variables(VariableArea::CoordinateSystem(2), 3, 1);
+    fn q_variables_tools_and_offsets_are_published_of_their_coordinate_system() {
+        let bench = Bench::new().publish_variables(VariableArea::CoordinateSystem(2), 3, 1);
         let played = bench.play(async move |_, runtime| {
             let plc = Plc::in_process(runtime.port());
             let (mill, loader) = (plc.coordinate_system(1), plc.coordinate_system(2));
@@ -149,9 +147,9 @@ mod tests {
             let mut changes = loader.variables().changes(3, 1).await.unwrap();
             let (mut tools, mut offsets) = (plc.tool_changes(), loader.work_offset_changes());
             assert_eq!(changes.next().await, Some(vec![0.0]));
-            let (table, told) = (tools.next().await.unwrap(), offsets.next().await.unwrap());
+            let (table, offsets_of_loader) = (tools.next().await.unwrap(), offsets.next().await.unwrap());
             assert_eq!(table, plc.tools().await.unwrap());
-            assert_eq!(told, loader.work_offsets().await.unwrap());
+            assert_eq!(offsets_of_loader, loader.work_offsets().await.unwrap());
             mill.variables().set(3, 1.0).await.unwrap();
             loader.variables().set(3, 2.0).await.unwrap();
             assert_eq!(changes.next().await, Some(vec![2.0]));
@@ -163,7 +161,7 @@ mod tests {
                     .iter()
                     .any(|tool| tool.id == 99 && tool.length.to_bits() == 7.5_f64.to_bits())
             );
-            let axis = told["G54"].keys().next().unwrap().clone();
+            let axis = offsets_of_loader["G54"].keys().next().unwrap().clone();
             mill.set_work_offset("G54", [("X", 4.0)]).await.unwrap();
             loader
                 .set_work_offset("G54", [(axis.as_str(), 3.0)])

@@ -107,7 +107,7 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
         Ok(changed) => {
             for (text, edit) in changed {
                 shared.record(0, Event::Program(edit));
-                tell_changed(shared, &text);
+                warn_changed(shared, &text);
                 shared.wake_all();
             }
         }
@@ -162,7 +162,7 @@ pub(crate) fn warn_once(shared: &Shared, entry: &AlarmEntry, text: &str) {
 }
 
 /// A program was changed outside: the journal tells it, too, since it is what the machine does.
-pub(crate) fn tell_changed(shared: &Shared, text: &str) {
+pub(crate) fn warn_changed(shared: &Shared, text: &str) {
     warn_once(shared, &PROGRAM_CHANGED, text);
     for system in &shared.machine.coordinate_systems {
         let warning = Event::Warning {

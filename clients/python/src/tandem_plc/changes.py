@@ -1,4 +1,4 @@
-"""Variables as the machine tells of them whenever they change."""
+"""Variables as the machine publishes them whenever they change."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
 from .errors import Refused
-from .messages import ToldVariables
+from .messages import PublishedVariables
 
 if TYPE_CHECKING:
     from .plc import Plc
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 COUNT_MAX = 1024
 
 
-def values_of(told: ToldVariables, first: int, count: int) -> list[float] | None:
-    """Give values of variables from ``first`` on; ``None``: not all of them are told."""
+def values_of(published: PublishedVariables, first: int, count: int) -> list[float] | None:
+    """Give values of variables from ``first`` on; ``None``: not all of them are published."""
     known: dict[int, float] = {}
-    for row in told.variables:
+    for row in published.variables:
         start, values = row.get("from"), row.get("values")
         if isinstance(start, int) and isinstance(values, list):
             known.update(enumerate((_number(value) for value in values), start))
@@ -28,7 +28,7 @@ def values_of(told: ToldVariables, first: int, count: int) -> list[float] | None
 
 
 async def changes(plc: Plc, path: str, kind: str, first: int, count: int) -> AsyncIterator[list[float]]:
-    """Follow variables that are told on a topic."""
+    """Follow variables that are published on a topic."""
     last: bytes | None = None
     if not 1 <= count <= COUNT_MAX:
         raise _refused(kind, first, count)
@@ -46,8 +46,8 @@ async def changes(plc: Plc, path: str, kind: str, first: int, count: int) -> Asy
 
 def _refused(kind: str, first: int, count: int) -> Refused:
     which = f"{kind}{first} is" if count == 1 else f"{count} variables from {kind}{first} on are"
-    to_write = f'[[variables.told]] from = "{kind}{first}", count = {count}'
-    text = f"{which} not told by this machine: name them in its configuration, such as {to_write}"
+    to_write = f'[[variables.published]] from = "{kind}{first}", count = {count}'
+    text = f"{which} not published by this machine: name them in its configuration, such as {to_write}"
     return Refused("not_found", text)
 
 

@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 import { Plc, Refused } from "../src/index.js";
 import { Machine, DEFAULT_CONFIG } from "../src/testing.js";
 
-const TOLD = '\n[[variables.told]]\nfrom = "P200"\ncount = 4\n[[variables.told]]\nfrom = "Q7"\n';
+const PUBLISHED = '\n[[variables.published]]\nfrom = "P200"\ncount = 4\n[[variables.published]]\nfrom = "Q7"\n';
 const quiet = { debug: () => {}, warn: () => {}, error: () => {} };
 
 /** @type {Machine} */
@@ -14,7 +14,7 @@ let machine;
 /** @type {Plc} */
 let plc;
 before(async () => {
-  machine = await Machine.start({ config: DEFAULT_CONFIG + TOLD });
+  machine = await Machine.start({ config: DEFAULT_CONFIG + PUBLISHED });
   plc = await Plc.connect(machine.mqtt, { log: quiet });
 });
 after(async () => {
@@ -22,7 +22,7 @@ after(async () => {
   await machine.close();
 });
 
-test("what is written is told once, whoever writes it", async () => {
+test("what is written is published once, whoever writes it", async () => {
   const other = await Plc.connect(machine.mqtt, { log: quiet });
   const changes = plc.pChanges(200, 2);
   assert.deepEqual((await changes.next()).value, [0, 0]);
@@ -41,14 +41,14 @@ test("what is written is told once, whoever writes it", async () => {
   await other.close();
 });
 
-test("variables that are not told are refused with what to write", async () => {
+test("variables that are not published are refused with what to write", async () => {
   const isRefused = (/** @type {RegExp} */ words) => (/** @type {unknown} */ error) => error instanceof Refused && words.test(error.message);
-  await assert.rejects(plc.pChanges(203, 2).next(), isRefused(/^2 variables from P203 on are not told.*from = "P203", count = 2$/));
-  await assert.rejects(plc.cs(1).qChanges(8).next(), isRefused(/^Q8 is not told/));
-  for (const count of [0, 1025, 1.5]) await assert.rejects(plc.pChanges(200, count).next(), isRefused(/not told/));
+  await assert.rejects(plc.pChanges(203, 2).next(), isRefused(/^2 variables from P203 on are not published.*from = "P203", count = 2$/));
+  await assert.rejects(plc.cs(1).qChanges(8).next(), isRefused(/^Q8 is not published/));
+  for (const count of [0, 1025, 1.5]) await assert.rejects(plc.pChanges(200, count).next(), isRefused(/not published/));
 });
 
-test("tools and work offsets are told when they change", async () => {
+test("tools and work offsets are published when they change", async () => {
   const [tools, offsets] = [plc.toolChanges(), plc.cs(1).workOffsetChanges()];
   assert.deepEqual((await tools.next()).value, []);
   assert.deepEqual((await offsets.next()).value?.G54, { X: 0, Y: 0, Z: 0 });

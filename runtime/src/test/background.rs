@@ -1,4 +1,4 @@
-//! What runs beside a test, and what of it ends the test.
+//! Work in the background of a test: which of its failures end the test.
 
 use std::any::Any;
 use std::panic::AssertUnwindSafe;
@@ -45,11 +45,11 @@ enum Failure {
     Panic(Box<dyn Any + Send>),
 }
 
-/// The first failure beside a test.
+/// The first failure in the background of a test.
 #[derive(Clone, Default)]
 pub(super) struct Failures {
     first: Arc<Mutex<Option<Failure>>>,
-    told: Arc<Notify>,
+    noted: Arc<Notify>,
     other_thread: Arc<AtomicBool>,
 }
 
@@ -77,7 +77,7 @@ impl Failures {
 
     fn note(&self, failure: Failure) {
         self.first.lock().get_or_insert(failure);
-        self.told.notify_one();
+        self.noted.notify_one();
     }
 
     /// Something runs on a thread that has a clock of its own.
@@ -86,8 +86,8 @@ impl Failures {
     }
 
     /// Waits for a failure.
-    pub(super) async fn told(&self) {
-        self.told.notified().await;
+    pub(super) async fn noted(&self) {
+        self.noted.notified().await;
     }
 
     /// Runs something beside the test, whose failure is that of the test.

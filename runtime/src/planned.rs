@@ -1,0 +1,48 @@
+//! What coordinate systems plan, for whoever watches a simulation.
+
+use std::sync::Arc;
+
+use parking_lot::Mutex;
+use plc_api::types::CoordinateSystemNumber;
+use tandem_model::flow::Segment;
+use tandem_model::profile::Profile;
+
+/// What a coordinate system has planned, in the order in which it will run.
+#[derive(Debug, Clone, Copy)]
+pub enum Planned<'a> {
+    /// A piece of the toolpath; its profiles follow.
+    Segment {
+        /// Its number.
+        number: u64,
+        /// The geometry, with F as programmed.
+        segment: &'a Segment,
+        /// F within the limits of the coordinate system and its motors, path units per second; `None`: it is not at
+        /// feedrate.
+        speed_limit: Option<f64>,
+    },
+    /// Position as a function of time.
+    Profile(&'a Profile),
+}
+
+type Callback = dyn FnMut(CoordinateSystemNumber, Planned<'_>) + Send;
+
+/// Called with what each coordinate system plans.
+#[derive(Clone)]
+pub struct OnPlan(Arc<Mutex<Callback>>);
+
+impl OnPlan {
+    /// Calls this function.
+    pub fn new(callback: impl FnMut(CoordinateSystemNumber, Planned<'_>) + Send + 'static) -> Self {
+        Self(Arc::new(Mutex::new(callback)))
+    }
+
+    pub(crate) fn call(&self, cs: CoordinateSystemNumber, planned: Planned<'_>) {
+        (self.0.lock())(cs, planned);
+    }
+}
+
+impl std::fmt::Debug for OnPlan {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("OnPlan").finish_non_exhaustive()
+    }
+}
