@@ -227,6 +227,10 @@ fn programs_of_fanuc_become_programs_of_nj() {
     }
     let (_, check) = check_source(converted.text.as_str(), nj(), &CheckContext::default());
     assert!(!check.has_errors(), "{:?}", check.diagnostics);
+}
+
+#[test]
+fn what_of_fanuc_has_no_equal_is_left_out_with_its_reason() {
     for (line, reason) in [
         ("#100 = 5", "`#` is not part of the language. Write Q100 for #100"),
         ("X[#1 + 2]", "`[` is not part of the language. Write one variable"),

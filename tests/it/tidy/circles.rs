@@ -17,6 +17,7 @@ const MEANT: [Circle; 1] = [(
         "block_words",
         "codes",
         "dialect",
+        "dialects/texts",
         "execution",
         "modal",
         "numbers",
@@ -24,7 +25,7 @@ const MEANT: [Circle; 1] = [(
         "text_position",
     ],
     "one registry: a code acts on the execution of a block, whose words and modal state are made of codes, and a dialect \
-         is a list of them",
+         is a list of them, with texts of its own about them",
 )];
 
 /// A file as a module: its path within the crate.

@@ -11,10 +11,14 @@ const NAMED: [&str; 4] = [
 ];
 
 /// Files whose texts are about codes, and why.
-const ABOUT_CODES: [(&str, &str); 7] = [
+const ABOUT_CODES: [(&str, &str); 8] = [
     ("plc-api/src/handshake/rules.rs", "the rules of the handshake"),
     ("runtime/interp/src/decisions.rs", "the rules of the language"),
     ("runtime/motion/src/rules.rs", "the rules of motion"),
+    (
+        "runtime/src/explain/language/form.rs",
+        "examples of how a program is written",
+    ),
     (
         "runtime/src/sequence/demo.rs",
         "a sequence program, which is about M codes",

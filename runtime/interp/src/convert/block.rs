@@ -159,11 +159,7 @@ impl State {
                 4 => codes.action = Action::Dwell,
                 17..=19 | 40 => modal.push(format!("G{number}")),
                 20 | 21 => {
-                    self.unit = if number == 20 {
-                        Unit::Inch
-                    } else {
-                        Unit::Millimetre
-                    };
+                    self.unit = [Unit::Inch, Unit::Millimetre][usize::from(number == 21)];
                     self.lose_position();
                     modal.push(format!("G{number}"));
                 }
