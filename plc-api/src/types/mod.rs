@@ -32,7 +32,13 @@ pub mod upload;
 pub mod verb;
 pub mod words;
 
+use std::cell::RefCell;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
 use serde::{Deserialize, Serialize};
+
+/// Last second of the year 9999, since 1970: later ones cannot be written.
+const SECOND_MAX: u64 = 253_402_300_799;
 
 /// Number of a CNC coordinate system, from 1.
 pub type CoordinateSystemNumber = u8;
@@ -56,9 +62,23 @@ impl std::fmt::Display for BootId {
 pub struct Timestamp(pub String);
 
 impl Timestamp {
-    /// The text form of a system time, to the microsecond.
-    pub fn from_system_time(time: std::time::SystemTime) -> Self {
-        Self(humantime::format_rfc3339_micros(time).to_string())
+    /// The text form of a system time, to the microsecond; a time before 1970 is the beginning of that year.
+    pub fn from_system_time(time: SystemTime) -> Self {
+        thread_local! {
+            // each message has one, and most are of the second of the one before
+            static SECOND: RefCell<(u64, String)> = const { RefCell::new((0, String::new())) };
+        }
+        let since_epoch = time.duration_since(UNIX_EPOCH).unwrap_or_default();
+        let second = since_epoch.as_secs().min(SECOND_MAX);
+        SECOND.with_borrow_mut(|(of, text)| {
+            if *of != second || text.is_empty() {
+                *of = second;
+                *text =
+                    humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(second)).to_string();
+                text.pop();
+            }
+            Self(format!("{text}.{:06}Z", since_epoch.subsec_micros()))
+        })
     }
 
     /// For people: without fractions of a second.
@@ -71,7 +91,38 @@ impl Timestamp {
     }
 
     /// The system time of the text; `None` when it is not RFC 3339 in UTC.
-    pub fn to_system_time(&self) -> Option<std::time::SystemTime> {
+    pub fn to_system_time(&self) -> Option<SystemTime> {
         humantime::parse_rfc3339(&self.0).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn a_timestamp_is_its_time_to_the_microsecond_whichever_was_before(
+            times in prop::collection::vec((prop_oneof![0_u64..3, 0..=SECOND_MAX], 0_u32..1_000_000_000), 1..20),
+        ) {
+            for (second, nanos) in times {
+                let time = UNIX_EPOCH + Duration::new(second, nanos);
+                let text = Timestamp::from_system_time(time).0;
+                prop_assert_eq!(text, humantime::format_rfc3339_micros(time).to_string());
+            }
+        }
+    }
+
+    #[test]
+    fn times_that_cannot_be_written_are_the_nearest_that_can() {
+        let text = |time| Timestamp::from_system_time(time).0;
+        assert_eq!(
+            text(UNIX_EPOCH - Duration::from_secs(1)),
+            "1970-01-01T00:00:00.000000Z"
+        );
+        let late = UNIX_EPOCH + Duration::from_secs(SECOND_MAX + 1);
+        assert_eq!(text(late), "9999-12-31T23:59:59.000000Z");
     }
 }

@@ -4,7 +4,7 @@ use tandem_interp::dialects::dgshape;
 use tandem_interp::{CheckContext, check_source};
 use tandem_syntax::parse;
 
-use super::{findings, findings_of, run, run_with};
+use super::{findings, findings_of, run, run_with, speed};
 
 const NONE: [&str; 0] = [];
 
@@ -102,6 +102,21 @@ fn dgshape_1_3_modal_codes_go_on() {
             "line X15 Y30 Z-3 F0.6"
         ]
     );
+}
+
+#[test]
+fn dgshape_1_1_a_plus_sign_is_not_required() {
+    assert_eq!(run("G00X+1.0Y2.0\nX3.0Y+4.0"), ["rapid X1 Y2", "rapid X3 Y4"]);
+}
+
+#[test]
+fn dgshape_1_3_f_and_s_act_in_their_block_and_stay() {
+    let done = run("G01X1.0F600.0\nX2.0\nX3.0F300.0\nX4.0");
+    assert_eq!(
+        done,
+        ["line X1 F600", "line X2 F600", "line X3 F300", "line X4 F300"]
+    );
+    assert_eq!(speed("S8000M03\nM05\nM03", ""), 8000.0);
 }
 
 #[test]

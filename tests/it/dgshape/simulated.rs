@@ -30,6 +30,17 @@ fn dgshape_g00_is_straight_and_as_fast_as_the_motors_can_together() {
 }
 
 #[test]
+fn dgshape_1_4_the_override_gives_a_part_of_the_feedrate_that_is_written() {
+    // from machine position 0 to X 50 of G54, which is at X 10: 60 mm at 600 mm/min, 10 ms for the ramps at most
+    for (percent, way_s) in [("100", 6.0), ("50", 12.0), ("10", 60.0)] {
+        let options = ["--feed-override", percent];
+        let ran = simulate_on(&machine(""), &program("G01X50.0F600.0"), &options).completed();
+        let took_s = ran.cycle_time_s();
+        assert!((way_s..way_s + 0.02).contains(&took_s), "{percent} %: {took_s} s");
+    }
+}
+
+#[test]
 fn dgshape_2_7_outputs_go_with_the_motion_of_their_block_unless_a_setting_says_otherwise() {
     let blocks = program("G00X10.\nM06T2X20.\nX30.");
     let timing = |more: &str| {
