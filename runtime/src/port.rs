@@ -277,12 +277,15 @@ impl RuntimePort {
         answer
     }
 
-    async fn carry_out(&self, request: Request) -> Result<Answer, Refusal> {
-        let request = match request.into() {
-            Destination::CoordinateSystem(cs, request) => return self.pass_on(cs, request).await,
-            Destination::Program(request) => return self.of_program(request).await,
-            Destination::Machine(request) => request,
-        };
+    fn carry_out(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        match request.into() {
+            Destination::CoordinateSystem(cs, request) => self.pass_on(cs, request),
+            Destination::Program(request) => Box::pin(self.of_program(request)),
+            Destination::Machine(request) => Box::pin(self.of_machine(request)),
+        }
+    }
+
+    async fn of_machine(&self, request: MachineRequest) -> Result<Answer, Refusal> {
         match request {
             MachineRequest::CommandStatus(id) => {
                 let reply = self.shared.replied(&id).map(Answer::Command);
@@ -432,18 +435,21 @@ impl RuntimePort {
     }
 
     /// Most requests to a coordinate system go there as they are.
-    async fn pass_on(
+    fn pass_on(
         &self,
         cs: CoordinateSystemNumber,
         request: CoordinateSystemRequest,
-    ) -> Result<Answer, Refusal> {
+    ) -> BoxFuture<'_, Result<Answer, Refusal>> {
         match request {
             CoordinateSystemRequest::Command { command, meta, wait } => {
-                self.command(cs, command, meta, wait).await
+                Box::pin(self.command(cs, command, meta, wait))
             }
-            CoordinateSystemRequest::Lease { request, meta } => self.lease(cs, request, meta).await,
-            CoordinateSystemRequest::Tool(id) => self.tool(cs, id).await,
-            request => self.mailbox(cs)?.ask(request, false).await,
+            CoordinateSystemRequest::Lease { request, meta } => Box::pin(self.lease(cs, request, meta)),
+            CoordinateSystemRequest::Tool(id) => Box::pin(self.tool(cs, id)),
+            request => match self.mailbox(cs) {
+                Ok(mailbox) => Box::pin(mailbox.ask(request, false)),
+                Err(refusal) => Box::pin(std::future::ready(Err(refusal))),
+            },
         }
     }
 }
@@ -472,12 +478,12 @@ impl Port for RuntimePort {
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
         audit::record_edit(&self.shared, None, &request);
-        Box::pin(self.carry_out(request))
+        self.carry_out(request)
     }
 
     fn request_as<'a>(&'a self, client: &'a str, request: Request) -> BoxFuture<'a, Result<Answer, Refusal>> {
         audit::record_edit(&self.shared, Some(client), &request);
-        Box::pin(self.carry_out(request))
+        self.carry_out(request)
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
@@ -497,7 +503,7 @@ impl ServedPort for RuntimePort {
         if origin.right.is_recorded() && !audit::is_own_level(&request) {
             audit::record(&self.shared, origin, &request);
         }
-        Box::pin(self.carry_out(request))
+        self.carry_out(request)
     }
 
     fn notice(&self, notice: ServerNotice) {
