@@ -64,21 +64,7 @@ pub struct Timestamp(pub String);
 impl Timestamp {
     /// The text form of a system time, to the microsecond; a time before 1970 is the beginning of that year.
     pub fn from_system_time(time: SystemTime) -> Self {
-        thread_local! {
-            // each message has one, and most are of the second of the one before
-            static SECOND: RefCell<(u64, String)> = const { RefCell::new((0, String::new())) };
-        }
-        let since_epoch = time.duration_since(UNIX_EPOCH).unwrap_or_default();
-        let second = since_epoch.as_secs().min(SECOND_MAX);
-        SECOND.with_borrow_mut(|(of, text)| {
-            if *of != second || text.is_empty() {
-                *of = second;
-                *text =
-                    humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(second)).to_string();
-                text.pop();
-            }
-            Self(format!("{text}.{:06}Z", since_epoch.subsec_micros()))
-        })
+        Self(rfc3339_micros(time))
     }
 
     /// For people: without fractions of a second.
@@ -94,6 +80,23 @@ impl Timestamp {
     pub fn to_system_time(&self) -> Option<SystemTime> {
         humantime::parse_rfc3339(&self.0).ok()
     }
+}
+
+/// A time to the microsecond. The text of its second is kept: each message has one, and most are of the second of the one before.
+fn rfc3339_micros(time: SystemTime) -> String {
+    thread_local! {
+        static SECOND: RefCell<(u64, String)> = const { RefCell::new((0, String::new())) };
+    }
+    let since_epoch = time.duration_since(UNIX_EPOCH).unwrap_or_default();
+    let second = since_epoch.as_secs().min(SECOND_MAX);
+    SECOND.with_borrow_mut(|(of, text)| {
+        if *of != second || text.is_empty() {
+            *of = second;
+            *text = humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(second)).to_string();
+            text.pop();
+        }
+        format!("{text}.{:06}Z", since_epoch.subsec_micros())
+    })
 }
 
 #[cfg(test)]
