@@ -29,7 +29,7 @@ def tandem_config() -> str:
     return DEFAULT_CONFIG + PUBLISHED
 
 
-def test_what_a_program_writes_is_published_and_what_another_client_writes(tandem_machine: Machine, in_loop: InLoop) -> None:
+def test_what_a_program_or_another_client_writes_is_published(tandem_machine: Machine, in_loop: InLoop) -> None:
     program = SequenceProgram("cell")
 
     @program.on(20)
@@ -63,7 +63,7 @@ def test_what_a_program_writes_is_published_and_what_another_client_writes(tande
     in_loop(after())
 
 
-def test_variables_that_are_not_published_are_refused_with_what_to_write(tandem_machine: Machine, in_loop: InLoop) -> None:
+def test_variables_that_are_not_published_are_refused_with_the_remedy(tandem_machine: Machine, in_loop: InLoop) -> None:
     async def work() -> None:
         async with Plc.connect(tandem_machine.mqtt) as plc:
             with pytest.raises(Refused, match=r'2 variables from P203 on are not published.*from = "P203", count = 2'):

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from .changes import changes
 from .errors import Alarm, CommandFailed, NotConnected, Refused
 from .levels import lock_level, lock_place
 from .messages import (
@@ -22,7 +23,6 @@ from .messages import (
     State,
     Tool,
 )
-from .changes import changes
 
 if TYPE_CHECKING:
     from .plc import Plc

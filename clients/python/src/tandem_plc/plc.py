@@ -7,13 +7,13 @@ import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 
+from .changes import changes
 from .connection import ANSWER_TIMEOUT_S, PRESENT_TIMEOUT_S, Connection, Credentials
 from .coordinate_system import CoordinateSystem
 from .errors import Alarm, Refused
 from .io import Io
 from .levels import Levels
 from .messages import AlarmRecord, Birth, CommandReply, Presence, ToolData
-from .changes import changes
 
 
 class Plc:
@@ -138,8 +138,8 @@ class Plc:
     async def p_changes(self, first: int, count: int = 1) -> AsyncIterator[list[float]]:
         """Follow P variables: their values now, and again each time that one of them has changed, whoever wrote it.
 
-        A machine publishes the variables that its configuration names in ``[[variables.published]]``, at most 10 times a
-        second; of values that follow each other faster, the latest. A program writes a variable when its block is
+        A machine publishes the variables that its configuration names in ``[[variables.published]]``, at most 10 times
+        a second; of values that follow each other faster, the latest. A program writes a variable when its block is
         interpreted, ahead of the motion.
 
         Raises:
