@@ -45,6 +45,9 @@ const TIME_LEFT_INTERVAL: Duration = Duration::from_secs(1);
 /// How long a request waits for a plan that is not complete: that of a short program is there then.
 const PATIENCE: Duration = Duration::from_millis(500);
 
+/// How long it waits for a plan that is not begun, since another program is being planned.
+const TURN_MAX: Duration = Duration::from_secs(10);
+
 /// A plan of changed conditions waits so many times as long as the last one took.
 const PAUSE_FACTOR: u32 = 2;
 
@@ -223,7 +226,7 @@ impl Previews {
             inner.make_if_needed(cs, &program);
         }
         let mut changes = inner.changes.subscribe();
-        let end = tokio::time::Instant::now() + PATIENCE;
+        let begun = tokio::time::Instant::now();
         loop {
             let plan = inner.look(cs, &program);
             if let Some(plan) = &plan
@@ -231,7 +234,8 @@ impl Previews {
             {
                 return Ok((cs, Arc::clone(plan)));
             }
-            let left = end.saturating_duration_since(tokio::time::Instant::now());
+            let patience = if plan.is_some() { PATIENCE } else { TURN_MAX };
+            let left = (begun + patience).saturating_duration_since(tokio::time::Instant::now());
             let clock = &inner.shared.clock;
             let is_late = clock.within_real(left, changes.changed()).await.is_none();
             if is_late {
