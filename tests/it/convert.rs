@@ -98,6 +98,12 @@ fn moves_equally(text: &str, converted: &Converted) {
     );
 }
 
+fn has_lines(text: &str, lines: &[&str]) {
+    for line in lines {
+        assert!(text.lines().any(|one| one == *line), "{line}: {text}");
+    }
+}
+
 #[test]
 fn programs_of_dgshape_made_at_random_move_equally_in_nj() {
     let mut random = Random(0x0c0d_e000_0000_0001);
@@ -290,13 +296,10 @@ fn calls_with_their_number_in_p_and_numbers_of_block_skip_stay_what_they_are() {
     let text = "G21 G90\nM98 P31001\nM98 P1002 L2\nG01 X5. F100\n/2 X6.\n/ /3 X7.\nM30\n";
     let converted = convert(text, Source::Fanuc, &NcOptions::default());
     assert_eq!(converted.left, []);
-    for line in ["M98 P1001 L3", "M98 P1002 L2", "/2 G01 X6", "/ /3 G01 X7"] {
-        assert!(
-            converted.text.lines().any(|one| one == line),
-            "{line}: {}",
-            converted.text
-        );
-    }
+    has_lines(
+        &converted.text,
+        &["M98 P1001 L3", "M98 P1002 L2", "/2 G01 X6", "/ /3 G01 X7"],
+    );
 }
 
 #[test]
@@ -522,13 +525,10 @@ fn a_tool_that_is_called_before_its_change_stands_as_a_comment() {
         &NcOptions::default(),
     );
     assert_eq!(converted.left, []);
-    for line in ["G21 // next T3 is called", "G00 X1", "M06 VA4"] {
-        assert!(
-            converted.text.lines().any(|one| one == line),
-            "{}",
-            converted.text
-        );
-    }
+    has_lines(
+        &converted.text,
+        &["G21 // next T3 is called", "G00 X1", "M06 VA4"],
+    );
 }
 
 #[test]

@@ -1,9 +1,8 @@
 //! One block: what is in force before it, and the blocks of nj that do the same.
 
-use tandem_model::settings::Unit;
 use tandem_syntax::{Address, Block, Grammar, NcProgram, Word};
 
-use super::state::{Cycle, MOTIONS, POSITIONS, Source, State, Words, shown};
+use super::state::{Cycle, POSITIONS, Source, State, Words, shown};
 
 /// M codes that these controls carry out before the motion of their block.
 const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
@@ -150,16 +149,12 @@ impl State {
                 continue;
             }
             let number = word.whole().ok_or_else(|| Self::no_equal(word))?;
+            self.put_in_force(number);
             match number {
-                0..=3 => {
-                    self.motion = MOTIONS[number as usize % MOTIONS.len()];
-                    self.cycle = None;
-                    codes.names_motion = true;
-                }
+                0..=3 => codes.names_motion = true,
                 4 => codes.action = Action::Dwell,
-                17..=19 | 40 => modal.push(format!("G{number}")),
+                17..=19 | 40 | 90 | 91 => modal.push(format!("G{number}")),
                 20 | 21 => {
-                    self.unit = [Unit::Inch, Unit::Millimetre][usize::from(number == 21)];
                     self.lose_position();
                     modal.push(format!("G{number}"));
                 }
@@ -181,17 +176,12 @@ impl State {
                     self.lose_position();
                     modal.push(format!("G{number}"));
                 }
-                80 => self.cycle = None,
+                80 | 98 | 99 => {}
                 81 | 82 | 83 | 85 | 86 | 89 => {
                     self.begin_cycle(number)?;
                     codes.begins_cycle = true;
                 }
-                90 | 91 => {
-                    self.absolute = Some(number == 90);
-                    modal.push(format!("G{number}"));
-                }
                 92 => codes.action = Action::Shift,
-                98 | 99 => self.to_initial = Some(number == 98),
                 _ if self.from == Source::Fanuc => self.fanuc_code(word, number, &mut codes, modal)?,
                 _ => return Err(Self::no_equal(word)),
             }

@@ -83,7 +83,7 @@ impl<'a> Words<'a> {
 pub(super) const POSITIONS: [Address; 4] = [Address::X, Address::Y, Address::Z, Address::A];
 
 /// The codes of motions, by their numbers.
-pub(super) const MOTIONS: [&str; 4] = ["G00", "G01", "G02", "G03"];
+const MOTIONS: [&str; 4] = ["G00", "G01", "G02", "G03"];
 
 /// The place of Z in [`POSITIONS`].
 pub(super) const Z: usize = 2;
@@ -132,19 +132,24 @@ impl State {
     /// Follows what a block that is left to be written by hand puts in force.
     pub fn follow(&mut self, words: &[Word]) {
         let codes = words.iter().filter(|word| word.address == Address::G);
-        for code in codes.filter_map(Word::whole) {
-            match code {
-                0..=3 => {
-                    self.motion = MOTIONS[code as usize % MOTIONS.len()];
-                    self.cycle = None;
-                }
-                80 => self.cycle = None,
-                20 => self.unit = Unit::Inch,
-                21 => self.unit = Unit::Millimetre,
-                90 | 91 => self.absolute = Some(code == 90),
-                98 | 99 => self.to_initial = Some(code == 98),
-                _ => {}
+        codes
+            .filter_map(Word::whole)
+            .for_each(|code| self.put_in_force(code));
+    }
+
+    /// What a G code puts in force, whatever else its block does.
+    pub fn put_in_force(&mut self, code: u32) {
+        match code {
+            0..=3 => {
+                self.motion = MOTIONS[code as usize % MOTIONS.len()];
+                self.cycle = None;
             }
+            80 => self.cycle = None,
+            20 => self.unit = Unit::Inch,
+            21 => self.unit = Unit::Millimetre,
+            90 | 91 => self.absolute = Some(code == 90),
+            98 | 99 => self.to_initial = Some(code == 98),
+            _ => {}
         }
     }
 
