@@ -402,6 +402,10 @@ mod tests {
             ("N", "block number", Some("block number")),
             ("/", "block skip", Some("block skip")),
             ("(", "comment", None),
+            ("()", "comment", None),
+            ("( )", "comment", None),
+            ("EOB", "end of block", Some("end of block")),
+            ("<EOB>", "end of block", Some("end of block")),
         ] {
             assert!(of(what).contains(of_dgshape), "{what}");
             let page = explain(what, dialects::nj());

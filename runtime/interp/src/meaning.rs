@@ -136,6 +136,8 @@ pub struct InForce {
     pub offset_number: Option<f64>,
     /// The tool offset.
     pub length: Option<LengthOffset>,
+    /// The number of the offset that the tool offset takes, in dialects where it has one.
+    pub length_number: Option<f64>,
     /// The fixed cycle, if one is in force.
     pub cycle: Option<Option<&'static Cycle>>,
     /// Where fixed cycles return to.
@@ -159,6 +161,7 @@ impl InForce {
         side: Some(Side::Off),
         offset_number: None,
         length: Some(LengthOffset::Off),
+        length_number: None,
         cycle: Some(None),
         return_level: Some(ReturnLevel::Initial),
         path_control: Some(PathControl::ContinuousPath),
@@ -196,6 +199,10 @@ impl InForce {
         both(&mut self.unit, other.unit);
         both(&mut self.side, other.side);
         both(&mut self.offset_number, other.offset_number);
+        if self.length_number != other.length_number {
+            // number 0 is no offset
+            (self.length, self.length_number) = (None, None);
+        }
         both(&mut self.length, other.length);
         both(&mut self.cycle, other.cycle);
         both(&mut self.return_level, other.return_level);

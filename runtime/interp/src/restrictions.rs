@@ -177,6 +177,9 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if words.present.contains(Address::D) && own_side(words).is_some() {
         modal.in_force.offset_number = words.get(Address::D);
     }
+    if words.sets().length.is_some() {
+        modal.in_force.length_number = words.get(Address::H);
+    }
     if let Some(value) = words.m_code().and_then(|code| code.sets) {
         modal.in_force.set(value);
     }
@@ -253,7 +256,11 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let drills = takes_cycle && (moves(words) || own.cycle.flatten().is_some());
     let incremental = own.distance.or(in_force.distance) == Some(Distance::Incremental);
     let settled = modal.unit_settled;
-    let is_offset = |length| matches!(length, Some(LengthOffset::Added | LengthOffset::Subtracted));
+    let is_offset = |length, number| {
+        matches!(length, Some(LengthOffset::Added | LengthOffset::Subtracted)) && number != Some(0.0)
+    };
+    let tool_offset =
+        is_offset(in_force.length, in_force.length_number) || is_offset(own.length, words.get(Address::H));
     move |during| match during {
         During::Always => true,
         During::Incremental => incremental,
@@ -269,7 +276,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
         During::CompensationOrWayOut => after || way_out,
         During::CompensatedEnd => (after || way_out) && !leads_out_here,
         During::AnyCompensation => before || pending || switches_on,
-        During::ToolOffset => is_offset(in_force.length) || is_offset(own.length),
+        During::ToolOffset => tool_offset,
     }
 }
 

@@ -112,6 +112,8 @@ fn dialect_dgshape_names_what_it_has_instead_and_its_manual() {
         ("X=5", "Write numbers: the dialect has no variables. See"),
         ("IF [X]", "Write the blocks that are to be executed"),
         ("GOTO 10", "Write the blocks that are to be executed"),
+        ("END 1", "Write the blocks that are to be executed"),
+        ("( a hole at (1, 2) )", "Write no ( and ) inside a comment."),
         ("WHILE [X]", "Write the blocks that are to be executed"),
         ("X1;", "Remove it: a block ends with its line."),
         (":1000", "Remove it: a program number is written as O1000,"),
@@ -199,6 +201,10 @@ fn a_line_of_dialect_dgshape_that_is_no_block_is_one_finding() {
         "MSG, load the tool",
         "Absolute positioning on",
         "G00 X10, Y20, Z5",
+        "( a hole at (61.045, 67.745) )",
+        "G00 X10. (from (9.15, 18.5) to (9.15, 57.5) in cut(s))",
+        "G10 L12 P10 R3.0",
+        "END1",
     ] {
         let text = format!("%\nG21\n{line}\nM30\n");
         let (_, check) = check_source(text, dgshape(), &CheckContext::default());

@@ -120,6 +120,17 @@ pub struct NcOptions {
     pub m_codes: MCodeSet,
 }
 
+impl NcOptions {
+    /// A speed within those of the spindle that are set here, r/min.
+    pub fn spindle_speed_within(&self, wanted_r_min: f64) -> f64 {
+        let fastest = match self.max_spindle_speed_r_min {
+            max if max > 0.0 => max,
+            _ => f64::INFINITY,
+        };
+        wanted_r_min.max(self.min_spindle_speed_r_min).min(fastest)
+    }
+}
+
 impl Default for NcOptions {
     fn default() -> Self {
         Self {

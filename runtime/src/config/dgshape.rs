@@ -23,10 +23,10 @@ pub struct DgshapeConfig {
     /// F below it counts as this; with 0 an F that is not above 0 is an error.
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "mm/min"))]
     pub min_feedrate: f64,
-    /// S below it counts as this, and S00 means it.
+    /// S below it counts as this, and S00 means it; no override makes a turning spindle slower.
     #[schemars(range(min = 0.0, max = RATE_MAX), extend("x-unit" = "r/min"))]
     pub min_spindle_speed: f64,
-    /// S above it counts as this, and S99 means it; 0: `max_velocity` of the spindle's motor.
+    /// S above it counts as this, and S99 means it; no override makes the spindle faster. 0: `max_velocity` of its motor.
     #[schemars(range(min = 0.0, max = RATE_MAX), extend("x-unit" = "r/min"))]
     pub max_spindle_speed: f64,
     /// How far above the last depth G83 begins to cut again.

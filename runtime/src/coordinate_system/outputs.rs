@@ -373,7 +373,13 @@ impl CoordinateSystem {
             SpindleDirection::Stop => Direction::Stop,
             SpindleDirection::Orient => Direction::Orient,
         };
-        let rpm = rpm * self.inputs.overrides.spindle / 100.0;
+        let wanted = rpm * self.inputs.overrides.spindle / 100.0;
+        let rpm = if rpm > 0.0 {
+            let options = &self.context.configured.settings.nc;
+            options.spindle_speed_within(wanted)
+        } else {
+            wanted
+        };
         self.servo.control(Control::Spindle { direction, rpm });
         self.publish_spindle();
     }

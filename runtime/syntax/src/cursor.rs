@@ -13,6 +13,9 @@ const POWERS_OF_TEN: [f64; 23] = [
 /// A whole number up to this is exact as a 64-bit floating point number.
 const MANTISSA_EXACT_MAX: u64 = 1 << 53;
 
+/// Comments within each other that are taken for one; beyond it a line is not searched for the end of the outermost.
+const COMMENT_DEPTH_MAX: usize = 8;
+
 /// Why no number could be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum NumberError {
@@ -133,8 +136,8 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Passes blanks and comments, but no line feed outside comments. Answers the start of a comment that is not
-    /// closed, with which the text or the line ends.
+    /// Passes blanks and comments, but no line feed outside comments. Answers the start of a comment that does not end
+    /// as it should; see [`Self::comment`].
     #[inline]
     pub(crate) fn blanks(&mut self, grammar: &Grammar) -> Result<(), usize> {
         match self.peek() {
@@ -179,7 +182,8 @@ impl<'a> Cursor<'a> {
         self.bytes[self.at..].starts_with(text.as_bytes())
     }
 
-    /// Passes the comment that begins here. Answers its start where it is not closed.
+    /// Passes the comment that begins here. Answers its start where it is not closed, and the text or the line ends with
+    /// it, and where it holds other comments and goes on behind them: it is passed as a whole, up to its own end.
     pub(crate) fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
         let start = self.at;
         if grammar.line_comment.is_some_and(|begin| self.begins_with(begin)) {
@@ -195,8 +199,14 @@ impl<'a> Cursor<'a> {
                 self.line += self.line_feeds(start);
                 return Err(start);
             };
-            self.at += open.len() + length + close.len();
+            let nested = (!lines && inside[..length].contains(open))
+                .then(|| end_of_nested(&inside[..end], open, close))
+                .flatten();
+            self.at += open.len() + nested.unwrap_or(length + close.len());
             self.line += self.line_feeds(start);
+            if nested.is_some() {
+                return Err(start);
+            }
         }
         self.comment_bytes += self.at - start;
         Ok(())
@@ -275,6 +285,18 @@ impl<'a> Cursor<'a> {
     }
 }
 
+/// The bytes of a comment's text that holds other comments, with its own end; `None` where it has none.
+fn end_of_nested(text: &str, open: &str, close: &str) -> Option<usize> {
+    let (mut depth, mut at) = (1, 0);
+    while (1..=COMMENT_DEPTH_MAX).contains(&depth) {
+        let end = at + text[at..].find(close)?;
+        depth += text[at..end].matches(open).count();
+        depth -= 1;
+        at = end + close.len();
+    }
+    (depth == 0).then_some(at)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -320,6 +342,23 @@ mod tests {
         assert_eq!((cursor.peek(), cursor.line()), (Some(b'\n'), 2));
         assert_eq!(cursor.blank_lines(Grammar::nj()), Ok(()));
         assert_eq!((cursor.peek(), cursor.line()), (Some(b'X'), 3));
+    }
+
+    #[test]
+    fn comments_within_a_comment_are_passed_with_it() {
+        for (text, rest) in [
+            ("(a (b) c)X1", Some(b'X')),
+            ("(a (b) to (c) d) X1", Some(b' ')),
+            // the outer one has no end: it ends where the inner one does
+            ("(a (b) X1", None),
+        ] {
+            let mut cursor = Cursor::new(text);
+            let passed = cursor.comment(Grammar::dgshape());
+            match rest {
+                Some(byte) => assert_eq!((passed, cursor.peek()), (Err(0), Some(byte)), "{text}"),
+                None => assert_eq!((passed, cursor.at()), (Ok(()), "(a (b)".len()), "{text}"),
+            }
+        }
     }
 
     #[test]

@@ -214,6 +214,7 @@ pub(crate) static OF_DGSHAPE: &[Foreign] = &[
     ),
     ("G96", "Write the speed of the spindle as S, in r/min."),
     ("G97", "Remove it: S is always r/min."),
+    ("END", NO_BRANCHES),
     ("GOTO", NO_BRANCHES),
     ("IF", NO_BRANCHES),
     ("M4", "Write M03: it alone starts the spindle."),

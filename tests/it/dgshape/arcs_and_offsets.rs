@@ -48,6 +48,22 @@ fn dgshape_g04_rests() {
     assert_eq!(findings("G04P1000F1.0").len(), 0, "F is the feedrate here");
 }
 
+/// 2-2: G49 or G43H0 cancels tool-length offset; G53 needs it cancelled.
+#[test]
+fn dgshape_g43_with_h0_cancels_as_g49_does() {
+    assert_eq!(
+        run("G43H1Z1.\nG43H0\nG53Z20."),
+        ["rapid Z9", "rapid Z1", "rapid Z20"]
+    );
+    assert_eq!(findings("G43H0\nG53Z20.").len(), 0);
+    assert_eq!(findings("G43H0G53Z20.").len(), 0);
+    assert_eq!(findings("G43H1\nG53Z20."), ["E0120"]);
+    assert_eq!(findings("G43H0\nG43H2\nG53Z20."), ["E0120"]);
+    // where a block that may be skipped cancels it, one way is wrong
+    assert_eq!(findings("G43H1\n/G43H0\nG53Z20."), ["W0009"]);
+    assert_eq!(findings("G43H0\n/G43H1\nG53Z20."), ["W0009"]);
+}
+
 #[test]
 fn dgshape_g43_moves_by_the_offset() {
     // with axis words the motion ends at the corrected Z

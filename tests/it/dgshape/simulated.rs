@@ -1,5 +1,11 @@
 //! Programs of dialect dgshape on a simulated machine: the path of the motors, and the outputs.
 
+use std::time::Duration;
+
+use plc_api::types::request::OverrideChange;
+use plc_api::types::state::SpindleDirection;
+use tandem_runtime::test::Bench;
+
 use super::{MACHINE, program};
 use crate::support::machine::Machine;
 use crate::support::simulated::simulate_on;
@@ -38,6 +44,36 @@ fn dgshape_1_4_the_override_gives_a_part_of_the_feedrate_that_is_written() {
         let took_s = ran.cycle_time_s();
         assert!((5.0..5.02).contains(&(took_s * part)), "{percent} %: {took_s} s");
     }
+}
+
+/// 1-4: a speed of 8,000 r/min at an override of 50% yields 4,000 r/min; operation beyond the minimum or maximum speed is not
+/// possible.
+#[test]
+fn dgshape_1_4_the_override_of_the_spindle_keeps_within_its_speeds() {
+    let (before, tools) = MACHINE.split_at(MACHINE.find("[[tool]]").unwrap());
+    let machine = Machine::with_config(&format!(
+        "[machine]\nname = \"mill-1\"\n{before}[coordinate_system.dgshape]\nmin_spindle_speed = 400.0\n\
+         max_spindle_speed = 9000.0\n{tools}"
+    ));
+    let bench = Bench::with_config(machine.config()).unwrap();
+    let speeds = bench.play(async |scene, _| {
+        let cs = scene.cs(1);
+        cs.wait_for(|_| true).await.unwrap();
+        let mut speeds = Vec::new();
+        for (r_min, percent) in [(8000.0, 50.0), (500.0, 50.0), (8000.0, 120.0), (500.0, 100.0)] {
+            cs.set_spindle(SpindleDirection::Cw, r_min).await.unwrap();
+            let change = OverrideChange {
+                feed: None,
+                rapid: None,
+                spindle: Some(percent),
+            };
+            cs.set_overrides(change).await.unwrap();
+            scene.plc().sleep(Duration::from_secs(3)).await;
+            speeds.push(cs.spindle().await.unwrap().actual_rpm.round());
+        }
+        speeds
+    });
+    assert_eq!(speeds.unwrap(), [4000.0, 400.0, 9000.0, 500.0]);
 }
 
 #[test]

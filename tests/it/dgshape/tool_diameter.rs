@@ -109,6 +109,30 @@ fn dgshape_restrictions_1_to_9_of_tool_diameter_offset() {
     assert_eq!(findings("G41D1G00X10.\nY5."), ["E0119"]);
 }
 
+/// 2-2, restriction 6: an offset value that is larger than the radius of the arc is an error; the radius itself is none.
+#[test]
+fn dgshape_a_tool_as_large_as_an_inside_arc_turns_in_its_centre() {
+    // up X 10 and left about (7, 10): the tool of radius 3 comes to (7, 10), and goes on along Y 10
+    let blocks = |radius: &str| {
+        format!("F60.\nG10P9R{radius}\nG41D9G00X10.\nG01Y10.\nG03X7.Y13.I-3.\nG01X-5.\nG40G00X-20.")
+    };
+    // the arc is no way
+    assert_eq!(
+        run(&blocks("3.0")),
+        [
+            "rapid X7",
+            "line X7 Y10 F60",
+            "line X-5 Y10 F60",
+            "rapid X-20 Y13"
+        ]
+    );
+    assert_eq!(alarm(&blocks("3.001")), 116);
+    assert_eq!(run(&blocks("2.999"))[2], "ccw X7 Y10.001 about 7 10");
+    // a whole circle
+    let circle = "F60.\nG41D1G00X10.Y-3.\nG03J3.\nG01X20.\nG40G00X40.";
+    assert_eq!(findings(circle), NONE);
+}
+
 #[test]
 fn dgshape_overcuts_are_not_looked_for() {
     // a groove of 4 mm for a tool of radius 3, which goes back on the line between

@@ -10,6 +10,9 @@ use crate::block_words::BlockWords;
 use crate::execution::Execution;
 use crate::meaning::Role;
 
+/// The kind of data that L names.
+const WORK_OFFSETS: f64 = 2.0;
+
 /// Coordinate systems that P may name with L2; 0 is EXOFS.
 const COORDINATES_MAX: f64 = 6.0;
 
@@ -21,7 +24,7 @@ pub static G10: Code = Code {
     name: "Data Setting",
     role: Role::Coordinates,
     words: &[
-        WordSpec::new(Address::L, "kind of data", "", 2.0, 2.0).whole(),
+        WordSpec::new(Address::L, "kind of data", "", WORK_OFFSETS, WORK_OFFSETS).whole(),
         WordSpec::new(Address::P, "number", "", 0.0, OFFSET_NUMBER_MAX)
             .whole()
             .needed(),
@@ -56,7 +59,10 @@ fn form(words: &BlockWords) -> Option<Refusal> {
         })
     };
     let has = |address| words.present.contains(address);
-    if has(Address::L) {
+    if let Some(kind) = words.get(Address::L) {
+        if kind.to_bits() != WORK_OFFSETS.to_bits() {
+            return None; // the range of L says it
+        }
         if has(Address::R) {
             return refuse(
                 &WORD_NOT_TAKEN,

@@ -37,7 +37,7 @@ pub(super) fn speed(programmed: f64, limits: &Limits) -> f64 {
     } else {
         programmed
     };
-    wanted.max(slowest).min(fastest)
+    limits.options.spindle_speed_within(wanted).min(motor)
 }
 
 fn of_code(code: usize, slowest: f64, fastest: f64) -> f64 {

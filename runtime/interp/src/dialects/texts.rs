@@ -100,7 +100,7 @@ pub static DGSHAPE: Texts = Texts {
         ),
         (
             "E0004",
-            "A comment that begins with ( ends with ) on the same line.",
+            "A comment that begins with ( ends with the first ) behind it, on the same line.",
             "wrong: (roughing   right: (roughing)",
         ),
         (

@@ -9,6 +9,10 @@ use tandem_model::plane::Plane;
 
 use crate::length::LENGTH_MIN;
 
+/// Radius of the centre's way where the tool is as large as the arc, mm: the direction along it still is exact to
+/// [`super::corner::TANGENT`] some hundred mm away from the origin, and the wall is cut by no more than that.
+const POINT_RADIUS: f64 = 1e-7;
+
 /// A point or a direction in the plane: first and second axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Vec2(pub f64, pub f64);
@@ -163,8 +167,9 @@ impl Curve {
         }
     }
 
-    /// The parallel curve at this distance to the left; `None` for an arc that the tool does not fit into.
-    pub fn offset(&self, left: f64) -> Option<Self> {
+    /// The parallel curve at this distance to the left; `None` for an arc that the tool does not fit into. A tool of the
+    /// arc's own radius fits where `as_large` says so: its centre stays in that of the arc but for [`POINT_RADIUS`].
+    pub fn offset(&self, left: f64, as_large: bool) -> Option<Self> {
         match *self {
             Self::Line(line) => {
                 let shift = line.along.left() * left;
@@ -176,7 +181,11 @@ impl Curve {
             }
             Self::Arc(arc) => {
                 let outward = -arc.sweep.signum() * left;
-                let radii = arc.radii.map(|radius| radius + outward);
+                let radii = arc.radii.map(|radius| {
+                    let moved = radius + outward;
+                    let is_point = as_large && moved.abs() < POINT_RADIUS;
+                    if is_point { POINT_RADIUS } else { moved }
+                });
                 let moved =
                     |point: Vec2, i: usize| arc.centre + (point - arc.centre) * (radii[i] / arc.radii[i]);
                 radii.iter().all(|radius| *radius > LENGTH_MIN).then(|| {

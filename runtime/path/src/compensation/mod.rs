@@ -369,7 +369,9 @@ impl Compensator {
                 return Err(Alarm::new(&COMPENSATION_SPIRAL, text));
             }
         }
-        wall.offset(tool).ok_or_else(|| {
+        // "an offset value that is larger than the radius" is the error (manual dgshape, G40 to G42, restriction 6)
+        let as_large = self.rules == CompensationRules::Unchecked;
+        wall.offset(tool, as_large).ok_or_else(|| {
             let radius = match wall {
                 Curve::Arc(arc) => arc.radii[0].min(arc.radii[1]),
                 Curve::Line(_) => 0.0,

@@ -12,6 +12,7 @@ enum Form {
     Mark,
     ProgramNumber,
     Comment,
+    BlockEnd,
 }
 
 /// The names of all forms of a dialect.
@@ -20,7 +21,7 @@ pub(super) fn names(grammar: &Grammar) -> Vec<String> {
     let letters = [form.mark, form.number_letter].into_iter().flatten();
     let comments = grammar.line_comment.into_iter();
     let comments = comments.chain(grammar.block_comment.map(|(open, _)| open));
-    let own = ["N", "/"].into_iter().chain(comments).map(str::to_owned);
+    let own = ["N", "/", "EOB"].into_iter().chain(comments).map(str::to_owned);
     own.chain(letters.map(|letter| char::from(letter).to_string()))
         .collect()
 }
@@ -53,6 +54,12 @@ pub(super) fn page_of(what: &str, grammar: &Grammar) -> Option<String> {
             ),
         ),
         Form::Comment => ("comment", comments(grammar), comment(grammar).to_owned()),
+        Form::BlockEnd => (
+            "end of block",
+            "G01 X5\nY10".to_owned(),
+            "A block ends with its line: a line feed, with a carriage return before it or without one. No sign stands for it."
+                .to_owned(),
+        ),
     };
     Some(page(&name, title, &[indented(&lines), text]))
 }
@@ -72,8 +79,13 @@ fn find(what: &str, grammar: &Grammar) -> Option<(Form, String)> {
     let comments = grammar.line_comment.into_iter();
     let (open, close) = grammar.block_comment.unzip();
     let mut comments = comments.chain(open).chain(close);
+    let is_pair = open.zip(close).is_some_and(|(open, close)| {
+        let inside = what.strip_prefix(open).and_then(|rest| rest.strip_suffix(close));
+        inside.is_some_and(|inside| inside.trim().is_empty())
+    });
     let form = match what.strip_prefix('/') {
-        _ if comments.any(|mark| mark == what) => Form::Comment,
+        _ if is_pair || comments.any(|mark| mark == what) => Form::Comment,
+        _ if ["EOB", "<EOB>"].contains(&name.as_str()) => Form::BlockEnd,
         Some(digits) if number(digits) => Form::BlockSkip,
         _ if what.eq_ignore_ascii_case("n") => Form::BlockNumber,
         _ if is(grammar.program_form.mark) => Form::Mark,

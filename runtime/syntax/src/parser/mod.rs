@@ -193,29 +193,34 @@ impl<'a> Parser<'a> {
 
     fn blanks(&mut self) {
         if let Err(start) = self.cursor.blanks(self.grammar) {
-            self.comment_not_closed(start);
+            self.comment_fault(start);
         }
     }
 
     fn blank_lines(&mut self) {
         if let Err(start) = self.cursor.blank_lines(self.grammar) {
-            self.comment_not_closed(start);
+            self.comment_fault(start);
         }
     }
 
-    fn comment_not_closed(&mut self, start: usize) {
-        self.tree.complete &= !self.grammar.comment_spans_lines;
+    /// Tells of a comment that is not closed, or ends before its text does.
+    fn comment_fault(&mut self, start: usize) {
         let (open, close) = self.grammar.block_comment.unwrap_or_default();
-        let span = Span::new(
-            self.cursor.span_from(start).start,
-            self.cursor.span_from(start + open.len()).start,
-        );
-        self.report(
-            &diagnostics::COMMENT_NOT_CLOSED,
-            span,
-            format!("the comment that begins with {open} is not closed"),
-            format!("Write {close} where the comment ends."),
-        );
+        let is_closed = self.tree.source[start..self.cursor.at()].ends_with(close);
+        let (message, help) = if is_closed {
+            (
+                format!("the first {close} ends the comment, and its text goes on"),
+                format!("Write no {open} and {close} inside a comment."),
+            )
+        } else {
+            self.tree.complete &= !self.grammar.comment_spans_lines;
+            (
+                format!("the comment that begins with {open} is not closed"),
+                format!("Write {close} where the comment ends."),
+            )
+        };
+        let span = Span::new(index(start), index(start + open.len()));
+        self.report(&diagnostics::COMMENT_NOT_CLOSED, span, message, help);
     }
 
     /// Reads one line, whose first token is here; with `single` at most one command of it.
