@@ -148,10 +148,10 @@ impl Trial<'_> {
         program.blocks().iter().all(|block| {
             let mut words = program.words(block).iter();
             program.program_code(block).is_none()
-                && words.all(|word| {
-                    !matches!(word.address, Address::G | Address::M)
-                        || is_known(word)
-                        || self.is_plain_code(word)
+                && words.all(|word| match word.address {
+                    Address::G | Address::M => is_known(word) || self.is_plain_code(word),
+                    // its value may be out of range
+                    _ => word.number().is_some(),
                 })
         })
     }

@@ -173,6 +173,19 @@ fn what_depends_on_values_block_skip_or_the_start_is_a_warning_that_names_it() {
 }
 
 #[test]
+fn a_feedrate_that_a_variable_holds_is_tried_in_a_program_of_straight_lines_too() {
+    assert_eq!(found("G01 F[P0] X1\nM30\n", false), ["main.nc:1:1 W0013"]);
+    assert_eq!(found("F100\nG01 X[P0]\nM30\n", false), [""; 0]);
+}
+
+/// What a run certainly comes to is no warning beside it.
+#[test]
+fn an_alarm_that_is_certain_is_one_finding() {
+    let text = "F100\nQ0=0\nX5\nL1=10/Q0\nX[L1]\nM30\n";
+    assert_eq!(found(text, false), ["main.nc:5:1 E0128"]);
+}
+
+#[test]
 fn a_warning_tells_what_was_assumed_and_what_to_do() {
     let machine = Machine::new("");
     machine.write("main.nc", "G90 G54 G00 X0\nif (P5 == 3) {\nX[P5]\nX300\n}\nM30\n");

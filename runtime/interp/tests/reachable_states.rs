@@ -382,3 +382,46 @@ fn a_warning_of_some_ways_cites_what_the_error_cites() {
         "{section} {help}"
     );
 }
+
+/// A run that does not come to a block has no alarm there: values are told as a load tells them.
+#[test]
+fn values_of_blocks_that_no_run_comes_to_are_not_told() {
+    finds("L1=0/0\nif(!(isnan(L1))) X[L1]", &["1:1 W0010"]);
+    finds("L1=0\nif(L1!=0) { L2=10/L1\nX[L2] }", &[]);
+    finds("L1=1\nif(L1>3) { L2=0-5\nG04 P[L2] }", &[]);
+    finds("L1=1\nif(L1>3) { G43 }\nif(L1>3) { G28 X0 }", &[]);
+    finds("switch(2){case 1: F[L1]\nbreak\ncase 2: X1}", &[]);
+    // what the text shows by itself is wrong there, too
+    finds("L1=1\nif(L1>3) { G02 X1 }", &["2:16 E0122"]);
+}
+
+#[test]
+fn a_loop_without_an_end_needs_no_m30_behind_it() {
+    let found = |source: &str| told(source, &check_source(source, nj(), &calculating()).1.diagnostics);
+    assert_eq!(found("G91\nwhile(1==1) { X1\nX-1 }"), [""; 0]);
+    assert_eq!(found("G91\ndo { X1\nX-1 } while(1==1)"), [""; 0]);
+    assert_eq!(found("while(1==1) { X1\nif(P1>0) break }"), ["2:17 E0115"]);
+    assert_eq!(found("while(P1>0) { X1 }"), ["1:19 E0115"]);
+    let (main, called) = with_called(
+        "M98 P1000\nX1\nM30",
+        &[(1000, "while(1==1) { X1\nif(P1>0) { M99 } }")],
+    );
+    assert_eq!((main, called), (vec![], vec![]));
+}
+
+#[test]
+fn one_fault_of_a_call_is_one_finding() {
+    let sub = [(1000, "X1\nM99")];
+    assert_eq!(
+        with_called("M98 P1000.5\nM30", &[]),
+        (vec!["1:5 E0110".to_owned()], vec![])
+    );
+    // without its M99, what follows the call is meant to run
+    let (main, called) = with_called("M98 P1000\nX2\nM30", &[(1000, "X1")]);
+    assert_eq!(
+        (main, called),
+        (vec![], vec![(1000, vec!["1:1 E0115".to_owned()])])
+    );
+    let (main, called) = with_called("S9\nG84 Z-5 R2\nM98 P1000\nG80\nM30", &sub);
+    assert_eq!((main, called), (vec!["3:1 E0121".to_owned()], vec![]));
+}

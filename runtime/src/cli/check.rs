@@ -16,7 +16,7 @@ use tandem_runtime::declared::{unserved, wrong_params};
 use tandem_runtime::program_store::StoredProgram;
 use tandem_runtime::trial::Trial;
 use tandem_runtime::{ConfiguredSystem, Machine};
-use tandem_syntax::diagnostics::FEEDRATE_OPEN;
+use tandem_syntax::diagnostics::{FEEDRATE_OPEN, WRONG_IN_SOME};
 use tandem_syntax::{NcProgram, parse};
 
 use super::findings::{Findings, as_json, as_sarif};
@@ -217,13 +217,18 @@ fn check_tree(
     all_findings(main, called, read)
 }
 
-/// Adds what a trial shows, but for warnings where something is told already.
+/// Adds what a trial shows, but for warnings where something is told already. Its errors are surer than what is wrong on some
+/// ways.
 fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, Check>) {
     for (number, finding) in trial.run().findings(trial) {
         let of = called.get_mut(&number).unwrap_or(main);
         let is_new =
             |known: &Diagnostic| known.span.end <= finding.span.start || finding.span.end <= known.span.start;
-        if finding.is_error() || of.diagnostics.iter().all(is_new) {
+        if finding.is_error() {
+            let is_sure = |known: &Diagnostic| known.code != WRONG_IN_SOME.code || is_new(known);
+            of.diagnostics.retain(is_sure);
+            of.diagnostics.push(finding);
+        } else if of.diagnostics.iter().all(is_new) {
             of.diagnostics.push(finding);
         }
     }

@@ -113,9 +113,9 @@ diagnostics! {
     ASSIGNMENT_PLACE = "E0018", "An assignment stands in a block",
         "A line holds either words or program codes.",
         "wrong: G01 L1=5 X10   right: L1=5 on a line of its own";
-    NUMBER_TOO_LARGE = "E0019", "A number is too large",
-        "The number is beyond what a 64-bit floating point number holds.",
-        "Write a number within the range of its word.";
+    NUMBER_TOO_LARGE = "E0019", "A number is too large, or a value is no number",
+        "The number is beyond what a 64-bit floating point number holds, or the calculation of a word's value gives none (D07).",
+        "wrong: L1=0 L2=1/L1 and then X[L2]   right: L1=4 L2=1/L1 and then X[L2]";
     KEYWORD_PLACE = "E0020", "A program code stands where it does not belong",
         "else follows if; case, default and break stand in switch (break also in while and do).",
         "wrong: else X10   right: if(L1==1) X5 else X10";

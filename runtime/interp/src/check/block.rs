@@ -6,7 +6,7 @@ use tandem_model::plane::Plane;
 use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CompensationRules};
 use tandem_syntax::{Address, Block, Value, Word, block_bytes, diagnostics};
 
-use super::explore::{Explorer, Next, Step};
+use super::explore::{Explorer, Next, Step, returned};
 use super::graph::{Call, Here, Kind, Place, Way};
 use super::state::{Caller, State};
 use super::verdict::Weight;
@@ -41,7 +41,7 @@ impl Explorer<'_> {
         self.cycle_outputs(here);
         self.context_of_words(here, state);
         self.arc_words(here, state);
-        if !(state.has_feed && state.has_speed) {
+        if !(state.has_feed && state.has_speed) && self.is_real(here.node) {
             self.feed_and_speed(here, state);
         }
         if self.words.any {
@@ -134,7 +134,7 @@ impl Explorer<'_> {
             self.judge_ranges(here, state, &mut found);
         }
         let is_doubtful = !self.words.doubtful.is_empty();
-        if is_doubtful || !self.context.calculates && !found.is_empty() {
+        if is_doubtful || !self.calculates(here.node) && !found.is_empty() {
             self.read_by_trust(here, state, &mut found);
         }
         for finding in found {
@@ -152,10 +152,14 @@ impl Explorer<'_> {
                 self.note(here, finding, Weight::Doubtful);
             }
         }
-        if !self.context.calculates && !found.is_empty() {
+        if !self.calculates(here.node) && !found.is_empty() {
             let mut written = Vec::new();
             let shown = self.shown.take();
-            self.read_with(here, shown.as_ref().unwrap_or(state), Trust::None, &mut written);
+            let of_text = shown.as_ref().unwrap_or(state);
+            self.read_with(here, of_text, Trust::None, &mut written);
+            if of_text.is_open && !self.is_real(here.node) {
+                self.read_in_all(here, of_text, &mut written);
+            }
             self.shown = shown;
             let (sure, calculated) = std::mem::take(found)
                 .into_iter()
@@ -369,7 +373,8 @@ impl Explorer<'_> {
         let known = |address| {
             let value = self.words.get(address).filter(|value| value.is_finite())?;
             let spec = code.word(address).filter(|word| word.holds(value));
-            spec.map(|_| value as u16)
+            let is_whole = value.fract().abs() <= 0.0;
+            spec.filter(|_| is_whole).map(|_| value as u16)
         };
         let is_repeated = self.words.get(Address::L).is_some();
         let times = if is_repeated { known(Address::L) } else { Some(1) };
@@ -403,6 +408,10 @@ impl Explorer<'_> {
         let program = self.called(number);
         if times == Some(0) {
             return Step::On;
+        }
+        // in a fixed cycle it is not allowed, which is told: G80 is meant to stand before it
+        if state.modal.fixed_cycle().is_some() {
+            state.modal.end_cycle(self.dialect);
         }
         if state.callers.len() >= CALL_DEPTH_MAX {
             let text = format!(
@@ -441,50 +450,6 @@ impl Explorer<'_> {
             kind: Kind::Real,
         }])
     }
-}
-
-/// Where the called program has ended: another repetition, or the caller.
-fn returned(state: &State, place: Place) -> Vec<Next> {
-    let mut outside = state.clone();
-    let Some(caller) = outside.callers.pop() else {
-        return Vec::new();
-    };
-    let mut parts = Vec::new();
-    if caller.repetitions != Some(0) {
-        let mut again = state.clone();
-        again.values.repeat();
-        if let Some(last) = again.callers.last_mut() {
-            last.repetitions = last.repetitions.map(|left| left - 1);
-        }
-        parts.push(Next {
-            place: Place { block: 0, ..place },
-            state: again,
-            way: Way::On,
-            kind: Kind::Real,
-        });
-    }
-    if caller.repetitions.is_none_or(|left| left == 0) {
-        outside.values.leave(&caller.locals);
-        parts.push(Next {
-            place: Place {
-                program: caller.program,
-                block: caller.block,
-            },
-            state: outside,
-            way: Way::On,
-            kind: Kind::Real,
-        });
-    }
-    parts.push(Next {
-        place: Place {
-            block: place.block + 1,
-            ..place
-        },
-        state: state.clone(),
-        way: Way::On,
-        kind: Kind::Supposed,
-    });
-    parts
 }
 
 /// Follows what is in force.

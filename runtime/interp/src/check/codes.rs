@@ -66,6 +66,7 @@ impl Explorer<'_> {
     fn calculation(&mut self, here: Here<'_>, code: &ProgramCode, state: &State) {
         let Here { tree, .. } = here;
         if let Some(id) = code.expression
+            && self.is_real(here.node)
             && let Some(what) = undefined(tree, id, &state.values)
         {
             let finding = diagnostics::NO_RESULT.at(

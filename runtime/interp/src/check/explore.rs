@@ -216,7 +216,13 @@ impl<'a> Explorer<'a> {
             if kind == Kind::Real {
                 checked.set(at, REACHED);
             }
-            let Some(block) = tree.blocks().get(at) else { break };
+            let Some(block) = tree.blocks().get(at) else {
+                // without its M99, which is told, a program that was called is meant to return
+                let place = Place { program, block: at };
+                let parts = returned(&state, place).into_iter();
+                self.part(node, parts.filter(|next| next.kind == Kind::Real).collect());
+                break;
+            };
             if checked.has(at, JOIN) && at != start {
                 self.go_on(node, at, state);
                 break;
@@ -242,7 +248,7 @@ impl<'a> Explorer<'a> {
     /// What the text shows by itself at the head of a node: nothing behind a jump, a call or a block that may be skipped.
     fn shown_at(&self, node: usize, state: &State) -> Option<State> {
         let Node { place, before, .. } = &self.nodes[node];
-        let (before, way) = before.filter(|_| !self.context.calculates)?;
+        let (before, way) = before.filter(|_| !self.calculates(node))?;
         let is_behind = self.programs[place.program].has(place.block, JOIN)
             || matches!(way, Way::Skip(_) | Way::Called)
             || self.nodes[before].place.program != place.program;
@@ -251,6 +257,15 @@ impl<'a> Explorer<'a> {
             shown.forget_all();
             shown
         })
+    }
+
+    /// True where what will be an alarm in a run counts as an error. Where no run comes to, blocks are looked at as a load does.
+    pub fn calculates(&self, node: usize) -> bool {
+        self.context.calculates && self.is_real(node)
+    }
+
+    pub fn is_real(&self, node: usize) -> bool {
+        self.nodes[node].kind == Kind::Real
     }
 
     fn step(&mut self, here: Here<'_>, state: &mut State) -> Step {
@@ -356,8 +371,11 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Notes a finding in a block that a node comes to.
+    /// Notes a finding in a block that a node comes to. Where no run comes to, no value is calculated.
     pub fn note(&mut self, here: Here<'_>, finding: Diagnostic, weight: Weight) {
+        if weight != Weight::Sure && !self.is_real(here.node) {
+            return;
+        }
         self.groups.note(Found {
             node: here.node,
             place: here.place,
@@ -386,8 +404,7 @@ impl<'a> Explorer<'a> {
             }
             of.tell_what_is_missing(dialect, context, &mut findings);
             if !(is_cut || of.tree.source().len() > PROGRAM_BYTES_MAX) {
-                let dead = of.marks.iter().position(|marks| marks & REACHED == 0);
-                structure::judge(&of.tree, dialect, dead, &mut findings);
+                structure::judge(&of, dialect, &mut findings);
             }
             if index > 0 || !context.manual {
                 of.mark(dialect, &mut findings);
@@ -408,4 +425,48 @@ impl<'a> Explorer<'a> {
         }
         main
     }
+}
+
+/// Where the called program has ended: another repetition, or the caller.
+pub(super) fn returned(state: &State, place: Place) -> Vec<Next> {
+    let mut outside = state.clone();
+    let Some(caller) = outside.callers.pop() else {
+        return Vec::new();
+    };
+    let mut parts = Vec::new();
+    if caller.repetitions != Some(0) {
+        let mut again = state.clone();
+        again.values.repeat();
+        if let Some(last) = again.callers.last_mut() {
+            last.repetitions = last.repetitions.map(|left| left - 1);
+        }
+        parts.push(Next {
+            place: Place { block: 0, ..place },
+            state: again,
+            way: Way::On,
+            kind: Kind::Real,
+        });
+    }
+    if caller.repetitions.is_none_or(|left| left == 0) {
+        outside.values.leave(&caller.locals);
+        parts.push(Next {
+            place: Place {
+                program: caller.program,
+                block: caller.block,
+            },
+            state: outside,
+            way: Way::On,
+            kind: Kind::Real,
+        });
+    }
+    parts.push(Next {
+        place: Place {
+            block: place.block + 1,
+            ..place
+        },
+        state: state.clone(),
+        way: Way::On,
+        kind: Kind::Supposed,
+    });
+    parts
 }

@@ -66,7 +66,7 @@ impl Explorer<'_> {
                 format!("Write S{max} or less."),
             ));
         }
-        let is_calculated = !self.context.calculates && words.indirect.contains(Address::S);
+        let is_calculated = !self.calculates(here.node) && words.indirect.contains(Address::S);
         for finding in found {
             let is_of_value = finding.code == diagnostics::OUT_OF_RANGE.code;
             let weight = if is_calculated && is_of_value {

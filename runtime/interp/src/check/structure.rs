@@ -4,20 +4,25 @@ use tandem_model::Span;
 use tandem_syntax::{Address, Block, NcProgram, ProgramCode, Statement, Word, diagnostics};
 
 use super::Findings;
+use super::graph::{Checked, REACHED};
 use crate::codes::{Code, tenths};
 use crate::dialect::Dialect;
 use crate::meaning::Role;
 
-/// Tells which block is never executed, and when the program runs past its last block (D06). `dead`: the first place, that
-/// past the last block among them, that no run comes to where the program has no branches.
-pub(super) fn judge(program: &NcProgram, dialect: &Dialect, dead: Option<usize>, findings: &mut Findings) {
+/// Tells which block is never executed, and when the program runs past its last block (D06).
+pub(super) fn judge(of: &Checked<'_>, dialect: &Dialect, findings: &mut Findings) {
+    let program: &NcProgram = &of.tree;
     let blocks = program.blocks();
+    let dead = of.marks.iter().position(|marks| marks & REACHED == 0);
     let branches = has_branches(program);
     let (dead, has_no_end) = if branches {
         let reached = reachable(program, dialect);
         let mut all = blocks.iter().zip(&reached);
         let dead = all.position(|(block, reached)| !reached && !is_mark(program, block));
-        (dead, reached.last() == Some(&true))
+        // a loop that never ends needs no end behind it
+        let is_run = of.has(0, REACHED);
+        let ends_there = reached.last() == Some(&true);
+        (dead, ends_there && (!is_run || of.has(blocks.len(), REACHED)))
     } else {
         (dead, dead.is_none())
     };
