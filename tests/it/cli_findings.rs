@@ -236,3 +236,47 @@ fn standard_input_is_one_program() {
     assert!(ran.stdout.contains("<stdin>:2:9"), "{}", ran.stdout);
     assert!(ran.stderr.contains("write - once"), "{}", ran.stderr);
 }
+
+#[test]
+fn a_program_in_utf_16_is_one_finding_of_each_command() {
+    let machine = Machine::new("");
+    let wide = |mark: bool| -> Vec<u8> {
+        let text = "%\nG90 G01 X10 F100 // gr\u{f6}\u{df}er\nG02 X20 R5\nM30\n";
+        let mark = mark.then_some(0xFEFF).into_iter();
+        mark.chain(text.encode_utf16())
+            .flat_map(u16::to_le_bytes)
+            .collect()
+    };
+    for mark in [true, false] {
+        std::fs::write(machine.path("wide.nc"), wide(mark)).unwrap();
+        for dialect in ["nj", "dgshape"] {
+            let json = run(
+                machine.folder(),
+                &["check", "wide.nc", "--format", "json", "--dialect", dialect],
+            );
+            let found = json.json()["files"][0]["diagnostics"].clone();
+            assert_eq!(found.as_array().unwrap().len(), 1, "{found}");
+            assert_eq!(
+                (&found[0]["code"], &found[0]["line"]),
+                (&json!("E0003"), &json!(1))
+            );
+            let message = found[0]["message"].as_str().unwrap();
+            assert!(
+                message.contains("UTF-16") && message.contains("UTF-8"),
+                "{message}"
+            );
+        }
+        for command in [
+            &["simulate", "wide.nc"][..],
+            &["compile", "wide.nc"],
+            &["fmt", "wide.nc"],
+            &["convert", "wide.nc", "--from", "fanuc"],
+        ] {
+            let ran = run(machine.folder(), command);
+            assert_ne!(ran.code, 0, "{command:?}");
+            let told = format!("{}{}", ran.stdout, ran.stderr);
+            assert!(told.contains("UTF-8"), "{command:?}: {told}");
+            assert!(told.matches("error[").count() <= 1, "{command:?}: {told}");
+        }
+    }
+}

@@ -7,6 +7,7 @@ use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
 use tandem_interp::convert::{Source, convert};
 use tandem_model::settings::NcOptions;
+use tandem_syntax::is_wide;
 
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain, notice_unwritten, read_config, read_program, shown};
 
@@ -57,6 +58,11 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         }
     };
     let text = read_program(&arguments.file)?;
+    ensure!(
+        !is_wide(&text),
+        "{} is in UTF-16, and a program is read as UTF-8: save it as UTF-8",
+        shown(&arguments.file)
+    );
     let converted = convert(&text, source, &options);
     match &arguments.output {
         None => notice_unwritten(std::io::stdout().lock().write_all(converted.text.as_bytes())),

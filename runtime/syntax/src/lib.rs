@@ -9,6 +9,7 @@
 mod address;
 mod cursor;
 pub mod diagnostics;
+mod encoding;
 mod foreign;
 mod format;
 mod grammar;
@@ -22,6 +23,7 @@ mod variable;
 
 pub use address::{Address, AddressSet};
 pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
+pub use encoding::is_wide;
 pub use format::format;
 pub use grammar::{Grammar, ProgramForm};
 pub use intermediate::{CodeRole, Codes, Header, block_bytes, compile};

@@ -17,6 +17,7 @@ use tandem_model::{Diagnostic, Span};
 use self::control::Nesting;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
+use crate::encoding::{WIDE, is_wide};
 use crate::foreign;
 use crate::grammar::Grammar;
 use crate::tree::{Block, Content, NcProgram};
@@ -29,21 +30,24 @@ pub const NESTING_MAX: usize = 64;
 
 /// Parses a text. It always gives a program, and all findings in the order of the text.
 ///
-/// A text of more than [`PROGRAM_BYTES_MAX`] bytes is not read: the program is empty, with one error.
+/// A text of more than [`PROGRAM_BYTES_MAX`] bytes, or in another encoding than UTF-8, is not read: the program is empty, with
+/// one error.
 pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<Diagnostic>) {
     let source: Arc<str> = source.into();
     let mut parser = Parser::new(&source, grammar);
     if source.len() > PROGRAM_BYTES_MAX {
-        parser.tree.complete = false;
-        parser.report(
+        let message = format!(
+            "the program has {} bytes, at most {PROGRAM_BYTES_MAX} are allowed",
+            source.len()
+        );
+        parser.refuse(
             &diagnostics::SOURCE_TOO_LARGE,
-            Span::default(),
-            format!(
-                "the program has {} bytes, at most {PROGRAM_BYTES_MAX} are allowed",
-                source.len()
-            ),
+            &message,
             "Split the program into subprograms.",
         );
+    } else if is_wide(&source) {
+        let (message, help) = WIDE;
+        parser.refuse(&diagnostics::UNEXPECTED_CHARACTER, message, help);
     } else {
         parser.reserve(&source);
         parser.run();
@@ -103,6 +107,14 @@ impl<'a> Parser<'a> {
             line_start: 0,
             comment_bytes_before: 0,
         }
+    }
+
+    /// Reads nothing, for one reason.
+    fn refuse(&mut self, entry: &'static DiagnosticEntry, message: &str, help: &str) {
+        self.tree.complete = false;
+        // whether it has its marks is not known
+        self.tree.marked = true;
+        self.report(entry, Span::default(), message, help);
     }
 
     /// Makes room for the blocks and words that the text seems to have, so that the arrays need not grow and move: a

@@ -1,0 +1,47 @@
+//! Texts in another encoding than UTF-8, as some editors and controls write them.
+
+/// Characters at the head of a text that are looked at.
+const LOOKED_AT: usize = 64;
+
+/// True for a text in UTF-16 or UTF-32 that was read as UTF-8: every other byte of its letters and digits is zero.
+pub fn is_wide(text: &str) -> bool {
+    let head = || text.chars().take(LOOKED_AT);
+    let zeros = head().filter(|character| *character == '\0').count();
+    3 * zeros >= head().count() && zeros > 0
+}
+
+/// What is told of it, and what to do.
+pub(crate) const WIDE: (&str, &str) = (
+    "the text is in UTF-16, and a program is read as UTF-8",
+    "Save it as UTF-8, or as ASCII, in the editor or the program that has written it.",
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wide(text: &str, to_bytes: fn(u16) -> [u8; 2], mark: bool) -> String {
+        let mark = mark.then_some(0xFEFF).into_iter();
+        let bytes: Vec<u8> = mark.chain(text.encode_utf16()).flat_map(to_bytes).collect();
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+
+    #[test]
+    fn utf_16_is_told_from_utf_8_with_a_mark_and_without() {
+        for text in ["G90 G01 X10 F100\r\nM30\r\n", "%\n", "// größe\nM30\n"] {
+            for mark in [true, false] {
+                assert!(is_wide(&wide(text, u16::to_le_bytes, mark)), "{text}");
+                assert!(is_wide(&wide(text, u16::to_be_bytes, mark)), "{text}");
+            }
+            assert!(!is_wide(text), "{text}");
+        }
+        for plain in [
+            "",
+            "\u{FEFF}M30",
+            "\0\0\0\0G90 G01 X10 F100 // a leader",
+            "// \u{FFFD}",
+        ] {
+            assert!(!is_wide(plain), "{plain:?}");
+        }
+    }
+}
