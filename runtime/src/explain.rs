@@ -2,6 +2,7 @@
 
 mod language;
 
+use self::language::elsewhere;
 use plc_api::alarm::USER_ALARM_BASE;
 use plc_api::types::alarm_text::{AlarmText, AlarmWords};
 use plc_api::types::explained::Explained;
@@ -29,8 +30,8 @@ const USER_ALARM_CODE_MAX: u16 = 9999;
 
 /// What a name means: a diagnostic (`E0105`), an alarm (`alarm 412` or `412`), a code (`G02`), an address, a function, a
 /// keyword or a variable of the dialect, a word of a state, a refusal or an answer (`HANDLER_LOST`, `not_allowed`), a rule
-/// (`D31`), or a key of the configuration. All that has the name is told,
-/// in plain text in which an indented line stands as it is. `None`: nothing has it.
+/// (`D31`), or a key of the configuration; for what other controls write (`G81` in `nj`), what to write in its place. All that
+/// has the name is told, in plain text in which an indented line stands as it is. `None`: nothing has it.
 ///
 /// ```
 /// let page = tandem_runtime::explain::explain("g2", tandem_interp::dialects::nj()).unwrap();
@@ -38,22 +39,34 @@ const USER_ALARM_CODE_MAX: u16 = 9999;
 /// ```
 pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
     let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut pages = pages(&what, dialect);
+    // `%` and parentheses mean something else in other controls
+    if pages.is_empty() || matches!(what.as_str(), "%" | "(" | ")") {
+        pages.extend(elsewhere::page_of(&what, dialect));
+    }
+    if pages.is_empty() {
+        pages = elsewhere::meant(&what).map_or_else(Vec::new, |meant| self::pages(&meant, dialect));
+    }
+    (!pages.is_empty()).then(|| pages.join("\n\n"))
+}
+
+/// The pages of all that has this name.
+fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
     let keys = Config::keys();
-    let pages: Vec<String> = (DiagnosticEntry::find(&what).into_iter())
+    (DiagnosticEntry::find(what).into_iter())
         .map(|entry| of_diagnostic(entry, dialect))
-        .chain(FindingEntry::find(&what).map(of_finding))
-        .chain(alarm(&what).map(of_alarm))
-        .chain(of_sequence_program(&what))
-        .chain(language::pages(&what, dialect))
+        .chain(FindingEntry::find(what).map(of_finding))
+        .chain(alarm(what).map(of_alarm))
+        .chain(of_sequence_program(what))
+        .chain(language::pages(what, dialect))
         .chain(
             words()
-                .filter(|word| word.word.eq_ignore_ascii_case(&what))
+                .filter(|word| word.word.eq_ignore_ascii_case(what))
                 .map(of_word),
         )
-        .chain(rules(&what))
-        .chain(keys.iter().filter(|key| is_named(key, &what)).map(of_key))
-        .collect();
-    (!pages.is_empty()).then(|| pages.join("\n\n"))
+        .chain(rules(what))
+        .chain(keys.iter().filter(|key| is_named(key, what)).map(of_key))
+        .collect()
 }
 
 /// The same, with what a machine says: what is declared of an M code, which is found by its name there, too, and text and
@@ -366,11 +379,10 @@ mod tests {
     fn a_dialect_explains_its_own_codes_only() {
         let dgshape = dialects::dgshape();
         assert!(explain("G83", dgshape).is_some());
-        assert_eq!(explain("G83", dialects::nj()), None);
+        assert!(of_nj("G83").starts_with("G83: of other controls, not of dialect nj"));
         assert_ne!(explain("G04", dgshape), explain("G04", dialects::nj()));
-        for none in ["while", "sind", "Q0"] {
-            assert_eq!(explain(none, dgshape), None, "{none}");
-        }
+        assert_eq!(explain("sind", dgshape), None);
+        assert!(explain("while", dgshape).unwrap().contains("no branches"));
         assert!(
             explain("M100", dgshape)
                 .unwrap()
@@ -397,22 +409,72 @@ mod tests {
         assert!(of("E0008").contains("Block skip has no number"));
         assert!(of_nj("E0008").contains("1 to 31"));
         for (what, of_dgshape, nj) in [
-            ("%", "begin and end of the program", None),
-            ("O", "program number", None),
-            ("N", "block number", Some("block number")),
-            ("/", "block skip", Some("block skip")),
-            ("(", "comment", None),
-            ("()", "comment", None),
-            ("( )", "comment", None),
-            ("EOB", "end of block", Some("end of block")),
-            ("<EOB>", "end of block", Some("end of block")),
+            ("%", "begin and end of the program", "remainder of a division"),
+            ("O", "program number", "of other controls"),
+            ("N", "block number", "block number"),
+            ("/", "block skip", "block skip"),
+            ("(", "comment", "parentheses"),
+            ("()", "comment", "of other controls"),
+            ("( )", "comment", "of other controls"),
+            ("EOB", "end of block", "end of block"),
+            ("<EOB>", "end of block", "end of block"),
         ] {
             assert!(of(what).contains(of_dgshape), "{what}");
-            let page = explain(what, dialects::nj());
-            assert_eq!(page.is_some(), nj.is_some(), "{what}");
+            assert!(of_nj(what).contains(nj), "{what}");
         }
         assert!(of_nj("/31").contains("/2 to /31") && explain("/32", dialects::nj()).is_none());
         assert!(of_nj("//").contains("G01 X5 /* to the wall */"));
+    }
+
+    #[test]
+    fn what_other_controls_write_has_a_page_that_says_what_to_write() {
+        for (what, help) in [
+            ("T", "Write M06 VA_"),
+            ("t12", "Write M06 VA12"),
+            ("H", "G43 and G44 take the length"),
+            ("#100", "Write Q100"),
+            ("G065", "M98 P1000"),
+            ("G81", "Write the motions"),
+            ("%", "Remove the line"),
+            ("(", "Write a comment behind //"),
+            (";", "Remove it"),
+        ] {
+            let page = of_nj(what);
+            assert!(
+                page.contains("of other controls") && page.contains(help),
+                "{page}"
+            );
+        }
+        for (what, code) in [
+            ("G999", "E0101"),
+            ("M192", "E0104"),
+            ("Q4096", "E0013"),
+            ("e101", "E0101"),
+        ] {
+            assert!(of_nj(what).starts_with(code), "{what}");
+        }
+        assert_eq!(of_nj("X10.5"), of_nj("X"));
+        assert_eq!(explain("E9999", dialects::nj()), None);
+        assert_eq!(of_nj("_CNC_CapturedPosition(2)"), of_nj("_CNC_CapturedPosition2"));
+        for symbol in ["&&", "!", "==", "[", "}"] {
+            assert!(of_nj(symbol).contains("    "), "{symbol}");
+        }
+    }
+
+    #[test]
+    fn m_codes_of_the_spindle_have_the_names_of_the_manual() {
+        for (what, name) in [
+            ("M3", "M3: Spindle CW"),
+            ("M04", "M04: Spindle CCW"),
+            ("M05", "M05: Spindle OFF"),
+            ("M19", "M19: Spindle Orientation"),
+        ] {
+            let page = of_nj(what);
+            assert!(
+                page.starts_with(name) && page.contains("(D35)") && page.contains("VA"),
+                "{page}"
+            );
+        }
     }
 
     #[test]
@@ -462,7 +524,7 @@ mod tests {
         assert!(of_nj("SIND").starts_with("sind: the sine of degrees\n\n    Q0 = sind(x)"));
         assert!(of_nj("while").contains("    while (condition) command"));
         assert!(of_nj("L255").starts_with("L: variables L0 to L255"));
-        assert_eq!(explain("L256", dialects::nj()), None);
+        assert!(of_nj("L256").starts_with("E0013: "));
         assert!(of_nj("_CNC_CapturedPosition").contains("read only"));
         assert!(of_nj("F").contains("G04"));
     }

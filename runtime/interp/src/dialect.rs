@@ -3,6 +3,7 @@
 use tandem_model::settings::{NcOptions, PathRules};
 use tandem_syntax::{Address, AddressSet, CodeRole, Codes, Grammar};
 
+use crate::codes::usual_outputs::{USUAL_OUTPUTS, UsualOutput};
 use crate::codes::{Code, CodeTable, WordSpec, tenths};
 use crate::dialects::texts::Texts;
 use crate::meaning::{ModalValue, Role};
@@ -157,6 +158,19 @@ impl Dialect {
             Address::G => listed(&self.g_codes),
             Address::M => listed(&self.m_codes).or(Some(self.auxiliary)),
             _ => None,
+        }
+    }
+
+    /// What the manual says of an M code that is output without being listed.
+    pub fn usual_output(&self, m: u16) -> Option<&'static UsualOutput> {
+        self.usual_outputs().iter().find(|usual| usual.m == m)
+    }
+
+    /// The outputs that the manual names without listing them as codes of their own.
+    pub fn usual_outputs(&self) -> &'static [UsualOutput] {
+        match self.policy.other_m_codes {
+            OtherMCodes::Output => USUAL_OUTPUTS,
+            OtherMCodes::Declared => &[],
         }
     }
 

@@ -1,5 +1,6 @@
 //! `tandem lsp`: the language server of NC programs, for editors.
 
+mod completion;
 mod document;
 mod features;
 mod outline;

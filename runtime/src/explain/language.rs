@@ -1,6 +1,8 @@
 //! Pages of the language: codes, addresses, functions, keywords and variables of a dialect, and what stands around its words.
 
+pub(super) mod elsewhere;
 mod form;
+mod symbols;
 
 use tandem_interp::Dialect;
 use tandem_interp::codes::{Code, ModalGroup, WordSpec};
@@ -28,6 +30,7 @@ pub(super) fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
         let kinds = VariableKind::ALL.into_iter();
         let kinds = kinds.filter(|kind| is_variable(what, kind.prefix(), kind.index_max()));
         pages.extend(kinds.map(of_variable));
+        pages.extend(symbols::page_of(what));
     }
     pages
 }
@@ -41,6 +44,7 @@ pub(super) fn names(dialect: &Dialect) -> Vec<String> {
     names.extend(addresses.map(|address| address.text().to_owned()));
     names.extend(form::names((dialect.grammar)()));
     if (dialect.grammar)().program_codes {
+        names.extend(symbols::names());
         names.extend(Function::ALL.iter().map(|function| function.text().to_owned()));
         names.extend(Keyword::ALL.iter().map(|keyword| keyword.text().to_owned()));
         names.extend(VariableKind::ALL.iter().map(|kind| format!("{}0", kind.prefix())));
@@ -98,12 +102,14 @@ fn of_code(code: &Code, what: &str, dialect: &Dialect) -> String {
         if word.required { form } else { format!("[{form}]") }
     });
     let form: Vec<String> = std::iter::once(name.clone()).chain(words).collect();
+    let usual = m_number(what).and_then(|m| dialect.usual_output(m).filter(|_| is_output));
     page(
         &name,
-        dialect.name_of(code),
+        usual.map_or(dialect.name_of(code), |usual| usual.name),
         &[
             indented(&form.join(" ")),
             in_force(code),
+            usual.map_or("", |usual| usual.docs).to_owned(),
             dialect.docs_of(code).to_owned(),
             undeclared.to_owned(),
             restrictions(code, dialect),
@@ -179,10 +185,12 @@ fn of_address(address: Address, dialect: &Dialect) -> Option<String> {
 fn of_function(function: Function) -> String {
     let arguments = if function.arguments() == 2 { "x, y" } else { "x" };
     let form = format!("    Q0 = {}({arguments})", function.text());
-    let text = format!(
-        "For {}. Outside of that it gives what is not a number, and a word with such a value is an alarm (10, D07).",
-        function.domain()
-    );
+    let text = match function.domain() {
+        "any" => "For any number.".to_owned(),
+        domain => format!(
+            "For {domain}. Outside of that it gives what is not a number, and a word with such a value is an alarm (10, D07)."
+        ),
+    };
     page(function.text(), function.meaning(), &[form, text])
 }
 

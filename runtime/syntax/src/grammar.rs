@@ -186,6 +186,12 @@ impl Grammar {
         foreign::help(self.foreign, name, value)
     }
 
+    /// What to write for a variable `#` with these digits.
+    pub fn foreign_variable(&self, digits: &str) -> Option<String> {
+        self.foreign("#", "")
+            .or_else(|| self.program_codes.then(|| foreign::variable(digits)))
+    }
+
     /// Help of a diagnostic with the section of the manual, where the dialect names it.
     pub fn cite(&self, code: &str, help: impl Into<String>) -> String {
         let mut help = help.into();

@@ -39,6 +39,7 @@ pub mod m99_return;
 pub mod m_auxiliary;
 mod speed_codes;
 mod table;
+pub mod usual_outputs;
 pub(crate) mod value;
 pub mod work_offset;
 

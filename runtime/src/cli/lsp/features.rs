@@ -1,18 +1,17 @@
-//! What the editor asks about a place: what stands there, what can, and where it leads.
+//! What the editor asks about a place: what stands there, and where it leads.
 
 use std::str::FromStr as _;
 
 use lsp_types::{
-    CompletionItem, CompletionItemKind, DiagnosticSeverity, Documentation, Hover, HoverContents, Location,
-    MarkupContent, MarkupKind, NumberOrString, Position, Range, TextEdit, Uri,
+    DiagnosticSeverity, Hover, HoverContents, Location, MarkupContent, MarkupKind, NumberOrString, Position,
+    Range, TextEdit, Uri,
 };
-use tandem_interp::Dialect;
-use tandem_interp::codes::{Code, WordSpec};
+use tandem_interp::codes::Code;
 use tandem_interp::meaning::Role;
 use tandem_model::{Diagnostic, Severity};
 use tandem_runtime::Machine;
 use tandem_runtime::explain::explain_here;
-use tandem_syntax::{Address, Function, Keyword, Token, TokenKind};
+use tandem_syntax::{Address, Token, TokenKind};
 
 use super::super::find_subprogram;
 use super::super::findings::uri;
@@ -82,67 +81,8 @@ fn name_of(document: &Document, line: &[Token], index: usize) -> Option<String> 
     }
 }
 
-/// What can be written at a place: words of the codes before it, codes, and program codes.
-pub(super) fn completion(document: &Document, at: Position) -> Vec<CompletionItem> {
-    let byte = document.offset(at);
-    let mut line = document.line_at(byte);
-    line.retain(|token| token.span.end as usize <= byte);
-    if in_comment(document, byte) {
-        return Vec::new();
-    }
-    let dialect = document.target.dialect;
-    let grammar = (dialect.grammar)();
-    let mut items = words(&codes(document, &line), dialect);
-    let all = dialect.g_codes.codes.iter().chain(dialect.m_codes.codes);
-    items.extend(all.map(|code| {
-        item(
-            code.code,
-            CompletionItemKind::KEYWORD,
-            dialect.name_of(code),
-            dialect.docs_of(code),
-        )
-    }));
-    items.extend(outputs(document));
-    if grammar.program_codes {
-        items.extend(Keyword::ALL.iter().map(|keyword| {
-            let (form, meaning) = keyword.meaning();
-            item(
-                keyword.text(),
-                CompletionItemKind::KEYWORD,
-                form.lines().next().unwrap_or_default(),
-                meaning,
-            )
-        }));
-        items.extend(Function::ALL.iter().map(|function| {
-            item(
-                function.text(),
-                CompletionItemKind::FUNCTION,
-                function.meaning(),
-                function.domain(),
-            )
-        }));
-    }
-    items
-}
-
-fn in_comment(document: &Document, byte: usize) -> bool {
-    let inside = |token: &Token| (token.span.start as usize) < byte && byte <= token.span.end as usize;
-    let mut comments = document.tokens().filter(|token| token.kind == TokenKind::Comment);
-    comments.any(|token| inside(&token) && !document.of(token.span).ends_with(['/', ')']))
-}
-
-fn item(label: &str, kind: CompletionItemKind, detail: &str, docs: &str) -> CompletionItem {
-    CompletionItem {
-        label: label.to_owned(),
-        kind: Some(kind),
-        detail: Some(detail.to_owned()),
-        documentation: Some(Documentation::String(docs.to_owned())),
-        ..CompletionItem::default()
-    }
-}
-
 /// The codes of a line.
-fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
+pub(super) fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
     let dialect = document.target.dialect;
     let pairs = line.windows(2).filter_map(|pair| {
         let TokenKind::Address(address @ (Address::G | Address::M)) = pair[0].kind else {
@@ -152,55 +92,6 @@ fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
         dialect.code(address, number.parse().ok()?)
     });
     pairs.collect()
-}
-
-/// The words of codes; where none has any, those that need no code.
-fn words(codes: &[&Code], dialect: &Dialect) -> Vec<CompletionItem> {
-    let of_word = |word: &WordSpec| {
-        let needed = if word.required { ", needed" } else { "" };
-        let detail = format!("{}: {}{needed}", word.meaning, dialect.range_text(word));
-        CompletionItem {
-            // before the codes
-            sort_text: Some(format!("!{}", word.address.text())),
-            ..item(word.address.text(), CompletionItemKind::PROPERTY, &detail, "")
-        }
-    };
-    let own: Vec<_> = codes
-        .iter()
-        .flat_map(|code| dialect.words_of(code))
-        .map(of_word)
-        .collect();
-    if !own.is_empty() {
-        return own;
-    }
-    let known = Address::ALL.iter().filter(|address| {
-        let addresses = (dialect.grammar)().addresses;
-        addresses.contains(**address)
-    });
-    let modal = known.filter_map(|address| dialect.modal_words.get(*address));
-    modal.map(of_word).collect()
-}
-
-/// The M codes that the configuration says something of.
-fn outputs(document: &Document) -> Vec<CompletionItem> {
-    let target = &document.target;
-    let Some(machine) = &target.machine else {
-        return Vec::new();
-    };
-    let of_output = |(number, settings): (&u16, &tandem_runtime::MCodeSettings)| {
-        let mut facts: Vec<String> = settings.wait_state.iter().cloned().collect();
-        if let Some(limit) = settings.timeout_ms {
-            facts.push(format!("reset within {limit} ms"));
-        }
-        let detail = format!("output of {}", machine.name);
-        item(
-            &format!("M{number:02}"),
-            CompletionItemKind::EVENT,
-            &detail,
-            &facts.join(", "),
-        )
-    };
-    machine.m_codes.iter().map(of_output).collect()
 }
 
 /// The file of the subprogram that the block at a place calls.

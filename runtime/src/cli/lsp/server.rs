@@ -26,7 +26,7 @@ use super::document::{Document, path_of};
 use super::setup::Setup;
 use super::timing::Timing;
 use super::transport::MALFORMED;
-use super::{features, outline};
+use super::{completion, features, outline};
 
 /// How long the editor has been quiet at least when what was typed is checked: one key often brings several messages.
 const QUIET_MIN: Duration = Duration::from_millis(10);
@@ -192,7 +192,7 @@ impl Server<'_> {
             request::Completion::METHOD => self.answer::<request::Completion>(request, |server, params| {
                 let at = params.text_document_position;
                 let document = server.document(&at.text_document.uri)?;
-                Some(CompletionResponse::Array(features::completion(
+                Some(CompletionResponse::Array(completion::completion(
                     document,
                     at.position,
                 )))

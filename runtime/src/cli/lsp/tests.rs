@@ -211,8 +211,24 @@ fn hover_says_what_explain_says_of_words_and_findings() {
 #[test]
 fn completion_offers_the_words_of_the_codes_before_it_and_codes_and_program_codes() {
     let mut editor = Editor::new(&[], None);
-    editor.open("a.nc", "G04 \n\n// G0 \n");
+    editor.open("a.nc", "G04 \n\n// G0 \nG02 X1 \nL1 = \nif (\nX[\n");
     assert_eq!(editor.labels(0, 4)[..2], ["F", "P"], "of G04");
+    let of_arc = editor.labels(3, 7);
+    assert!(
+        ["R", "F", "S", "ts"]
+            .iter()
+            .all(|word| of_arc.iter().any(|one| one == word)),
+        "{of_arc:?}"
+    );
+    for (line, column) in [(4, 5), (5, 4)] {
+        let all = editor.labels(line, column);
+        assert_eq!(all[..4], ["L", "Q", "P", "_CNC_CapturedPosition"]);
+        assert!(
+            all.iter().any(|one| one == "sind") && all.iter().all(|one| one != "X"),
+            "{all:?}"
+        );
+    }
+    assert_eq!(editor.labels(6, 2), ["L", "Q", "P", "_CNC_CapturedPosition"]);
     let all = editor.labels(1, 0);
     for label in ["X", "F", "G84", "M30", "while", "atan2d"] {
         assert!(

@@ -1,0 +1,39 @@
+//! Outputs that the manual of dialect nj names.
+
+/// What the manual says of an output.
+#[derive(Debug)]
+pub struct UsualOutput {
+    /// Number of the M code.
+    pub m: u16,
+    /// Its name in the manual.
+    pub name: &'static str,
+    /// What it does.
+    pub docs: &'static str,
+}
+
+/// Outputs that turn and stop the spindle (manual 3, Spindle Axis).
+pub(crate) static USUAL_OUTPUTS: &[UsualOutput] = &[
+    UsualOutput {
+        m: 3,
+        name: "Spindle CW",
+        docs: "Turns the spindle clockwise at S r/min. Where no handler serves it, the runtime turns the spindle of the coordinate \
+               system (D35).",
+    },
+    UsualOutput {
+        m: 4,
+        name: "Spindle CCW",
+        docs: "Turns the spindle counter-clockwise at S r/min. Where no handler serves it, the runtime turns the spindle of the \
+               coordinate system (D35).",
+    },
+    UsualOutput {
+        m: 5,
+        name: "Spindle OFF",
+        docs: "Stops the spindle. Where no handler serves it, the runtime stops the spindle of the coordinate system (D35).",
+    },
+    UsualOutput {
+        m: 19,
+        name: "Spindle Orientation",
+        docs: "Stops the spindle at its orientation position. Where no handler serves it, the runtime does so with the spindle of \
+               the coordinate system (D35).",
+    },
+];
