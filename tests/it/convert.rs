@@ -1,5 +1,7 @@
 //! `tandem convert`: what comes out moves as what went in, and what has no equal is told.
 
+mod left;
+
 use std::fs;
 
 use tandem_interp::convert::{Converted, Source, convert};
@@ -300,23 +302,6 @@ fn calls_with_their_number_in_p_and_numbers_of_block_skip_stay_what_they_are() {
         &converted.text,
         &["M98 P1001 L3", "M98 P1002 L2", "/2 G01 X6", "/ /3 G01 X7"],
     );
-}
-
-#[test]
-fn blocks_behind_one_that_is_left_mean_what_it_puts_in_force() {
-    // G91 within a cycle is left, and so is the hole behind it, which would be another one under G90
-    let text = "G90 G00 Z9.\nG99 G81 X1. Z-1. R1. F100\nG91 X5. K2\nX5.\nG80\nG90 G81 X1. Z-1. R1.\nM30\n";
-    let converted = convert(text, Source::Fanuc, &NcOptions::default());
-    let lines: Vec<u32> = converted.left.iter().map(|left| left.line).collect();
-    assert_eq!(lines, [3, 4], "{:?}", converted.left);
-    // the way of X goes on at the feedrate, as that of A did
-    let converted = convert(
-        "%\nG00X1.\nG01A90.F100.\nX5.\nM30\n",
-        Source::Dgshape,
-        &NcOptions::default(),
-    );
-    assert_eq!(converted.left.len(), 1);
-    assert!(converted.text.contains("\nG01 X5\n"), "{}", converted.text);
 }
 
 /// A few blocks for a FANUC control, and those of dialect dgshape that move as they do.

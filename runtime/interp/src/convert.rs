@@ -8,6 +8,7 @@ mod block;
 mod coordinates;
 mod cycles;
 mod fanuc;
+mod left;
 mod state;
 
 use std::borrow::Cow;
@@ -75,6 +76,7 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
         lines.clear();
     }
     let mut writer = Writer {
+        grammar,
         source: read,
         shown: source.lines().map(str::trim).collect(),
         program: &program,
@@ -123,6 +125,7 @@ fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> BTreeMap<u32
 }
 
 struct Writer<'a> {
+    grammar: &'static Grammar,
     /// The text as it is read.
     source: &'a str,
     /// Its lines as they are told.
@@ -177,6 +180,8 @@ impl Writer<'_> {
                 self.lines.push((number, with_comments(&last, &comments)));
             }
             Err(why) => {
+                let kept = self.keep(line).into_iter();
+                self.lines.extend(kept.map(|block| (number, block)));
                 self.state.lose_position();
                 self.leave(number, &why);
                 let raw = self.raw(number).to_owned();
@@ -211,9 +216,26 @@ impl Writer<'_> {
         let written = self.state.block(self.program, block);
         if written.is_err() {
             self.state = before;
-            self.state.follow(self.program.words(block));
         }
         written
+    }
+
+    /// What a line that is left puts in force for those behind it, as blocks of nj.
+    fn keep(&mut self, line: &[Token]) -> Vec<String> {
+        let mut state = self.state.clone();
+        let written = left::in_force(line, |token| self.of(token)).and_then(|text| {
+            let (program, _) = parse(text, self.grammar);
+            state.block(&program, program.blocks().first()?).ok()
+        });
+        if let Some(lines) = written {
+            self.state = state;
+            return lines;
+        }
+        let codes: Vec<u32> = left::codes(line, |token| self.of(token)).collect();
+        for code in codes {
+            self.state.put_in_force(code);
+        }
+        Vec::new()
     }
 
     /// What was written, as far as it is right in nj.

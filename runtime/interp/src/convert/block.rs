@@ -19,6 +19,9 @@ const MIRRORING: [(f64, bool); 2] = [(51.1, true), (50.1, false)];
 /// Above it the digits before the last four of P of M98 say how often the program is called.
 const CALLS_FROM: u32 = 10_000;
 
+/// G codes that may stand in a block that may be skipped: where they are in force already, they change nothing.
+const SKIPPABLE: [u32; 7] = [0, 1, 2, 3, 4, 90, 91];
+
 /// S below it is the number of a speed in dialect dgshape.
 const SPEED_MIN: f64 = 100.0;
 
@@ -43,11 +46,18 @@ impl State {
     pub fn block(&mut self, program: &NcProgram, block: &Block) -> Result<Vec<String>, String> {
         let mut words = Words::of(program.words(block));
         let skip = skips(block.skip_numbers());
-        if !skip.is_empty() && (self.cycle.is_some() || words.has(&[Address::G, Address::T])) {
-            return Err(
-                "a block that may be skipped changes what is in force: write it without the codes".to_owned(),
-            );
+        let changes = || {
+            Err("a block that may be skipped changes what is in force: write it without the codes".to_owned())
+        };
+        let holds = |word: &&Word| {
+            word.address != Address::G || word.whole().is_some_and(|code| SKIPPABLE.contains(&code))
+        };
+        if !skip.is_empty()
+            && (self.cycle.is_some() || words.has(&[Address::T]) || !words.all.iter().flatten().all(holds))
+        {
+            return changes();
         }
+        let before = (self.motion, self.absolute);
         let number = words
             .take(Address::N)
             .map(|word| format!("N{} ", word.number().unwrap_or_default()));
@@ -59,6 +69,9 @@ impl State {
             lines.push(String::new());
         }
         if !skip.is_empty() {
+            if before != (self.motion, self.absolute) {
+                return changes();
+            }
             self.lose_position();
         }
         let number = number.unwrap_or_default();

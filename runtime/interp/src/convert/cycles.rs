@@ -7,6 +7,9 @@ use super::state::{Cycle, Source, State, Words, Z, shown};
 /// Holes of one block; more would be a program of their own.
 const REPETITIONS_MAX: u32 = 100;
 
+/// The boring cycle in which the spindle rests on the way up, on the controls that turn it.
+const STOPS_SPINDLE: u32 = 86;
+
 /// Cuts of one hole.
 const CUTS_MAX: u32 = 1000;
 
@@ -139,12 +142,20 @@ impl State {
         if let Some(dwell_ms) = cycle.dwell_ms.filter(|_| matches!(cycle.code, 82 | 89)) {
             way.lines.push(format!("G04 X{}", shown(dwell_ms / 1000.0)));
         }
+        let stops = self.from == Source::Fanuc && cycle.code == STOPS_SPINDLE;
+        if stops {
+            way.lines.push("M05".to_owned());
+        }
         let slowly = matches!(cycle.code, 85 | 89);
         if slowly {
             way.go("G01", levels.r);
         }
         if !slowly || self.to_initial == Some(true) {
             way.go("G00", levels.end);
+        }
+        if stops {
+            // M03 where the text does not show how it has turned
+            way.lines.push(format!("M{:02}", self.spindle.unwrap_or(3)));
         }
         let at = way.at;
         cycle.at = if cycle.absolute { 0.0 } else { at };

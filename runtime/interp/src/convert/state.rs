@@ -129,14 +129,6 @@ impl State {
         self.to_initial = None;
     }
 
-    /// Follows what a block that is left to be written by hand puts in force.
-    pub fn follow(&mut self, words: &[Word]) {
-        let codes = words.iter().filter(|word| word.address == Address::G);
-        codes
-            .filter_map(Word::whole)
-            .for_each(|code| self.put_in_force(code));
-    }
-
     /// What a G code puts in force, whatever else its block does.
     pub fn put_in_force(&mut self, code: u32) {
         match code {
