@@ -89,20 +89,27 @@ impl Hub {
 
     /// Stores the message if its topic is a state, and passes it to the subscribers of its topic.
     pub fn publish(&self, message: Message) {
-        let message = Arc::new(message);
+        lock(&self.inner).publish(&Arc::new(message));
+    }
+
+    /// Publishes a state unless it is as it was. `message` makes the message from topic, next revision and payload; while it does,
+    /// nothing else is published.
+    ///
+    /// Returns the revision of the topic, and whether it is a new one.
+    pub fn publish_change(
+        &self,
+        topic: Topic,
+        payload: Payload,
+        message: impl FnOnce(Topic, u64, Payload) -> Message,
+    ) -> (u64, bool) {
         let mut inner = lock(&self.inner);
-        if message.topic.is_state() {
-            inner.states.insert(message.topic.clone(), Arc::clone(&message));
+        let last = inner.states.get(&topic);
+        let rev = last.and_then(|last| last.rev).unwrap_or(0);
+        if last.is_some_and(|last| last.payload == payload) {
+            return (rev, false);
         }
-        inner.subscribers.retain(|subscriber| {
-            let Some(subscriber) = subscriber.upgrade() else {
-                return false;
-            };
-            if subscriber.filter.matches(&message.topic) {
-                subscriber.put(Arc::clone(&message));
-            }
-            true
-        });
+        inner.publish(&Arc::new(message(topic, rev + 1, payload)));
+        (rev + 1, true)
     }
 
     /// The last value of a state topic.
@@ -160,6 +167,28 @@ impl Hub {
             lock(&subscriber.waiting).closed = true;
             subscriber.notify.notify_one();
         }
+    }
+}
+
+impl HubInner {
+    fn publish(&mut self, message: &Arc<Message>) {
+        if message.topic.is_state() {
+            match self.states.get_mut(&message.topic) {
+                Some(last) => *last = Arc::clone(message),
+                None => {
+                    self.states.insert(message.topic.clone(), Arc::clone(message));
+                }
+            }
+        }
+        self.subscribers.retain(|subscriber| {
+            let Some(subscriber) = subscriber.upgrade() else {
+                return false;
+            };
+            if subscriber.filter.matches(&message.topic) {
+                subscriber.put(Arc::clone(message));
+            }
+            true
+        });
     }
 }
 

@@ -9,6 +9,7 @@ use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant, SystemTime};
 
 use parking_lot::Mutex;
+use plc_api::handshake::Now;
 
 /// Wall time of a simulation's start: 2000-01-01T00:00:00Z, so that equal runs give equal bytes.
 const SIMULATION_EPOCH_S: u64 = 946_684_800;
@@ -121,24 +122,31 @@ impl Clock {
 
     /// Seconds since the start.
     pub fn now_s(&self) -> f64 {
-        match &self.0 {
-            Kind::Real { start, .. } => start.elapsed().as_secs_f64(),
-            Kind::Simulated(time) => time.now_ns() as f64 / 1e9,
-            #[cfg(test)]
-            Kind::Paused { start, .. } => start.elapsed().as_secs_f64(),
-        }
+        self.now().monotonic_s
     }
 
     /// Wall time.
     pub fn wall(&self) -> SystemTime {
+        self.now().time
+    }
+
+    /// Both, of one moment.
+    pub fn now(&self) -> Now {
+        let real = |since_start: Duration, wall: SystemTime| Now {
+            monotonic_s: since_start.as_secs_f64(),
+            time: wall + since_start,
+        };
         match &self.0 {
-            Kind::Real { start, wall } => *wall + start.elapsed(),
+            Kind::Real { start, wall } => real(start.elapsed(), *wall),
             #[cfg(test)]
-            Kind::Paused { start, wall } => *wall + start.elapsed(),
+            Kind::Paused { start, wall } => real(start.elapsed(), *wall),
             Kind::Simulated(time) => {
-                SystemTime::UNIX_EPOCH
-                    + Duration::from_secs(SIMULATION_EPOCH_S)
-                    + Duration::from_nanos(time.now_ns())
+                let now_ns = time.now_ns();
+                let epoch = SystemTime::UNIX_EPOCH + Duration::from_secs(SIMULATION_EPOCH_S);
+                Now {
+                    monotonic_s: now_ns as f64 / 1e9,
+                    time: epoch + Duration::from_nanos(now_ns),
+                }
             }
         }
     }

@@ -138,10 +138,7 @@ impl Shared {
     }
 
     pub fn now(&self) -> Now {
-        Now {
-            monotonic_s: self.clock.now_s(),
-            time: self.clock.wall(),
-        }
+        self.clock.now()
     }
 
     pub fn timestamp(&self) -> Timestamp {
@@ -165,13 +162,12 @@ impl Shared {
             self.send(self.message(topic, None, payload));
             return 0;
         }
-        let last = self.hub.read(&topic);
-        let last_rev = last.as_ref().and_then(|message| message.rev).unwrap_or(0);
-        if last.is_some_and(|message| message.payload == payload) {
-            return last_rev;
+        let message = |topic, rev, payload| self.message(topic, Some(rev), payload);
+        let (rev, has_changed) = self.hub.publish_change(topic, payload, message);
+        if has_changed {
+            self.sent.fetch_add(1, Ordering::Relaxed);
         }
-        self.send(self.message(topic, Some(last_rev + 1), payload));
-        last_rev + 1
+        rev
     }
 
     /// Publishes a state as it is, with the time of now: it still holds.

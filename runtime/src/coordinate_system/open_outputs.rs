@@ -85,12 +85,12 @@ impl Outputs {
         self.stock.extract_if(.., |work| is_done(work)).collect()
     }
 
-    /// Unclaimed outputs whose handler has not come back in its time.
-    pub fn take_overdue(&mut self, now_s: f64) -> Vec<OutputNotice> {
+    /// Sequence and M numbers of unclaimed outputs whose handler has not come back in its time.
+    pub fn take_overdue(&mut self, now_s: f64) -> Vec<(u64, u16)> {
         let over = self.away.extract_if(.., |(_, until_s)| *until_s <= now_s + 1e-9);
         let open = over.filter_map(|(seq, _)| self.ledger.get(seq));
         let unclaimed = open.filter(|open| open.state == OutputState::Output);
-        unclaimed.map(|open| open.notice.clone()).collect()
+        unclaimed.map(|open| (open.notice.seq, open.notice.m)).collect()
     }
 
     /// All are cancelled.

@@ -174,7 +174,7 @@ impl CoordinateSystem {
                 self.context
                     .publish(CsTopic::Pending, Payload::Pending(self.outputs.ledger.pending()));
             }
-            Effect::Output(notice) => self.on_output(&notice),
+            Effect::Output(notice) => self.on_output(notice),
             Effect::Result { m, result } => {
                 self.context.publish(CsTopic::Result(m), Payload::Result(result));
             }
@@ -185,26 +185,28 @@ impl CoordinateSystem {
         }
     }
 
-    fn on_output(&mut self, notice: &OutputNotice) {
-        self.context
-            .publish(CsTopic::Output(notice.m), Payload::Output(notice.clone()));
-        if notice.attempt > 1 {
-            return;
+    fn on_output(&mut self, notice: OutputNotice) {
+        let (seq, m, is_first) = (notice.seq, notice.m, notice.attempt <= 1);
+        let origin = origin(&notice);
+        self.context.publish(CsTopic::Output(m), Payload::Output(notice));
+        if is_first {
+            self.outputs.made.insert(seq, (m, origin));
+            self.outputs.since_s.insert(seq, self.context.now_s());
+            self.look_for_handler(seq, m);
         }
-        self.outputs.made.insert(notice.seq, (notice.m, origin(notice)));
-        self.outputs.since_s.insert(notice.seq, self.context.now_s());
-        self.look_for_handler(notice);
     }
 
     /// An output that no handler serves waits for one that comes back.
-    fn look_for_handler(&mut self, notice: &OutputNotice) {
+    fn look_for_handler(&mut self, seq: u64, m: u16) {
         let (shared, cs) = (&self.context.shared, self.context.number);
-        if shared.is_handled(cs, notice.m) {
+        if shared.is_handled(cs, m) {
             return;
         }
-        match shared.handler_back_s(cs, notice.m) {
-            Some(until_s) => self.outputs.away.push((notice.seq, until_s)),
-            None => self.without_handler(notice),
+        if let Some(until_s) = shared.handler_back_s(cs, m) {
+            self.outputs.away.push((seq, until_s));
+        } else if let Some(output) = self.outputs.ledger.get(seq) {
+            let notice = output.notice.clone();
+            self.without_handler(&notice);
         }
     }
 
@@ -221,8 +223,8 @@ impl CoordinateSystem {
 
     /// Handlers that have not come back in their time are no longer waited for.
     pub(super) fn look_at_away(&mut self, now: Now) {
-        for notice in self.outputs.take_overdue(now.monotonic_s) {
-            self.look_for_handler(&notice);
+        for (seq, m) in self.outputs.take_overdue(now.monotonic_s) {
+            self.look_for_handler(seq, m);
         }
     }
 

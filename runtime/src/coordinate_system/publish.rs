@@ -1,9 +1,12 @@
 //! The state topics of a coordinate system, published when they have changed.
 
 use std::sync::Arc;
+use std::time::SystemTime;
 
+use plc_api::handshake::OpenOutput;
 use plc_api::types::Timestamp;
 use plc_api::types::message::Payload;
+use plc_api::types::question::Question;
 use plc_api::types::state::{Captured, Modal, OptionalSkip, Spindle, State, Switch, Tool, WaitingOn};
 use plc_api::types::topic::CsTopic;
 use tandem_model::{AXES_MAX, Axis, AxisSet, MachinePosition};
@@ -17,6 +20,8 @@ use crate::program_store::StoredProgram;
 #[derive(Debug, Default)]
 pub(super) struct Published {
     state: Option<State>,
+    /// Since when the output that it waits for is in its state.
+    waiting_since: Option<SystemTime>,
     /// How often programs had changed when it was made.
     changes: u64,
     /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
@@ -27,20 +32,13 @@ pub(super) struct Published {
 impl CoordinateSystem {
     fn state(&self) -> State {
         let (execution, reason) = self.state.state_word();
-        let awaited = self.state.awaited();
-        let waiting_on = awaited
-            .and_then(|awaited| self.outputs.ledger.get(awaited.seq))
-            .map(|open| WaitingOn {
-                m: open.notice.m,
-                seq: open.notice.seq,
-                since: Timestamp::from_system_time(open.since),
-                progress: open.progress.clone(),
-                question: open
-                    .question
-                    .clone()
-                    .filter(|question| question.answer.is_none())
-                    .map(Box::new),
-            });
+        let waiting_on = self.awaited_output().map(|open| WaitingOn {
+            m: open.notice.m,
+            seq: open.notice.seq,
+            since: Timestamp::from_system_time(open.since),
+            progress: open.progress.clone(),
+            question: unanswered(open).cloned().map(Box::new),
+        });
         let wait_state = waiting_on.as_ref().and_then(|waiting| {
             self.context
                 .m_code(waiting.m)
@@ -75,17 +73,35 @@ impl CoordinateSystem {
         running.or_else(|| self.context.shared.store.get(number))
     }
 
-    /// True when this is still the state, and no output is awaited. Compared before a state is made: most turns change
-    /// nothing.
+    /// The output that the run waits for.
+    fn awaited_output(&self) -> Option<&OpenOutput> {
+        self.outputs.ledger.get(self.state.awaited()?.seq)
+    }
+
+    /// True when this is still what the run waits for.
+    fn is_waiting_on(&self, waiting_on: Option<&WaitingOn>) -> bool {
+        match (self.awaited_output(), waiting_on) {
+            (None, None) => true,
+            (Some(open), Some(on)) => {
+                (open.notice.m, open.notice.seq) == (on.m, on.seq)
+                    && self.published.waiting_since == Some(open.since)
+                    && open.progress == on.progress
+                    && unanswered(open) == on.question.as_deref()
+            }
+            _ => false,
+        }
+    }
+
+    /// True when this is still the state. Compared before a state is made: most turns change nothing.
     fn is_in(&self, state: &State) -> bool {
         let State {
             execution,
             transition,
             reason,
-            wait_state,
             waiting_on,
             program,
-            // these follow from the program, the run, and what has changed in the store
+            // these follow from the M code, the program, the run, and what has changed in the store
+            wait_state: _,
             hash: _,
             o_number: _,
             run_id,
@@ -97,8 +113,7 @@ impl CoordinateSystem {
             alarm_count,
             last_command_id,
         } = state;
-        self.state.awaited().is_none()
-            && (wait_state, waiting_on) == (&None, &None)
+        self.is_waiting_on(waiting_on.as_ref())
             && (*execution, *reason) == self.state.state_word()
             && *transition == self.state.transition()
             && self.published.changes == self.context.shared.store.changes()
@@ -123,6 +138,7 @@ impl CoordinateSystem {
             return;
         }
         self.published.changes = self.context.shared.store.changes();
+        self.published.waiting_since = self.awaited_output().map(|open| open.since);
         let state = self.state();
         let before = self.published.state.as_ref().map(|state| state.execution);
         if before != Some(state.execution) {
@@ -259,6 +275,13 @@ pub(crate) fn published_modal(
         tool,
         work_offset: modal.work_offset().map(str::to_owned),
     }
+}
+
+/// The question of an output, while nobody has answered it.
+fn unanswered(open: &OpenOutput) -> Option<&Question> {
+    open.question
+        .as_ref()
+        .filter(|question| question.answer.is_none())
 }
 
 fn skip_numbers(bits: u32) -> Vec<u8> {

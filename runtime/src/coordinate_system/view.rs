@@ -98,7 +98,7 @@ impl View {
 
     /// Place of the block that is executed.
     pub fn executing(&self) -> Origin {
-        self.place().executing
+        self.place.lock().executing
     }
 
     /// Actual spindle speed, r/min, and whether it is oriented.

@@ -21,7 +21,8 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// Time before the load, in which the machine is as it is without it.
 const IDLE: Duration = Duration::from_secs(3);
 
-/// Growth of the runtime's memory from the first quarter to the end, MiB.
+/// Growth of the runtime's memory from before the load until everybody has heard everything, MiB. What waits for subscribers meanwhile
+/// is bounded by the broker, and is much where a busy computer leaves them no time to read.
 const GROWTH_MAX_MIB: f64 = 48.0;
 
 fn duration() -> Duration {
@@ -221,28 +222,18 @@ fn resident_mib(reached: &Reached) -> f64 {
 /// Motion and M codes until a variable of the coordinate system is 1.
 const PROGRAM: &str = "while (Q200 < 1) {\nG01 X10 F12000\nM100 VA1\nG01 X0\nM100 VA2\n}\nM30\n";
 
-/// Commands for a time, each second's shared out among the first subscribers; gives how many. Tells the memory.
-async fn commands(reached: &Reached, subscribers: &[Subscriber], time: Duration) -> u64 {
+/// Commands for a time, each second's shared out among the first subscribers; gives how many.
+async fn commands(subscribers: &[Subscriber], time: Duration) -> u64 {
     let mut tick = tokio::time::interval(Duration::from_millis(1000 / COMMANDS_PER_S));
     tick.set_missed_tick_behavior(MissedTickBehavior::Burst);
     let begun = Instant::now();
     let mut sent = 0;
-    let mut first_quarter = None;
     while begun.elapsed() < time {
         tick.tick().await;
         let hmi = (sent % COMMANDS_PER_S) as usize;
         subscribers[hmi].command(hmi, sent).await;
         sent += 1;
-        if first_quarter.is_none() && begun.elapsed() > time.min(Duration::from_mins(4)) / 4 {
-            first_quarter = Some(resident_mib(reached));
-        }
     }
-    let (before, after) = (first_quarter.expect("longer than nothing"), resident_mib(reached));
-    tell(&format!(
-        "memory {before:.1} MiB after a quarter, at most a minute, {after:.1} MiB after {} s",
-        time.as_secs()
-    ));
-    assert!(after - before < GROWTH_MAX_MIB, "{before:.1} to {after:.1} MiB");
     sent
 }
 
@@ -276,10 +267,12 @@ async fn two_hundred_subscribers_and_fifty_commands_a_second_lose_nothing_and_ho
     }
     let time = duration();
     reached.served().load(1, 60, PROGRAM).await;
+    let idle_mib = resident_mib(&reached);
     let noise_before = noise.late();
     let (overruns_before, cycles_before) = servo(&reached).await;
     reached.served().command(1, "start").await;
-    let sent = commands(&reached, &subscribers, time).await;
+    let sent = commands(&subscribers, time).await;
+    let loaded_mib = resident_mib(&reached);
     let (overruns, cycles) = servo(&reached).await;
     let (overruns, cycles) = (overruns - overruns_before, cycles - cycles_before);
     let noise = noise.late() - noise_before;
@@ -299,6 +292,14 @@ async fn two_hundred_subscribers_and_fifty_commands_a_second_lose_nothing_and_ho
         .expect(204);
     reached.served().execution(1, "PROGRAM_COMPLETED").await;
     everyone_heard_every_output(&subscribers, made.load(Ordering::Relaxed)).await;
+    let left_mib = until("the memory of what waited is given back", async || {
+        Some(resident_mib(&reached)).filter(|mib| mib - idle_mib < GROWTH_MAX_MIB)
+    })
+    .await;
+    tell(&format!(
+        "memory {idle_mib:.1} MiB before the load, {loaded_mib:.1} MiB after {} s of it, {left_mib:.1} MiB in the end",
+        time.as_secs()
+    ));
 }
 
 async fn every_command_was_answered_once(subscribers: &[Subscriber], sent: u64) {
