@@ -95,21 +95,22 @@ impl Hub {
     /// Publishes a state unless it is as it was. `message` makes the message from topic, next revision and payload; while it does,
     /// nothing else is published.
     ///
-    /// Returns the revision of the topic, and whether it is a new one.
+    /// Returns the last message of the topic then, and whether it is this one.
     pub fn publish_change(
         &self,
         topic: Topic,
         payload: Payload,
         message: impl FnOnce(Topic, u64, Payload) -> Message,
-    ) -> (u64, bool) {
+    ) -> (Arc<Message>, bool) {
         let mut inner = lock(&self.inner);
         let last = inner.states.get(&topic);
-        let rev = last.and_then(|last| last.rev).unwrap_or(0);
-        if last.is_some_and(|last| last.payload == payload) {
-            return (rev, false);
+        if let Some(last) = last.filter(|last| last.payload == payload) {
+            return (Arc::clone(last), false);
         }
-        inner.publish(&Arc::new(message(topic, rev + 1, payload)));
-        (rev + 1, true)
+        let rev = last.and_then(|last| last.rev).unwrap_or(0);
+        let message = Arc::new(message(topic, rev + 1, payload));
+        inner.publish(&message);
+        (message, true)
     }
 
     /// The last value of a state topic.

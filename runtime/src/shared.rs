@@ -162,12 +162,17 @@ impl Shared {
             self.send(self.message(topic, None, payload));
             return 0;
         }
+        self.publish_state(topic, payload).rev.unwrap_or(0)
+    }
+
+    /// Publishes a state if it has changed; gives its message.
+    pub fn publish_state(&self, topic: Topic, payload: Payload) -> Arc<Message> {
         let message = |topic, rev, payload| self.message(topic, Some(rev), payload);
-        let (rev, has_changed) = self.hub.publish_change(topic, payload, message);
+        let (message, has_changed) = self.hub.publish_change(topic, payload, message);
         if has_changed {
             self.sent.fetch_add(1, Ordering::Relaxed);
         }
-        rev
+        message
     }
 
     /// Publishes a state as it is, with the time of now: it still holds.

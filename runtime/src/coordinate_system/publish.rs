@@ -5,10 +5,10 @@ use std::time::SystemTime;
 
 use plc_api::handshake::OpenOutput;
 use plc_api::types::Timestamp;
-use plc_api::types::message::Payload;
+use plc_api::types::message::{Message, Payload};
 use plc_api::types::question::Question;
 use plc_api::types::state::{Captured, Modal, OptionalSkip, Spindle, State, Switch, Tool, WaitingOn};
-use plc_api::types::topic::CsTopic;
+use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::{AXES_MAX, Axis, AxisSet, MachinePosition};
 
 use super::CoordinateSystem;
@@ -19,7 +19,7 @@ use crate::program_store::StoredProgram;
 /// What was published last.
 #[derive(Debug, Default)]
 pub(super) struct Published {
-    state: Option<State>,
+    state: Option<Arc<Message>>,
     /// Since when the output that it waits for is in its state.
     waiting_since: Option<SystemTime>,
     /// How often programs had changed when it was made.
@@ -27,6 +27,15 @@ pub(super) struct Published {
     /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
     /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
     pub captured: [f64; AXES_MAX],
+}
+
+impl Published {
+    fn state(&self) -> Option<&State> {
+        match &self.state.as_ref()?.payload {
+            Payload::State(state) => Some(state),
+            _ => None,
+        }
+    }
 }
 
 impl CoordinateSystem {
@@ -129,24 +138,19 @@ impl CoordinateSystem {
 
     /// Publishes the state, and the program place with it, where they have changed.
     pub(super) fn publish_changes(&mut self) {
-        if self
-            .published
-            .state
-            .as_ref()
-            .is_some_and(|state| self.is_in(state))
-        {
+        if self.published.state().is_some_and(|state| self.is_in(state)) {
             return;
         }
         self.published.changes = self.context.shared.store.changes();
         self.published.waiting_since = self.awaited_output().map(|open| open.since);
         let state = self.state();
-        let before = self.published.state.as_ref().map(|state| state.execution);
+        let before = self.published.state().map(|state| state.execution);
         if before != Some(state.execution) {
             self.publish_place();
         }
-        self.context
-            .publish(CsTopic::State, Payload::State(state.clone()));
-        self.published.state = Some(state);
+        let topic = Topic::cs(self.context.number, CsTopic::State);
+        let message = (self.context.shared).publish_state(topic, Payload::State(state));
+        self.published.state = Some(message);
     }
 
     pub(super) fn publish_place(&self) {
