@@ -21,9 +21,9 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// Time before the load, in which the machine is as it is without it.
 const IDLE: Duration = Duration::from_secs(3);
 
-/// Growth of the runtime's memory from before the load until everybody has heard everything, MiB. What waits for subscribers meanwhile
-/// is bounded by the broker, and is much where a busy computer leaves them no time to read.
-const GROWTH_MAX_MIB: f64 = 48.0;
+/// Growth of the runtime's memory under the load, MiB: 1 for each subscriber, of which the broker keeps about 0.7 for as long as
+/// one is connected, however long that is. How soon it comes to that depends on how busy the computer is.
+const GROWTH_MAX_MIB: f64 = SUBSCRIBERS as f64;
 
 fn duration() -> Duration {
     let asked = std::env::var("SOAK_SECONDS").ok();
@@ -292,14 +292,9 @@ async fn two_hundred_subscribers_and_fifty_commands_a_second_lose_nothing_and_ho
         .expect(204);
     reached.served().execution(1, "PROGRAM_COMPLETED").await;
     everyone_heard_every_output(&subscribers, made.load(Ordering::Relaxed)).await;
-    let left_mib = until("the memory of what waited is given back", async || {
-        Some(resident_mib(&reached)).filter(|mib| mib - idle_mib < GROWTH_MAX_MIB)
-    })
-    .await;
-    tell(&format!(
-        "memory {idle_mib:.1} MiB before the load, {loaded_mib:.1} MiB after {} s of it, {left_mib:.1} MiB in the end",
-        time.as_secs()
-    ));
+    let growth = format!("{idle_mib:.1} to {loaded_mib:.1} MiB in {} s", time.as_secs());
+    tell(&growth);
+    assert!(loaded_mib - idle_mib < GROWTH_MAX_MIB, "{growth}");
 }
 
 async fn every_command_was_answered_once(subscribers: &[Subscriber], sent: u64) {
