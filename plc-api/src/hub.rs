@@ -305,6 +305,27 @@ mod tests {
         assert_eq!(first, Some(cancel(3)));
     }
 
+    #[test]
+    fn a_state_that_is_as_it_was_is_not_published_again_and_a_new_one_has_the_next_revision() {
+        let hub = Hub::new();
+        let publish = |value| {
+            let Message { topic, payload, .. } = switch(value);
+            let (message, is_new) = hub.publish_change(topic, payload, |topic, rev, payload| Message {
+                topic,
+                rev: Some(rev),
+                payload,
+                ..switch(value)
+            });
+            (message.rev, is_new)
+        };
+        let mut subscription = hub.subscribe(Filter::All);
+        assert_eq!(publish(true), (Some(1), true));
+        assert_eq!(publish(true), (Some(1), false));
+        assert_eq!(read_all(&mut subscription).len(), 1);
+        assert_eq!(publish(false), (Some(2), true));
+        assert_eq!(publish(true), (Some(3), true));
+    }
+
     #[tokio::test]
     async fn closing_ends_a_subscription_after_its_last_message() {
         let hub = Hub::new();
