@@ -17,7 +17,7 @@ use crate::support::mqtt::Bus;
 use crate::support::nats::nats;
 use crate::support::rmqtt::rmqtt;
 use crate::support::served::Served;
-use crate::support::wait::{until, within};
+use crate::support::wait::until;
 
 /// M codes of one run of the program.
 const OUTPUTS: usize = 100;
@@ -27,6 +27,8 @@ const PROGRAM: &str = "L0 = 0\nwhile (L0 < 100) {\nM100 VA[L0]\nL0 = L0 + 1\n}\n
 const AWAY: Duration = Duration::from_secs(2);
 /// How long a node is parted from the others: longer than nodes wait for each other.
 const PARTED: Duration = Duration::from_secs(6);
+/// How long the nodes have: on a busy computer they elect a leader again and again, and meanwhile refuse and forget what they are asked.
+const NODES_PATIENCE: Duration = Duration::from_mins(5);
 /// Nodes of the runtime, of the HMI and of the handler.
 const RUNTIME: usize = 0;
 const HMI: usize = 1;
@@ -72,12 +74,11 @@ async fn serve(cluster: &Cluster, done: &Done) -> tokio::task::JoinHandle<()> {
         presence_expires: Duration::from_secs(15),
         ..MqttOptions::default()
     };
-    let plc = within(
-        "the handler's connection",
-        Plc::connect_with(&format!("mqtt://{order}/test-1"), options),
-    )
-    .await
-    .expect("a machine there");
+    let address = format!("mqtt://{order}/test-1");
+    let plc = until("a machine there", async || {
+        Plc::connect_with(&address, options.clone()).await.ok()
+    })
+    .await;
     let done = Arc::clone(done);
     tokio::spawn(async move {
         // what was open when it was lost is looked at before it is done again
@@ -137,6 +138,30 @@ async fn befall(cluster: &mut Cluster, trouble: Trouble) {
     }
 }
 
+/// Waits until it is so. A failure tells what is open, and what the runtime has said.
+async fn until_so(served: Served, what: &str, mut is_so: impl AsyncFnMut(&Served) -> bool) -> Served {
+    let waiting = async {
+        while !is_so(&served).await {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    if tokio::time::timeout(NODES_PATIENCE, waiting).await.is_err() {
+        let state = served.state(1).await;
+        let open = served.get("/cs/1/m_codes").await.json();
+        let handlers = served.get("/handlers").await.json();
+        let said = served.process.killed();
+        panic!("not within {NODES_PATIENCE:?}: {what}\n{state:#}\n{open:#}\n{handlers:#}\n{said}");
+    }
+    served
+}
+
+async fn completed(served: Served, what: &str) -> Served {
+    until_so(served, what, async |served| {
+        served.state(1).await["execution"] == "PROGRAM_COMPLETED"
+    })
+    .await
+}
+
 async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
     let addresses: Vec<_> = (0..NODES)
         .map(|node| format!("\"mqtt://{}\"", cluster.address(node)))
@@ -152,7 +177,7 @@ async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
         &config.replace("52 = \"twice.nc\"", "52 = \"hundred.nc\""),
     );
     machine.write("hundred.nc", PROGRAM);
-    let served = Served::start(&machine);
+    let mut served = Served::start(&machine);
     let hmi = Bus::connect(&cluster.address(HMI), "test-1").await;
     hmi.history.find("cs/1/state", |_| true).await;
     hmi.history.find("cs/1/m_code/pending", |_| true).await;
@@ -164,29 +189,37 @@ async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
         .await
         .expect(200);
     served.command(1, "start").await;
-    served.execution(1, "PROGRAM_COMPLETED").await;
+    served = completed(served, "the end of the first run").await;
     assert_eq!(count(&done), OUTPUTS);
 
     for (round, trouble) in rounds.iter().enumerate() {
         served.command(1, "start").await;
         let begun = (round + 1) * OUTPUTS;
-        until("some outputs are done", async || {
-            (count(&done) >= begun + 20).then_some(())
+        let after = format!("after {trouble:?}");
+        served = until_so(served, &format!("outputs before {trouble:?}"), async |_| {
+            count(&done) >= begun + 20
         })
         .await;
         befall(&mut cluster, *trouble).await;
-        served.execution(1, "PROGRAM_COMPLETED").await;
-        assert_eq!(count(&done), begun + OUTPUTS, "after {trouble:?}");
-        until("the runtime has a node", async || {
-            let health = served.get("/health").await.expect(200).json();
-            (health["status"] == "ok").then_some(())
-        })
+        served = completed(served, &format!("the end of the run {after}")).await;
+        assert_eq!(count(&done), begun + OUTPUTS, "{after}");
+        served = until_so(
+            served,
+            &format!("a node for the runtime {after}"),
+            async |served| served.get("/health").await.expect(200).json()["status"] == "ok",
+        )
         .await;
         let run = served.state(1).await["run_id"].clone();
-        let told = hmi.history.find("cs/1/state", |state| {
-            state["run_id"] == run && state["execution"] == "PROGRAM_COMPLETED"
-        });
-        within("the end of the run at the HMI", told).await;
+        served = until_so(
+            served,
+            &format!("the end of the run at the HMI {after}"),
+            async |_| {
+                let states = hmi.history.on("cs/1/state");
+                let mut states = states.iter().filter(|state| state["run_id"] == run);
+                states.any(|state| state["execution"] == "PROGRAM_COMPLETED")
+            },
+        )
+        .await;
     }
     let twice: Vec<_> = done
         .lock()
