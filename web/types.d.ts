@@ -332,9 +332,9 @@ export interface PendingMessage { boot_id: BootId; outputs: PendingOutput[]; rev
 /** One open output as `m_code/pending` says it. */
 export interface PendingOutput {
   attempt: number; checkpoint?: unknown; handler_id: string | null; how?: Redelivery; id: string; instance?: string;
-  line: number; lost: boolean; m: number; params: Params; program: number; progress?: Progress; question?: Question;
-  redelivered: boolean; redelivery?: Redelivery; run_id: string; seq: number; since: Timestamp; state: OutputState;
-  timing: Timing;
+  line: number; lost: boolean; lost_instance?: string; m: number; params: Params; program: number; progress?: Progress;
+  question?: Question; redelivered: boolean; redelivery?: Redelivery; run_id: string; seq: number; since: Timestamp;
+  state: OutputState; timing: Timing;
 }
 
 /** A block of a program. */

@@ -81,7 +81,7 @@ export class Runner {
   #takeOver;
   /** @type {Map<string, Running>} */
   #running = new Map();
-  /** What the machine had claimed for this instance, the oldest first. @type {Set<string>} */
+  /** What this instance has taken up, the oldest first. @type {Set<string>} */
   #begun = new Set();
   #mustAnnounce = new Bell();
   #hasAnnounced = false;
@@ -296,7 +296,7 @@ export class Runner {
     for (const output of ours) {
       const id = idOf(boot, cs, output.seq);
       if (output.state === "OUTPUT" && output.handler_id === null) this.#takeUp(id, boot, cs, output, false);
-      else if (this.#isClaimedForUs(output) && this.#noteBegun(id)) this.#takeUp(id, boot, cs, output, true);
+      else if (this.#isClaimedForUs(output) && this.#isNew(id)) this.#takeUp(id, boot, cs, output, true);
     }
   }
 
@@ -306,13 +306,21 @@ export class Runner {
     return output.state === "CLAIMED" && output.attempt === 1 && isOurs;
   }
 
-  /** Whether an output is new: an old `pending` may come again after its end. @param {string} id */
+  /** Whether an output was never taken up: an old `pending` may come again after its end. @param {string} id */
+  #isNew(id) {
+    return !this.#running.has(id) && !this.#begun.has(id);
+  }
+
+  /** @param {string} id */
   #noteBegun(id) {
-    if (this.#running.has(id) || this.#begun.has(id)) return false;
     this.#begun.add(id);
     const [oldest] = this.#begun;
     if (this.#begun.size > BEGUN_MAX && oldest !== undefined) this.#begun.delete(oldest);
-    return true;
+  }
+
+  /** Whether an output was claimed for this instance, which has never heard of it (H20): it was lost on the way. @param {string} id @param {PendingOutput} pending */
+  #isNeverBegun(id, pending) {
+    return pending.lost_instance === this.#connection.instance && this.#isNew(id);
   }
 
   // --- outputs
@@ -327,8 +335,9 @@ export class Runner {
     }
     const entry = this.#find(cs, pending.m);
     if (entry === undefined || (this.#isStopping && !isClaimed)) return;
-    const how = howOf(pending, entry.redelivery);
+    const how = this.#isNeverBegun(id, pending) ? "redo" : howOf(pending, entry.redelivery);
     if (how === "ask") return;
+    this.#noteBegun(id);
     const output = new Output(this.#connection, this.#identity, { bootId: boot, cs }, pending, how === "verify");
     /** @type {Running} */
     const running = { output, boot, isAnswering: false, isReclaiming: false, ended: Promise.resolve() };

@@ -45,7 +45,7 @@ struct Runner {
     table: Table,
     on_redelivery: Option<Redelivery>,
     running: HashMap<OutputId, Running>,
-    // outputs that the machine had claimed for this instance: an old `pending` may come again after their end
+    // outputs that this instance has taken up: an old `pending` may come again after their end
     begun: BTreeSet<OutputId>,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: Presence,
@@ -236,7 +236,7 @@ impl Runner {
             let id = OutputId::of(&message, cs, output);
             match output.state {
                 OutputState::Output => self.take_up(id, output, false),
-                OutputState::Claimed if self.is_claimed_for_us(output) && self.note_begun(&id) => {
+                OutputState::Claimed if self.is_claimed_for_us(output) && self.is_new(&id) => {
                     self.take_up(id, output, true);
                 }
                 OutputState::Claimed | OutputState::Queued => {}
@@ -252,13 +252,21 @@ impl Runner {
             && output.instance.as_deref() == Some(&*by.instance)
     }
 
-    /// False for an output that was begun before.
-    fn note_begun(&mut self, id: &OutputId) -> bool {
-        let is_new = !self.running.contains_key(id) && self.begun.insert(id.clone());
+    /// False for an output that was taken up before.
+    fn is_new(&self, id: &OutputId) -> bool {
+        !self.running.contains_key(id) && !self.begun.contains(id)
+    }
+
+    fn note_begun(&mut self, id: &OutputId) {
+        self.begun.insert(id.clone());
         if self.begun.len() > BEGUN_MAX {
             self.begun.pop_first();
         }
-        is_new
+    }
+
+    /// True for an output that was claimed for this instance, and of which it has never heard before (H20): it was lost on the way.
+    fn is_never_begun(&self, id: &OutputId, output: &PendingOutput) -> bool {
+        output.lost_instance.as_deref() == Some(&*self.presence.by.instance) && self.is_new(id)
     }
 
     fn take_up(&mut self, id: OutputId, pending: &PendingOutput, is_claimed: bool) {
@@ -274,9 +282,14 @@ impl Runner {
             return;
         };
         let redelivery = self.table.redelivery(Some(id.cs), pending.output.m);
-        let Some(verify) = taken_up(pending, redelivery.or(self.on_redelivery)) else {
+        let verify = if self.is_never_begun(&id, pending) {
+            false
+        } else if let Some(verify) = taken_up(pending, redelivery.or(self.on_redelivery)) {
+            verify
+        } else {
             return;
         };
+        self.note_begun(&id);
         let (output, cancel) =
             AuxOutput::new((&self.presence, &self.table.states), id.clone(), pending, verify);
         let (abort, registration) = AbortHandle::new_pair();

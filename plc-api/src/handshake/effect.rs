@@ -89,6 +89,7 @@ impl OpenOutput {
             instance: self.instance.clone(),
             since: Timestamp::from_system_time(self.since),
             lost: self.lost,
+            lost_instance: self.lost_instance().map(str::to_owned),
             redelivery: self.redelivery.filter(|_| self.lost),
             progress: self.progress.clone(),
             checkpoint: self.checkpoint.clone(),

@@ -154,9 +154,15 @@ impl OpenOutput {
 
     /// True for the instance from which it was taken: the same process still works on it.
     fn is_lost_by(&self, handler_id: &str, instance: Option<&String>) -> bool {
-        let named = instance.filter(|named| is_own_instance(named));
-        named.is_some()
-            && (self.lost_by.as_ref()).is_some_and(|(id, by)| id == handler_id && by.as_ref() == named)
+        let named = instance.map(String::as_str);
+        self.lost_instance().is_some_and(|by| Some(by) == named)
+            && self.lost_by.as_ref().is_some_and(|(id, _)| id == handler_id)
+    }
+
+    /// The instance from which it was taken, where that has named itself.
+    pub(super) fn lost_instance(&self) -> Option<&str> {
+        let (_, instance) = self.lost_by.as_ref()?;
+        instance.as_deref().filter(|named| is_own_instance(named))
     }
 }
 

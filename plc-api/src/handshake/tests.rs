@@ -420,6 +420,12 @@ fn h20_what_was_claimed_at_once_is_lost_with_its_handler_and_never_claimed_at_on
     let seq = made(&mut ledger, 100);
     ledger.handler_lost(now(1.0), "mill", Some("i1"));
     assert!(ledger.is_lost(seq));
+    let lost_instance = ledger.pending().outputs[0].lost_instance.clone();
+    assert_eq!(
+        lost_instance.as_deref(),
+        Some("i1"),
+        "it may begin when it is back"
+    );
     ledger.handler_online(now(2.0), "mill", &exclusive(100, Some("i2")));
     assert_eq!(owner(&ledger, seq), (OutputState::Output, None, None));
     assert_eq!(claim(&mut ledger, seq, "mill"), HandshakeStatus::Withheld);

@@ -91,6 +91,10 @@ pub struct PendingOutput {
     /// True while it waits after the handler that had claimed it has gone: that handler may have worked on it.
     #[serde(default)]
     pub lost: bool,
+    /// Of one that is `lost`: the instance that had claimed it, where that has named itself. It alone may claim it without a
+    /// decision, and begins with what it had never begun (H20).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lost_instance: Option<String>,
     /// Of one that is `lost`: the strictest of what the configuration of its M code and the handler that has gone say. Together
     /// with what another handler says of itself, it decides whether that handler may claim it.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -116,6 +116,7 @@ fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
                 instance: None,
                 since: at.clone(),
                 lost: false,
+                lost_instance: None,
                 progress: None,
                 checkpoint: None,
                 how: None,

@@ -230,6 +230,7 @@ impl Source {
             Some(Payload::Pending(pending)) => (pending.outputs.into_iter())
                 .map(|output| PendingOutput {
                     instance: None,
+                    lost_instance: None,
                     ..output
                 })
                 .collect(),

@@ -175,6 +175,7 @@ impl Stage {
                 self.said_before.extend(lines(&process.killed()));
             }
             ("start", "driver") => self.start_driver().await,
+            ("cut", "") => self.wire.cut(),
             ("tear", "") => self.wire.tear(),
             ("mend", "") => self.wire.mend(),
             ("kill", "broker") => self.broker.as_mut().expect("a broker").kill(),

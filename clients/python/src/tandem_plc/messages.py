@@ -132,6 +132,7 @@ class PendingOutput:
     since: str
     instance: str | None = None
     lost: bool = False
+    lost_instance: str | None = None
     progress: Progress | None = None
     checkpoint: Any = None
     how: Redelivery | None = None

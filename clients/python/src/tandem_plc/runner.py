@@ -152,7 +152,7 @@ class Runner:
         self._connection = connection
         self._plc = plc
         self._running: dict[OutputId, _Running] = {}
-        # what the machine had claimed for this instance, the oldest first
+        # what this instance has taken up, the oldest first
         self._begun: dict[OutputId, None] = {}
         self._jobs: set[asyncio.Task[None]] = set()
         self._must_announce = asyncio.Event()
@@ -360,7 +360,7 @@ class Runner:
             id_ = (pending.boot_id, cs, output.seq)
             if output.state is OutputState.OUTPUT and output.handler_id is None:
                 self._take_up(id_, output, is_claimed=False)
-            elif self._is_claimed_for_us(output) and self._note_begun(id_):
+            elif self._is_claimed_for_us(output) and self._is_new(id_):
                 self._take_up(id_, output, is_claimed=True)
 
     def _is_claimed_for_us(self, output: PendingOutput) -> bool:
@@ -372,14 +372,18 @@ class Runner:
             and output.instance == self._connection.instance
         )
 
-    def _note_begun(self, id_: OutputId) -> bool:
-        """Whether an output is new: an old ``pending`` may come again after its end."""
-        if id_ in self._running or id_ in self._begun:
-            return False
+    def _is_new(self, id_: OutputId) -> bool:
+        """Whether an output was never taken up: an old ``pending`` may come again after its end."""
+        return id_ not in self._running and id_ not in self._begun
+
+    def _note_begun(self, id_: OutputId) -> None:
         self._begun[id_] = None
         if len(self._begun) > _BEGUN_MAX:
             del self._begun[next(iter(self._begun))]
-        return True
+
+    def _is_never_begun(self, id_: OutputId, pending: PendingOutput) -> bool:
+        """Whether an output was claimed for this instance, which has never heard of it (H20): it was lost on the way."""
+        return pending.lost_instance == self._connection.instance and self._is_new(id_)
 
     # --- outputs
 
@@ -393,9 +397,10 @@ class Runner:
         entry = self._find(id_[1], pending.m)
         if entry is None or (self._is_stopping and not is_claimed):
             return
-        how = _how(pending, entry.redelivery)
+        how = Redelivery.REDO if self._is_never_begun(id_, pending) else _how(pending, entry.redelivery)
         if how is Redelivery.ASK:
             return
+        self._note_begun(id_)
         output = Output(self._connection, self._identity, id_[0], id_[1], pending, redelivered=how is Redelivery.VERIFY)
         running = self._running[id_] = _Running(output)
         running.task = asyncio.create_task(self._work(running, entry, is_claimed=is_claimed), name=repr(output))

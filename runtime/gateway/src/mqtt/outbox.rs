@@ -209,6 +209,7 @@ mod tests {
             instance: None,
             since: Timestamp::default(),
             lost: false,
+            lost_instance: None,
             progress: None,
             checkpoint: None,
             how: None,
