@@ -19,6 +19,9 @@ use super::wait::{History, PATIENCE, until};
 /// Free ports, as a part of a configuration.
 pub const FREE_PORTS: &str = "[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nlisten = \"127.0.0.1:0\"\n";
 
+/// Bytes that a process has said last, as a test that fails shows them.
+const SHOWN_MAX: usize = 64 * 1024;
+
 /// A process whose output is read line by line; killed when it is dropped.
 pub struct Process {
     child: Child,
@@ -126,10 +129,7 @@ impl Process {
         let end = Instant::now() + limit;
         loop {
             if let Some(status) = self.child.try_wait().expect("a process of ours") {
-                while let Ok(line) = self.lines.recv_timeout(Duration::from_secs(1)) {
-                    self.output.push_str(&line);
-                    self.output.push('\n');
-                }
+                self.read_to_the_end();
                 return status.code();
             }
             if Instant::now() >= end {
@@ -138,13 +138,30 @@ impl Process {
             std::thread::sleep(Duration::from_millis(10));
         }
     }
+
+    fn read_to_the_end(&mut self) {
+        while let Ok(line) = self.lines.recv_timeout(Duration::from_secs(1)) {
+            self.output.push_str(&line);
+            self.output.push('\n');
+        }
+    }
 }
 
 impl Drop for Process {
+    /// In a test that fails, shows what the process has said last.
     fn drop(&mut self) {
         // It may have ended by itself.
         let _ = self.child.kill();
         let _ = self.child.wait();
+        if std::thread::panicking() {
+            self.read_to_the_end();
+            let hidden = self.output.len().saturating_sub(SHOWN_MAX);
+            let shown = String::from_utf8_lossy(&self.output.as_bytes()[hidden..]);
+            eprintln!(
+                "process {}, without its first {hidden} bytes:\n{shown}",
+                self.child.id()
+            );
+        }
     }
 }
 

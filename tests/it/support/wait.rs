@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use tokio::sync::Notify;
+use tokio::time::Instant;
 
 /// The longest that anything in these tests is waited for.
 pub const PATIENCE: Duration = Duration::from_mins(1);
@@ -17,16 +18,21 @@ pub async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {
 }
 
 /// Asks again and again until the answer is there.
-pub async fn until<T>(what: &str, mut ask: impl AsyncFnMut() -> Option<T>) -> T {
-    within(what, async {
-        loop {
-            if let Some(found) = ask().await {
-                return found;
-            }
-            tokio::time::sleep(Duration::from_millis(10)).await;
+pub async fn until<T>(what: &str, ask: impl AsyncFnMut() -> Option<T>) -> T {
+    until_within(PATIENCE, what, ask).await
+}
+
+/// The same for what takes longer.
+pub async fn until_within<T>(limit: Duration, what: &str, mut ask: impl AsyncFnMut() -> Option<T>) -> T {
+    let end = Instant::now() + limit;
+    loop {
+        let answer = tokio::time::timeout_at(end, ask()).await;
+        if let Ok(Some(found)) = answer {
+            return found;
         }
-    })
-    .await
+        assert!(Instant::now() < end, "{what}: not within {} s", limit.as_secs());
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
 }
 
 /// What was said on topics, in order. Cloning gives another handle to the same history.

@@ -17,7 +17,7 @@ use crate::support::mqtt::Bus;
 use crate::support::nats::nats;
 use crate::support::rmqtt::rmqtt;
 use crate::support::served::Served;
-use crate::support::wait::until;
+use crate::support::wait::{until, until_within};
 
 /// M codes of one run of the program.
 const OUTPUTS: usize = 100;
@@ -138,28 +138,15 @@ async fn befall(cluster: &mut Cluster, trouble: Trouble) {
     }
 }
 
-/// Waits until it is so. A failure tells what is open, and what the runtime has said.
-async fn until_so(served: Served, what: &str, mut is_so: impl AsyncFnMut(&Served) -> bool) -> Served {
-    let waiting = async {
-        while !is_so(&served).await {
-            tokio::time::sleep(Duration::from_millis(10)).await;
-        }
-    };
-    if tokio::time::timeout(NODES_PATIENCE, waiting).await.is_err() {
-        let state = served.state(1).await;
-        let open = served.get("/cs/1/m_codes").await.json();
-        let handlers = served.get("/handlers").await.json();
-        let said = served.process.killed();
-        panic!("not within {NODES_PATIENCE:?}: {what}\n{state:#}\n{open:#}\n{handlers:#}\n{said}");
-    }
-    served
+async fn until_so(what: &str, mut is_so: impl AsyncFnMut() -> bool) {
+    until_within(NODES_PATIENCE, what, async || is_so().await.then_some(())).await;
 }
 
-async fn completed(served: Served, what: &str) -> Served {
-    until_so(served, what, async |served| {
+async fn completed(served: &Served, what: &str) {
+    until_so(what, async || {
         served.state(1).await["execution"] == "PROGRAM_COMPLETED"
     })
-    .await
+    .await;
 }
 
 async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
@@ -177,7 +164,7 @@ async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
         &config.replace("52 = \"twice.nc\"", "52 = \"hundred.nc\""),
     );
     machine.write("hundred.nc", PROGRAM);
-    let mut served = Served::start(&machine);
+    let served = Served::start(&machine);
     let hmi = Bus::connect(&cluster.address(HMI), "test-1").await;
     hmi.history.find("cs/1/state", |_| true).await;
     hmi.history.find("cs/1/m_code/pending", |_| true).await;
@@ -189,31 +176,25 @@ async fn each_output_is_done_once(mut cluster: Cluster, rounds: &[Trouble]) {
         .await
         .expect(200);
     served.command(1, "start").await;
-    served = completed(served, "the end of the first run").await;
+    completed(&served, "the end of the first run").await;
     assert_eq!(count(&done), OUTPUTS);
 
     for (round, trouble) in rounds.iter().enumerate() {
         served.command(1, "start").await;
         let begun = (round + 1) * OUTPUTS;
-        let after = format!("after {trouble:?}");
-        served = until_so(served, &format!("outputs before {trouble:?}"), async |_| {
-            count(&done) >= begun + 20
+        let before = format!("some outputs before {trouble:?}");
+        until_so(&before, async || count(&done) >= begun + 20).await;
+        befall(&mut cluster, *trouble).await;
+        completed(&served, &format!("the end of the run after {trouble:?}")).await;
+        assert_eq!(count(&done), begun + OUTPUTS, "after {trouble:?}");
+        until_so(&format!("a node for the runtime after {trouble:?}"), async || {
+            served.get("/health").await.expect(200).json()["status"] == "ok"
         })
         .await;
-        befall(&mut cluster, *trouble).await;
-        served = completed(served, &format!("the end of the run {after}")).await;
-        assert_eq!(count(&done), begun + OUTPUTS, "{after}");
-        served = until_so(
-            served,
-            &format!("a node for the runtime {after}"),
-            async |served| served.get("/health").await.expect(200).json()["status"] == "ok",
-        )
-        .await;
         let run = served.state(1).await["run_id"].clone();
-        served = until_so(
-            served,
-            &format!("the end of the run at the HMI {after}"),
-            async |_| {
+        until_so(
+            &format!("the end of the run at the HMI after {trouble:?}"),
+            async || {
                 let states = hmi.history.on("cs/1/state");
                 let mut states = states.iter().filter(|state| state["run_id"] == run);
                 states.any(|state| state["execution"] == "PROGRAM_COMPLETED")
