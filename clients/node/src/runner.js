@@ -318,7 +318,10 @@ export class Runner {
     if (this.#begun.size > BEGUN_MAX && oldest !== undefined) this.#begun.delete(oldest);
   }
 
-  /** Whether an output was claimed for this instance, which has never heard of it (H20): it was lost on the way. @param {string} id @param {PendingOutput} pending */
+  /**
+   * Whether an output was claimed for this instance and lost on the way, so that it was never taken up (H20).
+   * @param {string} id @param {PendingOutput} pending
+   */
   #isNeverBegun(id, pending) {
     return pending.lost_instance === this.#connection.instance && this.#isNew(id);
   }

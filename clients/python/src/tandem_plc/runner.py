@@ -382,7 +382,7 @@ class Runner:
             del self._begun[next(iter(self._begun))]
 
     def _is_never_begun(self, id_: OutputId, pending: PendingOutput) -> bool:
-        """Whether an output was claimed for this instance, which has never heard of it (H20): it was lost on the way."""
+        """Whether an output was claimed for this instance and lost on the way, so that it was never taken up (H20)."""
         return pending.lost_instance == self._connection.instance and self._is_new(id_)
 
     # --- outputs
