@@ -1,6 +1,6 @@
 //! The loop of a sequence program: it reads messages of the machine and starts handlers.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -46,13 +46,34 @@ struct Runner {
     on_redelivery: Option<Redelivery>,
     running: HashMap<OutputId, Running>,
     // outputs that this instance has taken up: an old `pending` may come again after their end
-    begun: BTreeSet<OutputId>,
+    begun: Begun,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: Presence,
     // the machine knows these handlers; outputs are claimed from now on
     is_known: bool,
     // no further output is taken
     is_stopping: bool,
+}
+
+/// Outputs that were taken up; the one noted first is forgotten first.
+#[derive(Debug, Default)]
+struct Begun {
+    known: HashSet<OutputId>,
+    order: VecDeque<OutputId>,
+}
+
+impl Begun {
+    fn note(&mut self, id: &OutputId) {
+        if !self.known.insert(id.clone()) {
+            return;
+        }
+        self.order.push_back(id.clone());
+        if self.order.len() > BEGUN_MAX
+            && let Some(oldest) = self.order.pop_front()
+        {
+            self.known.remove(&oldest);
+        }
+    }
 }
 
 /// How a sequence program comes and goes.
@@ -100,7 +121,7 @@ pub(super) async fn run<T>(
         table,
         on_redelivery: how.on_redelivery,
         running: HashMap::new(),
-        begun: BTreeSet::new(),
+        begun: Begun::default(),
         work: FuturesUnordered::new(),
         presence,
         is_known: false,
@@ -254,14 +275,7 @@ impl Runner {
 
     /// False for an output that was taken up before.
     fn is_new(&self, id: &OutputId) -> bool {
-        !self.running.contains_key(id) && !self.begun.contains(id)
-    }
-
-    fn note_begun(&mut self, id: &OutputId) {
-        self.begun.insert(id.clone());
-        if self.begun.len() > BEGUN_MAX {
-            self.begun.pop_first();
-        }
+        !self.running.contains_key(id) && !self.begun.known.contains(id)
     }
 
     /// True for an output that was claimed for this instance, and of which it has never heard before (H20): it was lost on the way.
@@ -289,7 +303,7 @@ impl Runner {
         } else {
             return;
         };
-        self.note_begun(&id);
+        self.begun.note(&id);
         let (output, cancel) =
             AuxOutput::new((&self.presence, &self.table.states), id.clone(), pending, verify);
         let (abort, registration) = AbortHandle::new_pair();
@@ -385,4 +399,30 @@ async fn call(output: &AuxOutput, handler: &Boxed) -> Result<(), Alarm> {
     );
     tracing::error!("{text}");
     Err(Alarm::user(Alarm::CODE_OF_PANIC, text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::BootId;
+
+    #[test]
+    fn h20_what_was_taken_up_last_is_remembered_also_where_its_boot_or_coordinate_system_comes_first_in_order()
+     {
+        let id = |boot: &str, cs, seq| OutputId {
+            boot_id: BootId(boot.into()),
+            cs,
+            seq,
+        };
+        let mut begun = Begun::default();
+        for seq in 1..=BEGUN_MAX as u64 {
+            begun.note(&id("f", 2, seq));
+        }
+        begun.note(&id("f", 1, 1));
+        begun.note(&id("a", 1, 1));
+        begun.note(&id("a", 1, 1));
+        assert!(begun.known.contains(&id("f", 1, 1)) && begun.known.contains(&id("a", 1, 1)));
+        assert!(!begun.known.contains(&id("f", 2, 2)) && begun.known.contains(&id("f", 2, 3)));
+        assert_eq!((begun.known.len(), begun.order.len()), (BEGUN_MAX, BEGUN_MAX));
+    }
 }
