@@ -4,7 +4,7 @@
 //! It never overtakes an event that explains it ([`Topic::explains`]): the cancel of an output comes before the
 //! `pending` that no longer shows it.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
 use crate::types::message::Message;
@@ -31,6 +31,10 @@ impl Entry for Arc<Message> {
 pub struct Queue<T> {
     // also one value of a state before each event that explains it
     entries: VecDeque<T>,
+    // number of the first entry; each has one more than that before it
+    first: u64,
+    // the number of each state's unread value that no event follows that explains it
+    replaceable: HashMap<Topic, u64>,
     events: usize,
     lost: u64,
 }
@@ -39,6 +43,8 @@ impl<T> Default for Queue<T> {
     fn default() -> Self {
         Self {
             entries: VecDeque::new(),
+            first: 0,
+            replaceable: HashMap::new(),
             events: 0,
             lost: 0,
         }
@@ -47,16 +53,23 @@ impl<T> Default for Queue<T> {
 
 impl<T: Entry> Queue<T> {
     /// Appends an entry. The value of a state replaces an unread one instead, unless an event that explains it follows.
-    /// Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced.
+    /// Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced. However many entries wait, none is
+    /// looked at for it.
     pub fn put(&mut self, entry: T) -> bool {
-        if is_state(&entry) {
-            if let Some(place) = self.place_of(entry.topic()) {
-                *place = entry;
+        if let Some(state) = state_of(&entry) {
+            if let Some(place) = self.place_of(state) {
+                self.entries[place] = entry;
                 return false;
             }
-        } else if self.events == EVENTS_MAX {
-            self.drop_oldest_event();
+            self.replaceable
+                .insert(state.clone(), self.number(self.entries.len()));
         } else {
+            if let Some(state) = explained_by(&entry) {
+                self.replaceable.remove(&state);
+            }
+            if self.events == EVENTS_MAX {
+                self.drop_oldest_event();
+            }
             self.events += 1;
         }
         self.entries.push_back(entry);
@@ -71,12 +84,21 @@ impl<T: Entry> Queue<T> {
     /// Takes the next entry.
     pub fn take(&mut self) -> Option<T> {
         let entry = self.entries.pop_front()?;
-        self.events -= usize::from(!is_state(&entry));
+        match state_of(&entry) {
+            Some(state) if self.replaceable.get(state) == Some(&self.first) => {
+                self.replaceable.remove(state);
+            }
+            Some(_) => {}
+            None => self.events -= 1,
+        }
+        self.first += 1;
         Some(entry)
     }
 
     /// Takes all entries.
     pub fn take_all(&mut self) -> VecDeque<T> {
+        self.first = self.number(self.entries.len());
+        self.replaceable.clear();
         self.events = 0;
         std::mem::take(&mut self.entries)
     }
@@ -86,35 +108,46 @@ impl<T: Entry> Queue<T> {
         self.lost
     }
 
+    fn number(&self, place: usize) -> u64 {
+        self.first + place as u64
+    }
+
     /// The unread value of this state behind the last event that explains it.
-    fn place_of(&mut self, state: Option<&Topic>) -> Option<&mut T> {
-        let newest_first = self.entries.iter_mut().rev();
-        newest_first
-            .take_while(|other| explained_by(*other).as_ref() != state)
-            .find(|other| other.topic() == state)
+    fn place_of(&self, state: &Topic) -> Option<usize> {
+        let number = self.replaceable.get(state)?;
+        usize::try_from(number - self.first).ok()
     }
 
     fn drop_oldest_event(&mut self) {
-        let Some(place) = self.entries.iter().position(|entry| !is_state(entry)) else {
+        let Some(place) = self.entries.iter().position(|entry| state_of(entry).is_none()) else {
             return;
         };
-        let event = self.entries.remove(place);
+        let explained = self.entries.get(place).and_then(explained_by);
+        self.remove(place);
+        self.events -= 1;
         self.lost += 1;
         // the value before it of a state that it explains is obsolete if there is one after it
-        let Some(state) = event.as_ref().and_then(explained_by) else {
-            return;
-        };
+        let Some(state) = explained else { return };
         let mut values = (0..self.entries.len()).filter(|&at| self.entries[at].topic() == Some(&state));
-        if let (Some(before), Some(_)) = (values.next(), values.next())
-            && before < place
-        {
-            self.entries.remove(before);
+        let before = values.next().filter(|before| *before < place);
+        if let (Some(before), Some(_)) = (before, values.next()) {
+            self.remove(before);
         }
+    }
+
+    /// Removes an entry that no value replaces; those before it move up.
+    fn remove(&mut self, place: usize) {
+        let removed = self.number(place);
+        self.entries.remove(place);
+        for number in self.replaceable.values_mut() {
+            *number += u64::from(*number < removed);
+        }
+        self.first += 1;
     }
 }
 
-fn is_state(entry: &impl Entry) -> bool {
-    entry.topic().is_some_and(Topic::is_state)
+fn state_of(entry: &impl Entry) -> Option<&Topic> {
+    entry.topic().filter(|topic| topic.is_state())
 }
 
 fn explained_by(entry: &impl Entry) -> Option<Topic> {
@@ -183,6 +216,74 @@ mod tests {
         let (read, lost) = read(said);
         assert_eq!((read.len(), lost), (2 * EVENTS_MAX, 1));
         assert_eq!(read[..2], [pending(1), cancel(1)]);
+    }
+
+    /// What the rules say of entries that wait, looked for one by one.
+    #[derive(Default)]
+    struct Waiting(Vec<Said>);
+
+    impl Waiting {
+        fn put(&mut self, said: Said) {
+            let newest_first = self.0.iter_mut().rev();
+            let place = newest_first
+                .take_while(|other| explained_by(*other).as_ref() != Some(&said.0))
+                .find(|other| said.0.is_state() && other.0 == said.0);
+            match place {
+                Some(place) => *place = said,
+                None => self.0.push(said),
+            }
+            let is_event = |said: &Said| !said.0.is_state();
+            if self.0.iter().filter(|said| is_event(said)).count() <= EVENTS_MAX {
+                return;
+            }
+            let oldest = self.0.iter().position(is_event).unwrap();
+            let state = explained_by(&self.0.remove(oldest));
+            let is_value = |said: &Said| Some(&said.0) == state.as_ref();
+            let before = self.0[..oldest].iter().position(is_value);
+            if let Some(before) = before.filter(|_| self.0[oldest..].iter().any(is_value)) {
+                self.0.remove(before);
+            }
+        }
+
+        fn take(&mut self) -> Option<Said> {
+            (!self.0.is_empty()).then(|| self.0.remove(0))
+        }
+    }
+
+    #[test]
+    fn a_queue_that_runs_full_and_empty_again_keeps_the_rules() {
+        for seed in 0..2_u64 {
+            let (mut queue, mut waiting) = (Queue::default(), Waiting::default());
+            let mut random = seed;
+            let mut next = || {
+                random = random
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
+                random >> 33
+            };
+            for n in 0..2 * u32::try_from(EVENTS_MAX).unwrap() {
+                let switch = |value| Said(Topic::cs(1, CsTopic::DryRun), value);
+                let said = || match n % 13 {
+                    0 | 6 => pending(n),
+                    1 => switch(n),
+                    4 if seed % 2 == 0 => cancel(n),
+                    _ => output(n),
+                };
+                queue.put(said());
+                waiting.put(said());
+                // it fills, and is read in bursts
+                if next() % 600 == 0 {
+                    for _ in 0..next() % 300 {
+                        assert_eq!(queue.take(), waiting.take(), "seed {seed}, {n}");
+                    }
+                }
+            }
+            assert!(queue.lost() > 0, "seed {seed} never runs full");
+            while let Some(said) = waiting.take() {
+                assert_eq!(queue.take(), Some(said), "seed {seed}");
+            }
+            assert_eq!((queue.take(), queue.events), (None, 0), "seed {seed}");
+        }
     }
 
     #[test]

@@ -179,6 +179,9 @@ impl CoordinateSystem {
             self.on_servo_event(event);
         }
         let now = self.context.now();
+        if let Some(run) = &mut self.run {
+            run.at_rest.on_time(now.monotonic_s);
+        }
         self.outputs.ledger.expire(now);
         self.expire_jog(now.monotonic_s);
         self.expire_lease(now.monotonic_s);
@@ -201,8 +204,7 @@ impl CoordinateSystem {
     }
 
     fn next_deadline_s(&self) -> Option<f64> {
-        let at_rest = self.run.as_ref().map(|run| &run.at_rest);
-        let goes_on_s = at_rest.and_then(|at_rest| at_rest.until_s(&self.context.shared.clock));
+        let goes_on_s = self.run.as_ref().and_then(|run| run.at_rest.until_s());
         let retry = self.servo.is_backlogged().then(|| self.context.now_s() + 0.001);
         self.outputs
             .next_deadline_s()

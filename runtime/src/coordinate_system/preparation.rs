@@ -100,7 +100,7 @@ impl CoordinateSystem {
         // While a thread is cut, feed hold waits for its end, so the blocks needed to leave it are still prepared.
         let held = !self.state.is_running() && !self.pipeline.in_thread;
         let single_block = self.inputs.single_block;
-        let waits = run.at_rest.until_s(&self.context.shared.clock).is_some();
+        let waits = run.at_rest.until_s().is_some();
         let Some(phase) = self.state.phase() else {
             return false;
         };

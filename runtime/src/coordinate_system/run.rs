@@ -149,7 +149,7 @@ pub(super) struct AtRest {
     /// When the first of them was interpreted, seconds since the start.
     since_s: f64,
     /// The run waits until then, seconds since the start.
-    until_s: f64,
+    until_s: Option<f64>,
 }
 
 impl AtRest {
@@ -166,14 +166,20 @@ impl AtRest {
         self.items += 1;
         if self.items == ITEMS_AT_REST_MAX {
             self.items = 0;
-            self.until_s = self.since_s + period_s;
+            let until_s = self.since_s + period_s;
+            self.until_s = (until_s > clock.now_s() + 1e-9).then_some(until_s);
         }
     }
 
-    /// When the run continues, if that is still to come.
-    pub fn until_s(&self, clock: &Clock) -> Option<f64> {
-        let is_to_come = self.until_s > 0.0 && self.until_s > clock.now_s() + 1e-9;
-        is_to_come.then_some(self.until_s)
+    /// The run waits no longer once its time has come.
+    pub fn on_time(&mut self, now_s: f64) {
+        self.until_s = self.until_s.filter(|until_s| *until_s > now_s + 1e-9);
+    }
+
+    /// When the run continues, until [`AtRest::on_time`] finds that it has come: who waits by it also wakes by it, however
+    /// late the clock is by then.
+    pub fn until_s(&self) -> Option<f64> {
+        self.until_s
     }
 }
 
@@ -210,6 +216,32 @@ mod tests {
             }
             assert_eq!(jogs.has_ended(asked), is_known, "{asked} of {ended}");
         }
+    }
+
+    #[test]
+    fn a_run_that_waits_at_rest_has_a_time_to_wake_until_a_turn_has_seen_it_pass() {
+        let (clock, mut at_rest) = (Clock::simulated(), AtRest::default());
+        for _ in 0..ITEMS_AT_REST_MAX {
+            assert_eq!(at_rest.until_s(), None);
+            at_rest.count(0, &clock, 0.001);
+        }
+        assert_eq!(at_rest.until_s(), Some(0.001));
+        clock.set_ns(2_000_000);
+        // a turn that began before goes on: what waits in it must still be woken
+        assert_eq!(at_rest.until_s(), Some(0.001));
+        at_rest.on_time(clock.now_s());
+        assert_eq!(at_rest.until_s(), None);
+    }
+
+    #[test]
+    fn items_that_take_longer_than_a_servo_period_wait_for_nothing() {
+        let (clock, mut at_rest) = (Clock::simulated(), AtRest::default());
+        at_rest.count(0, &clock, 0.001);
+        clock.set_ns(1_000_000);
+        for _ in 1..ITEMS_AT_REST_MAX {
+            at_rest.count(0, &clock, 0.001);
+        }
+        assert_eq!(at_rest.until_s(), None);
     }
 
     #[test]
