@@ -223,7 +223,7 @@ impl<C: Connect> Link<C> {
         };
         loop {
             if session.packet_max > 0 {
-                self.publish(&mut session);
+                self.publish(&mut session).await;
             }
             match self.next_wakeup(Some(&mut session)).await {
                 Wakeup::Mqtt(event) => self.on_event(event?, &mut session).await,
@@ -394,35 +394,16 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    fn publish(&mut self, session: &mut Session<C::Wire>) {
+    /// Publishes in order, until the client library is full. It writes each message while the next one is made.
+    async fn publish(&mut self, session: &mut Session<C::Wire>) {
         let Parts { root, metrics, .. } = &self.parts;
-        self.outbox.send(|parcel| {
-            let (path, retain, qos, payload, expiry_s) = match parcel {
-                Parcel::Message(message) => {
-                    let topic = &message.topic;
-                    let (retain, qos, expiry_s) = (topic.is_retained(), topic.qos(), expiry_s(message));
-                    (topic.path(), retain, qos, message.to_json(), expiry_s)
-                }
-                Parcel::Retained(path, payload) => (path.clone(), true, 1, payload.clone(), None),
-            };
-            let topic = format!("{root}{path}");
-            let fits = payload.len() <= MESSAGE_MAX && wire::fits(&topic, &payload, session.packet_max);
-            if path.contains(['+', '#', '\0']) || !fits {
-                warn!(
-                    "message on {path:.200} dropped: {} bytes, and at most {MESSAGE_MAX} on a topic without wildcards \
-                     in a packet of {} bytes",
-                    payload.len(),
-                    session.packet_max
-                );
-                return Handed::Never;
-            }
-            if session.wire.publish(topic, qos, retain, payload, expiry_s) {
-                add(&metrics.mqtt_published, 1);
-                Handed::Over
-            } else {
-                Handed::Full
-            }
-        });
+        while self.outbox.send_next(|parcel| {
+            let handed = hand_over(parcel, root, session);
+            add(&metrics.mqtt_published, u64::from(handed == Handed::Over));
+            handed
+        }) {
+            tokio::task::yield_now().await;
+        }
         if self.outbox.awaits_acknowledgement() {
             session.silent_since.get_or_insert_with(Instant::now);
         }
@@ -512,18 +493,46 @@ impl<C: Connect> Link<C> {
         }
         let offline = message(&self.parts.machine, offline.topic, offline.payload);
         self.outbox.put(Arc::new(offline));
-        self.publish(&mut session);
+        self.publish(&mut session).await;
         while !self.outbox.is_empty() {
             match session.wire.next().await {
                 Ok(Event::Acknowledged { .. }) => self.outbox.on_acknowledged(),
                 Ok(_) => {}
                 Err(_) => return,
             }
-            self.publish(&mut session);
+            self.publish(&mut session).await;
         }
         if session.wire.disconnect() {
             while !matches!(session.wire.next().await, Ok(Event::Disconnected) | Err(_)) {}
         }
+    }
+}
+
+/// Gives a parcel to the client library.
+fn hand_over(parcel: &Parcel, root: &str, session: &Session<impl Wire>) -> Handed {
+    let (path, retain, qos, payload, expiry_s) = match parcel {
+        Parcel::Message(message) => {
+            let topic = &message.topic;
+            let (retain, qos, expiry_s) = (topic.is_retained(), topic.qos(), expiry_s(message));
+            (topic.path(), retain, qos, message.to_json(), expiry_s)
+        }
+        Parcel::Retained(path, payload) => (path.clone(), true, 1, payload.clone(), None),
+    };
+    let topic = format!("{root}{path}");
+    let fits = payload.len() <= MESSAGE_MAX && wire::fits(&topic, &payload, session.packet_max);
+    if path.contains(['+', '#', '\0']) || !fits {
+        warn!(
+            "message on {path:.200} dropped: {} bytes, and at most {MESSAGE_MAX} on a topic without wildcards in a \
+             packet of {} bytes",
+            payload.len(),
+            session.packet_max
+        );
+        return Handed::Never;
+    }
+    if session.wire.publish(topic, qos, retain, payload, expiry_s) {
+        Handed::Over
+    } else {
+        Handed::Full
     }
 }
 

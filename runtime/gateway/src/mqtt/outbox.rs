@@ -73,21 +73,22 @@ impl Outbox {
         self.queue.put(Parcel::Retained(path, payload));
     }
 
-    /// Publishes in order, until the client library is full.
-    pub(super) fn send(&mut self, mut publish: impl FnMut(&Parcel) -> Handed) {
-        while let Some(parcel) = self.queue.front() {
-            let handed = publish(parcel);
-            if handed == Handed::Full {
-                return;
-            }
-            let parcel = self.queue.take();
-            if let (Handed::Over, Some(parcel)) = (handed, parcel)
-                && parcel.topic().map_or(1, Topic::qos) > 0
-            {
-                self.unacknowledged
-                    .push_back((!parcel.is_state()).then_some(parcel));
-            }
+    /// Publishes the next parcel. False when none waits, or the client library is full.
+    pub(super) fn send_next(&mut self, publish: impl FnOnce(&Parcel) -> Handed) -> bool {
+        let Some(handed) = self.queue.front().map(publish) else {
+            return false;
+        };
+        if handed == Handed::Full {
+            return false;
         }
+        let parcel = self.queue.take();
+        if let (Handed::Over, Some(parcel)) = (handed, parcel)
+            && parcel.topic().map_or(1, Topic::qos) > 0
+        {
+            self.unacknowledged
+                .push_back((!parcel.is_state()).then_some(parcel));
+        }
+        true
     }
 
     /// The broker has acknowledged the oldest message.
@@ -240,12 +241,12 @@ mod tests {
 
     fn send_all(outbox: &mut Outbox) -> Vec<Arc<Message>> {
         let mut sent = Vec::new();
-        outbox.send(|parcel| {
+        while outbox.send_next(|parcel| {
             if let Parcel::Message(message) = parcel {
                 sent.push(Arc::clone(message));
             }
             Handed::Over
-        });
+        }) {}
         sent
     }
 
@@ -294,11 +295,8 @@ mod tests {
         let mut outbox = Outbox::default();
         outbox.put(cancel(1));
         outbox.put(cancel(2));
-        let mut room = 1;
-        outbox.send(|_| {
-            room -= 1;
-            if room >= 0 { Handed::Over } else { Handed::Full }
-        });
+        assert!(outbox.send_next(|_| Handed::Over));
+        assert!(!outbox.send_next(|_| Handed::Full));
         assert_eq!(send_all(&mut outbox), [cancel(2)]);
     }
 
@@ -307,7 +305,7 @@ mod tests {
         let mut outbox = Outbox::default();
         outbox.put(switch(true));
         outbox.put(cancel(1));
-        outbox.send(|_| Handed::Never);
+        while outbox.send_next(|_| Handed::Never) {}
         assert!(outbox.is_empty(), "no acknowledgement is awaited");
     }
 
