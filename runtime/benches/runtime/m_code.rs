@@ -22,6 +22,11 @@
 //! The runtime reaches its embedded broker without a socket. When it spoke TCP with it as everybody does, measured in turn with these:
 //! 0.44 to 0.50 ms to the next output, p99 1.05 ms, with about 50 system calls for each M code.
 //!
+//! Each message is written while the next one is made. Measured in turn with all made first, on a 2-core AMD EPYC virtual machine,
+//! medians of six runs to the next output: embedded broker 0.35 against 0.41 ms, Mosquitto 0.41 against 0.43 ms. There both processors
+//! are busy 86 percent of the time, a quarter of it in Mosquitto, and 42 percent of the runtime's and the handler's in sending: the
+//! client library writes each message by itself.
+//!
 //! In process the handler's own thread carries out claim, reset and what follows; nearly all of the time is computing.
 //!
 //! Over the broker two messages follow each other, the pending output and the reset.
