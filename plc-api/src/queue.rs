@@ -53,8 +53,8 @@ impl<T> Default for Queue<T> {
 
 impl<T: Entry> Queue<T> {
     /// Appends an entry. The value of a state replaces an unread one instead, unless an event that explains it follows.
-    /// Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced. However many entries wait, none is
-    /// looked at for it.
+    /// Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced. However many entries wait, a value
+    /// is found without looking at them.
     pub fn put(&mut self, entry: T) -> bool {
         if let Some(state) = state_of(&entry) {
             if let Some(place) = self.place_of(state) {
@@ -64,11 +64,11 @@ impl<T: Entry> Queue<T> {
             self.replaceable
                 .insert(state.clone(), self.number(self.entries.len()));
         } else {
-            if let Some(state) = explained_by(&entry) {
-                self.replaceable.remove(&state);
-            }
             if self.events == EVENTS_MAX {
                 self.drop_oldest_event();
+            }
+            if let Some(state) = explained_by(&entry) {
+                self.replaceable.remove(&state);
             }
             self.events += 1;
         }
@@ -126,12 +126,17 @@ impl<T: Entry> Queue<T> {
         self.remove(place);
         self.events -= 1;
         self.lost += 1;
-        // the value before it of a state that it explains is obsolete if there is one after it
+        // the value before it of a state that it explains is obsolete if there is one after it, and may be replaced if nothing
+        // else explains the state
         let Some(state) = explained else { return };
         let mut values = (0..self.entries.len()).filter(|&at| self.entries[at].topic() == Some(&state));
-        let before = values.next().filter(|before| *before < place);
-        if let (Some(before), Some(_)) = (before, values.next()) {
+        let Some(before) = values.next().filter(|before| *before < place) else {
+            return;
+        };
+        if values.next().is_some() {
             self.remove(before);
+        } else if !(self.entries.iter()).any(|other| explained_by(other).as_ref() == Some(&state)) {
+            self.replaceable.insert(state, self.number(before));
         }
     }
 
@@ -284,6 +289,15 @@ mod tests {
             }
             assert_eq!((queue.take(), queue.events), (None, 0), "seed {seed}");
         }
+    }
+
+    #[test]
+    fn a_state_is_told_once_also_when_the_event_that_explained_it_was_dropped() {
+        let outputs = (0..u32::try_from(EVENTS_MAX).unwrap()).map(output);
+        let said = [pending(1), cancel(1)].into_iter().chain(outputs);
+        let (read, lost) = read(said.chain([pending(2)]));
+        assert_eq!((read.len(), lost), (1 + EVENTS_MAX, 1));
+        assert_eq!(read[..2], [pending(2), output(0)]);
     }
 
     #[test]
