@@ -1,7 +1,8 @@
 //! What is known to have been kept: a sum for each thing by its name, in a file of lines beside what they vouch for.
 //!
-//! Each line has a number and its own check sum. A line adds to those before it; the first stands for all. When a line is
-//! damaged, nobody knows which names it had: the sums of all earlier lines are unknown then, and the names stay known.
+//! Each line has a number, that of the line before it, and its own check sum, and stands there twice: one that is damaged
+//! has its copy. A line adds to those before it; the first stands for all. When a line and its copy are damaged, nobody
+//! knows which names it had: the sums of all earlier lines are unknown then, and the names stay known.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -14,8 +15,8 @@ use super::files::{Identity, open_regular, read_regular, write_whole};
 use super::fs::{File, OpenOptions};
 use super::line::{Read, number, read, seal};
 
-/// Bytes at which the file is written anew. Reason: the sums of all that is kept are about 50 KiB.
-const BYTES_MAX: u64 = 256 << 10;
+/// Bytes at which the file is written anew. Reason: the sums of all that is kept are about 100 KiB with their copy.
+const BYTES_MAX: u64 = 512 << 10;
 
 /// Bytes that are read at the most.
 const READ_MAX: u64 = 16 << 20;
@@ -35,7 +36,7 @@ pub(crate) struct Sums {
     pub is_there: bool,
     /// Number of the newest line.
     pub last: u64,
-    /// Lines are damaged.
+    /// Lines are damaged, and their copies.
     pub is_damaged: bool,
     /// By name; `None`: it is kept, and its sum is unknown.
     pub by_name: BTreeMap<String, Option<String>>,
@@ -55,12 +56,25 @@ impl Sums {
         let mut lines: Vec<&[u8]> = bytes.split(|byte| *byte == b'\n').collect();
         // behind the last end of a line: nothing, or what a kill has left of a line
         lines.pop();
-        for line in lines {
+        let (mut copy_bytes, mut damaged_bytes) = (0, 0);
+        for line in lines.into_iter().filter(|line| !line.is_empty()) {
             sums.is_there = true;
-            match read(line) {
-                Read::Whole(line) if number(&line) > 0 => sums.take(&line),
-                _ => sums.forget(),
+            let Some(whole) = whole(line) else {
+                damaged_bytes += line.len() + 1;
+                continue;
+            };
+            let is_copy = number(&whole) == sums.last;
+            if damaged_bytes > 0 && !is_copy && whole["after"] != sums.last {
+                sums.forget();
             }
+            // what its copy may still take, with a damaged end; older versions wrote none
+            let has_copy = !is_copy && whole["after"].is_u64();
+            copy_bytes = if has_copy { line.len() + 2 } else { 0 };
+            damaged_bytes = 0;
+            sums.take(&whole);
+        }
+        if damaged_bytes > copy_bytes {
+            sums.forget();
         }
         sums
     }
@@ -81,6 +95,20 @@ impl Sums {
     }
 }
 
+/// A line that is not damaged.
+fn whole(line: &[u8]) -> Option<Value> {
+    match read(line) {
+        Read::Whole(line) if number(&line) > 0 => Some(line),
+        _ => None,
+    }
+}
+
+/// The text of a line and its copy. Of two ends of a line one is left when the other is damaged.
+fn twice(number: u64, after: u64, sums: &impl serde::Serialize) -> String {
+    let line = seal(&json!({"n": number, "after": after, "sums": sums}).to_string());
+    format!("{line}\n{line}\n")
+}
+
 /// An open file of sums.
 #[derive(Debug)]
 pub(crate) struct SumFile {
@@ -98,7 +126,7 @@ impl SumFile {
     /// # Errors
     /// The disk refuses.
     pub fn begin(path: &Path, last: u64, by_name: BTreeMap<String, String>) -> io::Result<Self> {
-        let text = seal(&json!({"n": last.max(1), "sums": by_name}).to_string());
+        let text = twice(last.max(1), 0, &by_name);
         write_whole(path, text.as_bytes())?;
         let file = open_regular(path, OpenOptions::new().append(true))?;
         Ok(Self {
@@ -136,7 +164,7 @@ impl SumFile {
     pub fn add(&mut self, number: u64, change: SumChange) -> io::Result<()> {
         self.check()?;
         let last = number.max(self.last + 1);
-        let text = seal(&json!({"n": last, "sums": change}).to_string());
+        let text = twice(last, self.last, &change);
         if self.bytes > BYTES_MAX {
             let mut by_name = self.by_name.clone();
             apply(&mut by_name, change);
@@ -216,6 +244,40 @@ mod tests {
         let sums = Sums::read(&path);
         assert_eq!(known(&sums), [("a", None), ("b", Some("3"))]);
         assert!(sums.is_damaged);
+    }
+
+    #[test]
+    fn any_flipped_bit_loses_no_sum() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sums");
+        let mut file = SumFile::begin(&path, 1, [("J".to_owned(), "1*".to_owned())].into()).unwrap();
+        file.add(2, change(&[("J", Some("2*")), ("b", Some("2"))]))
+            .unwrap();
+        file.add(9, change(&[("b", None), ("*", Some("3"))])).unwrap();
+        let (bytes, sums) = (std::fs::read(&path).unwrap(), Sums::read(&path));
+        assert_eq!(known(&sums), [("*", Some("3")), ("J", Some("2*"))]);
+        for place in 0..bytes.len() * 8 {
+            let mut flipped = bytes.clone();
+            flipped[place / 8] ^= 1 << (place % 8);
+            std::fs::write(&path, &flipped).unwrap();
+            assert_eq!(Sums::read(&path), sums, "{}", String::from_utf8_lossy(&flipped));
+        }
+    }
+
+    #[test]
+    fn lines_of_a_version_that_wrote_them_once_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sums");
+        let lines = [
+            seal("{\"n\":1,\"sums\":{\"a\":\"1\"}}"),
+            seal("{\"n\":2,\"sums\":{\"b\":\"2\"}}"),
+        ];
+        std::fs::write(&path, lines.concat()).unwrap();
+        assert_eq!(known(&Sums::read(&path)), [("a", Some("1")), ("b", Some("2"))]);
+        std::fs::write(&path, lines[0].clone() + "damaged\n" + &lines[1]).unwrap();
+        assert_eq!(known(&Sums::read(&path)), [("a", None), ("b", Some("2"))]);
+        std::fs::write(&path, lines.concat() + "damaged\n").unwrap();
+        assert_eq!(known(&Sums::read(&path)), [("a", None), ("b", None)]);
     }
 
     #[test]
