@@ -431,6 +431,7 @@ impl BlockWords {
     }
 
     /// The description of a word of this block: by the code that takes it.
+    #[inline]
     pub(crate) fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.own.contains(address) {
             return self.codes_with_words().find_map(|code| code.word(address));
@@ -538,7 +539,7 @@ impl BlockWords {
     }
 
     /// True when the block has a G or M code.
-    fn has_codes(&self) -> bool {
+    pub(crate) fn has_codes(&self) -> bool {
         self.g_count > 0 || self.m_code.is_some()
     }
 

@@ -174,6 +174,20 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if modal.lead_pending && moves_in_plane(words, modal) {
         modal.lead_pending = false;
     }
+    if words.has_codes() {
+        follow_codes(words, modal);
+    }
+    if !modal.unit_settled {
+        let selects_coordinates = |code: &Code| code.group == ModalGroup::WorkCoordinates;
+        modal.unit_settled = !words.present.intersection(AXIS_ADDRESSES).is_empty()
+            || words.sets().unit.is_some()
+            || g_code(words, selects_coordinates).is_some();
+    }
+}
+
+/// Follows the numbers of offsets, and what the M code sets.
+#[inline(never)]
+fn follow_codes(words: &BlockWords, modal: &mut Modal) {
     if words.present.contains(Address::D) && own_side(words).is_some() {
         modal.in_force.offset_number = words.get(Address::D);
     }
@@ -182,12 +196,6 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     }
     if let Some(value) = words.m_code().and_then(|code| code.sets) {
         modal.in_force.set(value);
-    }
-    if !modal.unit_settled {
-        let selects_coordinates = |code: &Code| code.group == ModalGroup::WorkCoordinates;
-        modal.unit_settled = !words.present.intersection(AXIS_ADDRESSES).is_empty()
-            || words.sets().unit.is_some()
-            || g_code(words, selects_coordinates).is_some();
     }
 }
 

@@ -47,14 +47,15 @@ impl Explorer<'_> {
         if self.words.any {
             state.values.pass_time();
         }
+        let Some(before) = before else {
+            return self.m_code(here, state);
+        };
         let step = self.m_code(here, state);
-        match before {
-            None => step,
-            Some(before) => self.skippable(here, step, before, state),
-        }
+        self.skippable(here, step, before, state)
     }
 
     /// A block that may be skipped leaves two states where it changes what is in force or the way.
+    #[inline(never)]
     fn skippable(&self, here: Here<'_>, step: Step, mut before: State, state: &mut State) -> Step {
         let moved = self.words.axis_words;
         before.lose(moved);
@@ -127,6 +128,14 @@ impl Explorer<'_> {
     fn read(&mut self, here: Here<'_>, state: &State) {
         let mut found = Vec::new();
         self.read_with(here, state, Trust::Own, &mut found);
+        if state.is_open || !self.words.indirect.is_empty() || !found.is_empty() {
+            self.judge(here, state, found);
+        }
+    }
+
+    /// Notes what has been found, and what is found where the text does not show all.
+    #[inline(never)]
+    fn judge(&mut self, here: Here<'_>, state: &State, mut found: Vec<Diagnostic>) {
         if state.is_open {
             self.read_in_all(here, state, &mut found);
         }
@@ -381,6 +390,7 @@ impl Explorer<'_> {
         (known(Address::P), times)
     }
 
+    #[inline(never)]
     fn call(&mut self, here: Here<'_>, code: &Code, state: &mut State) -> Step {
         let Here {
             place, tree, block, ..

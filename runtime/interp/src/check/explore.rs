@@ -210,24 +210,24 @@ impl<'a> Explorer<'a> {
         let mut state = State::clone(&self.nodes[node].state);
         let kind = self.nodes[node].kind;
         self.shown = self.shown_at(node, &state);
+        let reached = if kind == Kind::Real { REACHED } else { 0 };
         let mut at = start;
         loop {
             let checked = &mut self.programs[program];
-            if kind == Kind::Real {
-                checked.set(at, REACHED);
-            }
             let Some(block) = tree.blocks().get(at) else {
+                checked.set(at, reached);
                 // without its M99, which is told, a program that was called is meant to return
                 let place = Place { program, block: at };
                 let parts = returned(&state, place).into_iter();
                 self.part(node, parts.filter(|next| next.kind == Kind::Real).collect());
                 break;
             };
-            if checked.has(at, JOIN) && at != start {
+            if at != start && checked.has(at, JOIN) {
+                checked.set(at, reached);
                 self.go_on(node, at, state);
                 break;
             }
-            checked.set(at, LOOKED_AT);
+            checked.set(at, reached | LOOKED_AT);
             self.steps += 1;
             let here = Here {
                 node,

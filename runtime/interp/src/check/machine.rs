@@ -66,6 +66,9 @@ impl Explorer<'_> {
                 format!("Write S{max} or less."),
             ));
         }
+        if found.is_empty() {
+            return;
+        }
         let is_calculated = !self.calculates(here.node) && words.indirect.contains(Address::S);
         for finding in found {
             let is_of_value = finding.code == diagnostics::OUT_OF_RANGE.code;
