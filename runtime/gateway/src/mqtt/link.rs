@@ -33,6 +33,8 @@ use crate::position::{every, is_position};
 
 /// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no more.
 const MESSAGE_MAX: usize = 256 * 1024;
+/// Messages that are sent before the next look at what has come in. Reason: a request is not to wait for a backlog of events.
+const SENT_AT_ONCE_MAX: usize = 64;
 /// Attempts over MQTT 5 at which a broker that has spoken it may hang up before 3.1.1 is tried.
 const HANG_UPS_MAX: u32 = 10;
 /// After a connection of this duration the delays between attempts start afresh.
@@ -222,10 +224,13 @@ impl<C: Connect> Link<C> {
             warned_of_refusal: false,
         };
         loop {
-            if session.packet_max > 0 {
-                self.publish(&mut session).await;
-            }
-            match self.next_wakeup(Some(&mut session)).await {
+            let goes_on = session.packet_max > 0 && self.publish(&mut session).await;
+            let wakeup = tokio::select! {
+                biased;
+                wakeup = self.next_wakeup(Some(&mut session)) => wakeup,
+                () = std::future::ready(()), if goes_on => continue,
+            };
+            match wakeup {
                 Wakeup::Mqtt(event) => self.on_event(event?, &mut session).await,
                 Wakeup::Stop => {
                     if session.packet_max > 0 {
@@ -394,19 +399,25 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// Publishes in order, until the client library is full. It writes each message while the next one is made.
-    async fn publish(&mut self, session: &mut Session<C::Wire>) {
+    /// Publishes in order, until the client library is full, or to [`SENT_AT_ONCE_MAX`]: true where more may go at once. The
+    /// library writes each message while the next one is made.
+    async fn publish(&mut self, session: &mut Session<C::Wire>) -> bool {
         let Parts { root, metrics, .. } = &self.parts;
-        while self.outbox.send_next(|parcel| {
-            let handed = hand_over(parcel, root, session);
-            add(&metrics.mqtt_published, u64::from(handed == Handed::Over));
-            handed
-        }) {
+        let mut sent = 0;
+        while sent < SENT_AT_ONCE_MAX
+            && self.outbox.send_next(|parcel| {
+                let handed = hand_over(parcel, root, session);
+                add(&metrics.mqtt_published, u64::from(handed == Handed::Over));
+                handed
+            })
+        {
+            sent += 1;
             tokio::task::yield_now().await;
         }
         if self.outbox.awaits_acknowledgement() {
             session.silent_since.get_or_insert_with(Instant::now);
         }
+        sent == SENT_AT_ONCE_MAX
     }
 
     async fn on_event(&mut self, event: Event, session: &mut Session<C::Wire>) {
@@ -493,14 +504,14 @@ impl<C: Connect> Link<C> {
         }
         let offline = message(&self.parts.machine, offline.topic, offline.payload);
         self.outbox.put(Arc::new(offline));
-        self.publish(&mut session).await;
+        while self.publish(&mut session).await {}
         while !self.outbox.is_empty() {
             match session.wire.next().await {
                 Ok(Event::Acknowledged { .. }) => self.outbox.on_acknowledged(),
                 Ok(_) => {}
                 Err(_) => return,
             }
-            self.publish(&mut session).await;
+            while self.publish(&mut session).await {}
         }
         if session.wire.disconnect() {
             while !matches!(session.wire.next().await, Ok(Event::Disconnected) | Err(_)) {}

@@ -7,6 +7,7 @@ mod ended;
 mod gateway;
 mod judge;
 mod mqtt;
+mod mqtt_backlog;
 mod mqtt_refusals;
 mod mqtt_socket;
 mod mtconnect;
