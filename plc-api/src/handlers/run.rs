@@ -1,6 +1,6 @@
 //! The loop of a sequence program: it reads messages of the machine and starts handlers.
 
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -19,18 +19,21 @@ use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::presence::{Announced, Change, Event, Presence, shown};
 use crate::text::panic_text;
-use crate::types::CoordinateSystemNumber;
 use crate::types::message::{Message, Payload};
 use crate::types::output::{CancelReason, HandshakeStatus, OutputState, PendingOutput, Redelivery};
 use crate::types::question::{Validate, ValidateResult};
 use crate::types::request::Request;
 use crate::types::topic::{CsTopic, Topic};
+use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::output::{AuxOutput, Cancel};
 use super::table::{Boxed, Table};
 
-/// Outputs remembered as begun; `pending` is old by far fewer.
+/// Outputs of a coordinate system remembered as begun; `pending` is old by far fewer.
 const BEGUN_MAX: usize = 4096;
+
+/// Coordinate systems of boots of which they are remembered: eight of each boot.
+const BEGUN_IN_MAX: usize = 32;
 
 /// How long a program that stops waits until the machine knows that it takes nothing more.
 const LEAVE_MAX: Duration = Duration::from_secs(2);
@@ -55,25 +58,37 @@ struct Runner {
     is_stopping: bool,
 }
 
-/// Outputs that were taken up; the one noted first is forgotten first.
+/// Outputs that were taken up: the latest of each coordinate system of a boot, by their ascending `seq`.
 #[derive(Debug, Default)]
-struct Begun {
-    known: HashSet<OutputId>,
-    order: VecDeque<OutputId>,
-}
+struct Begun(VecDeque<(BootId, CoordinateSystemNumber, VecDeque<u64>)>);
 
 impl Begun {
     fn note(&mut self, id: &OutputId) {
-        if !self.known.insert(id.clone()) {
-            return;
+        let known = self.0.iter().position(|(boot, cs, _)| is_of(id, boot, *cs));
+        let at = known.unwrap_or_else(|| {
+            self.0.push_back((id.boot_id.clone(), id.cs, VecDeque::new()));
+            if self.0.len() > BEGUN_IN_MAX {
+                self.0.pop_front();
+            }
+            self.0.len() - 1
+        });
+        let seqs = &mut self.0[at].2;
+        if let Err(place) = seqs.binary_search(&id.seq) {
+            seqs.insert(place, id.seq);
         }
-        self.order.push_back(id.clone());
-        if self.order.len() > BEGUN_MAX
-            && let Some(oldest) = self.order.pop_front()
-        {
-            self.known.remove(&oldest);
+        if seqs.len() > BEGUN_MAX {
+            seqs.pop_front();
         }
     }
+
+    fn knows(&self, id: &OutputId) -> bool {
+        let mut of_id = self.0.iter().filter(|(boot, cs, _)| is_of(id, boot, *cs));
+        of_id.any(|(_, _, seqs)| seqs.binary_search(&id.seq).is_ok())
+    }
+}
+
+fn is_of(id: &OutputId, boot: &BootId, cs: CoordinateSystemNumber) -> bool {
+    id.cs == cs && id.boot_id == *boot
 }
 
 /// How a sequence program comes and goes.
@@ -275,7 +290,7 @@ impl Runner {
 
     /// False for an output that was taken up before.
     fn is_new(&self, id: &OutputId) -> bool {
-        !self.running.contains_key(id) && !self.begun.known.contains(id)
+        !self.running.contains_key(id) && !self.begun.knows(id)
     }
 
     /// True for an output that was claimed for this instance, and of which it has never heard before (H20): it was lost on the way.
@@ -404,7 +419,6 @@ async fn call(output: &AuxOutput, handler: &Boxed) -> Result<(), Alarm> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::types::BootId;
 
     #[test]
     fn h20_what_was_taken_up_last_is_remembered_also_where_its_boot_or_coordinate_system_comes_first_in_order()
@@ -415,14 +429,17 @@ mod tests {
             seq,
         };
         let mut begun = Begun::default();
-        for seq in 1..=BEGUN_MAX as u64 {
+        for seq in 1..=BEGUN_MAX as u64 + 1 {
             begun.note(&id("f", 2, seq));
         }
-        begun.note(&id("f", 1, 1));
-        begun.note(&id("a", 1, 1));
-        begun.note(&id("a", 1, 1));
-        assert!(begun.known.contains(&id("f", 1, 1)) && begun.known.contains(&id("a", 1, 1)));
-        assert!(!begun.known.contains(&id("f", 2, 2)) && begun.known.contains(&id("f", 2, 3)));
-        assert_eq!((begun.known.len(), begun.order.len()), (BEGUN_MAX, BEGUN_MAX));
+        for early in [id("f", 1, 1), id("a", 1, 1), id("a", 1, 1), id("a", 1, 0)] {
+            begun.note(&early);
+            assert!(begun.knows(&early));
+        }
+        assert!(!begun.knows(&id("f", 2, 1)) && begun.knows(&id("f", 2, 2)));
+        for boot in 0..BEGUN_IN_MAX {
+            begun.note(&id(&boot.to_string(), 2, 1));
+        }
+        assert!(!begun.knows(&id("a", 1, 1)) && begun.knows(&id("0", 2, 1)));
     }
 }
