@@ -1,6 +1,6 @@
 //! The loop of a sequence program: it reads messages of the machine and starts handlers.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -58,32 +58,47 @@ struct Runner {
     is_stopping: bool,
 }
 
-/// Outputs that were taken up: the latest of each coordinate system of a boot, by their ascending `seq`.
+/// Outputs that were taken up, by the coordinate systems of boots.
 #[derive(Debug, Default)]
-struct Begun(VecDeque<(BootId, CoordinateSystemNumber, VecDeque<u64>)>);
+struct Begun(VecDeque<(BootId, CoordinateSystemNumber, Latest)>);
+
+/// Outputs of one coordinate system of a boot, by `seq`; the one noted first is forgotten first, whatever its number.
+#[derive(Debug, Default)]
+struct Latest {
+    known: HashSet<u64>,
+    order: VecDeque<u64>,
+}
 
 impl Begun {
     fn note(&mut self, id: &OutputId) {
         let known = self.0.iter().position(|(boot, cs, _)| is_of(id, boot, *cs));
         let at = known.unwrap_or_else(|| {
-            self.0.push_back((id.boot_id.clone(), id.cs, VecDeque::new()));
+            self.0.push_back((id.boot_id.clone(), id.cs, Latest::default()));
             if self.0.len() > BEGUN_IN_MAX {
                 self.0.pop_front();
             }
             self.0.len() - 1
         });
-        let seqs = &mut self.0[at].2;
-        if let Err(place) = seqs.binary_search(&id.seq) {
-            seqs.insert(place, id.seq);
-        }
-        if seqs.len() > BEGUN_MAX {
-            seqs.pop_front();
-        }
+        self.0[at].2.note(id.seq);
     }
 
     fn knows(&self, id: &OutputId) -> bool {
         let mut of_id = self.0.iter().filter(|(boot, cs, _)| is_of(id, boot, *cs));
-        of_id.any(|(_, _, seqs)| seqs.binary_search(&id.seq).is_ok())
+        of_id.any(|(_, _, latest)| latest.known.contains(&id.seq))
+    }
+}
+
+impl Latest {
+    fn note(&mut self, seq: u64) {
+        if !self.known.insert(seq) {
+            return;
+        }
+        self.order.push_back(seq);
+        if self.order.len() > BEGUN_MAX
+            && let Some(oldest) = self.order.pop_front()
+        {
+            self.known.remove(&oldest);
+        }
     }
 }
 
@@ -437,6 +452,12 @@ mod tests {
             assert!(begun.knows(&early));
         }
         assert!(!begun.knows(&id("f", 2, 1)) && begun.knows(&id("f", 2, 2)));
+        // an old output that is begun again is none of the oldest: those noted before it go first
+        for again in [id("f", 2, 1), id("f", 2, 0)] {
+            begun.note(&again);
+        }
+        assert!(begun.knows(&id("f", 2, 0)) && begun.knows(&id("f", 2, 1)));
+        assert!(!begun.knows(&id("f", 2, 3)) && begun.knows(&id("f", 2, 4)));
         for boot in 0..BEGUN_IN_MAX {
             begun.note(&id(&boot.to_string(), 2, 1));
         }
