@@ -266,18 +266,15 @@ impl Execution<'_> {
     }
 }
 
-/// The words of axes.
-pub(crate) const AXIS_WORDS: [(Address, Axis); 6] = [
-    (Address::X, Axis::X),
-    (Address::Y, Axis::Y),
-    (Address::Z, Axis::Z),
-    (Address::A, Axis::A),
-    (Address::B, Axis::B),
-    (Address::C, Axis::C),
-];
-
 /// The axis of an address.
 pub(crate) fn axis_of(address: Address) -> Option<Axis> {
-    let mut words = AXIS_WORDS.iter();
-    words.find(|(of, _)| *of == address).map(|(_, axis)| *axis)
+    match address {
+        Address::X => Some(Axis::X),
+        Address::Y => Some(Axis::Y),
+        Address::Z => Some(Axis::Z),
+        Address::A => Some(Axis::A),
+        Address::B => Some(Axis::B),
+        Address::C => Some(Axis::C),
+        _ => None,
+    }
 }

@@ -2,11 +2,11 @@
 
 use tandem_model::flow::Distance;
 use tandem_model::{Axis, AxisVector};
-use tandem_syntax::AddressSet;
+use tandem_syntax::{Address, AddressSet};
 
 use crate::block_words::BlockWords;
 use crate::codes::{Code, ModalGroup};
-use crate::execution::{AXIS_WORDS, axis_of};
+use crate::execution::axis_of;
 use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
 
@@ -90,6 +90,16 @@ impl TextPosition {
         }
     }
 }
+
+/// The words of axes.
+const AXIS_WORDS: [(Address, Axis); 6] = [
+    (Address::X, Axis::X),
+    (Address::Y, Axis::Y),
+    (Address::Z, Axis::Z),
+    (Address::A, Axis::A),
+    (Address::B, Axis::B),
+    (Address::C, Axis::C),
+];
 
 fn values(words: &BlockWords, named: AddressSet) -> impl Iterator<Item = (Axis, f64)> {
     let named = AXIS_WORDS
