@@ -27,10 +27,30 @@ enum Kind {
     Simulated(Arc<SimulatedTime>),
     /// That of an executor whose time is paused.
     #[cfg(test)]
-    Paused {
-        start: tokio::time::Instant,
-        wall: SystemTime,
-    },
+    Paused(Arc<PausedTime>),
+}
+
+/// Time that passes when nobody has anything to do, and a little with each reading, as it does for whoever reads it twice:
+/// up to the next millisecond, in which the executor counts.
+#[cfg(test)]
+#[derive(Debug)]
+struct PausedTime {
+    start: tokio::time::Instant,
+    wall: SystemTime,
+    last: Mutex<(Duration, Duration)>,
+}
+
+#[cfg(test)]
+impl PausedTime {
+    const READING: Duration = Duration::from_micros(20);
+
+    fn elapsed(&self) -> Duration {
+        let elapsed = self.start.elapsed();
+        let mut last = self.last.lock();
+        let read = if last.0 == elapsed { last.1 } else { Duration::ZERO };
+        *last = (elapsed, (read + Self::READING).min(Duration::from_micros(999)));
+        elapsed + read
+    }
 }
 
 /// What each servo cycle reads is outside the lock.
@@ -100,10 +120,11 @@ impl Clock {
     /// The time of an executor that is paused, from now, which is so late in the day.
     #[cfg(test)]
     pub fn paused(wall: SystemTime) -> Self {
-        Self(Kind::Paused {
+        Self(Kind::Paused(Arc::new(PausedTime {
             start: tokio::time::Instant::now(),
             wall,
-        })
+            last: Mutex::default(),
+        })))
     }
 
     /// Simulated time, at 0.
@@ -139,7 +160,7 @@ impl Clock {
         match &self.0 {
             Kind::Real { start, wall } => real(start.elapsed(), *wall),
             #[cfg(test)]
-            Kind::Paused { start, wall } => real(start.elapsed(), *wall),
+            Kind::Paused(time) => real(time.elapsed(), time.wall),
             Kind::Simulated(time) => {
                 let now_ns = time.now_ns();
                 let epoch = SystemTime::UNIX_EPOCH + Duration::from_secs(SIMULATION_EPOCH_S);
@@ -156,7 +177,7 @@ impl Clock {
         match &self.0 {
             Kind::Real { .. } => tokio::time::sleep(duration).await,
             #[cfg(test)]
-            Kind::Paused { .. } => tokio::time::sleep(duration).await,
+            Kind::Paused(_) => tokio::time::sleep(duration).await,
             Kind::Simulated(time) => {
                 let duration_ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
                 let deadline_ns = time.now_ns().saturating_add(duration_ns).min(NEVER_NS - 1);
