@@ -405,7 +405,7 @@ fn presence(shared: &Shared, online: bool) -> Presence {
 
 async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
     let mut interval = tokio::time::interval(PUBLISH_INTERVAL);
-    interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+    interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut odd = false;
     loop {
         tokio::select! {

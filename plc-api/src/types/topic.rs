@@ -177,7 +177,7 @@ cs_topics! {
         State "state" "state" State(State)
             "State of a coordinate system: state word, reason, what is waited for, program, inputs; its ETag is the revision for If-Match.";
         Program "program" "program" Program(ProgramPlace)
-            "Where the program is: line that runs, call stack.";
+            "Where the program is: line that runs, call stack; published at most 5 times a second.";
         Position "position" "position" Position(Position)
             "Positions of the last servo cycle, distance to go and feedrate; published 10 times a second, at rest, too.";
         Modal "modal" "modal" Modal(Modal)

@@ -384,7 +384,6 @@ impl CoordinateSystem {
     /// The program loaded is at its head.
     fn go_to_head(&self) {
         self.context.view.at_head(self.commands.program);
-        self.publish_place();
     }
 
     pub(super) fn start(&mut self, mut run: Run, entry: Option<LineEntry>) {

@@ -136,7 +136,7 @@ impl CoordinateSystem {
             && *last_command_id == self.commands.last_id
     }
 
-    /// Publishes the state, and the program place with it, where they have changed.
+    /// Publishes the state if it has changed.
     pub(super) fn publish_changes(&mut self) {
         if self.published.state().is_some_and(|state| self.is_in(state)) {
             return;
@@ -144,18 +144,9 @@ impl CoordinateSystem {
         self.published.changes = self.context.shared.store.changes();
         self.published.waiting_since = self.awaited_output().map(|open| open.since);
         let state = self.state();
-        let before = self.published.state().map(|state| state.execution);
-        if before != Some(state.execution) {
-            self.publish_place();
-        }
         let topic = Topic::cs(self.context.number, CsTopic::State);
         let message = (self.context.shared).publish_state(topic, Payload::State(state));
         self.published.state = Some(message);
-    }
-
-    pub(super) fn publish_place(&self) {
-        let place = self.context.view.program(&self.context.shared.store);
-        self.context.publish(CsTopic::Program, Payload::Program(place));
     }
 
     /// Publishes every state topic once, at the start.

@@ -362,6 +362,36 @@ fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
 }
 
 #[test]
+fn the_program_place_is_published_at_most_5_times_a_second_however_often_the_state_changes() {
+    with_machine(async move |port| {
+        let topics = vec![Topic::cs(1, CsTopic::State), Topic::cs(1, CsTopic::Program)];
+        let text = "M03\nG04 X0.001\n".repeat(200) + "M30\n";
+        port.ask(typed::WriteProgram(61, text)).await.unwrap();
+        port.ask(command(Command::Load { program: 61 }, "1", "hmi"))
+            .await
+            .unwrap();
+        let begun = std::time::Instant::now();
+        let mut said = port.subscribe(Filter::Topics(topics));
+        port.ask(start("2")).await.unwrap();
+        let (mut states, mut places, mut is_completed) = (0, 0, false);
+        while !is_completed {
+            let message = said.next().await.unwrap();
+            match &message.payload {
+                Payload::State(state) => {
+                    states += 1;
+                    is_completed = state.execution == Execution::ProgramCompleted;
+                }
+                Payload::Program(_) => places += 1,
+                other => panic!("{other:?}"),
+            }
+        }
+        let most = 2 + 5 * begun.elapsed().as_secs();
+        assert!(places <= most, "{places} of {most}, with {states} states");
+        assert!(states > 100, "{states} states");
+    });
+}
+
+#[test]
 fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
     with_machine(async move |port| {
         let raise = |code: u16| {
