@@ -27,6 +27,9 @@
 //! are busy 86 percent of the time, a quarter of it in Mosquitto, and 42 percent of the runtime's and the handler's in sending: the
 //! client library writes each message by itself.
 //!
+//! The place in the program is published at most 5 times a second. In turn with a place for each M code, on the same machine, medians
+//! of four runs to the next output: embedded broker 0.31 against 0.34 ms, Mosquitto 0.32 against 0.38 ms; the highest p99 was 1.23 ms.
+//!
 //! In process the handler's own thread carries out claim, reset and what follows; nearly all of the time is computing.
 //!
 //! Over the broker two messages follow each other, the pending output and the reset.

@@ -4,7 +4,8 @@
 //! blocks a second, parsing and checking 10.8 million, interpretation 7.1 million. Compare runs of the same minutes: in a slow
 //! hour of the same machine they were a third of that. The checker that follows every state takes 1.16 times as long to parse
 //! and check as one that forgot them at branches (86 to 74 ms, the fastest of five pairs); 1.33 times before what is rare
-//! was taken out of the way of each block.
+//! was taken out of the way of each block. Interpretation takes 0.85 times as long since the kind of an action is a word, not a
+//! byte (113 to 132 ms, the fastest of four pairs on an AMD EPYC).
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

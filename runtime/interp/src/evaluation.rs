@@ -34,6 +34,8 @@ pub(crate) enum Known<'a> {
 }
 
 /// Which values of variables count that the text shows.
+// as wide as the place that it is read from, with which a [`Scope`] may be there instead
+#[repr(usize)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Trust {
     /// None.

@@ -2,7 +2,7 @@
 
 use tandem_model::flow::Distance;
 use tandem_model::{Axis, AxisVector};
-use tandem_syntax::{Address, AddressSet};
+use tandem_syntax::AddressSet;
 
 use crate::block_words::BlockWords;
 use crate::codes::{Code, ModalGroup};
@@ -91,19 +91,8 @@ impl TextPosition {
     }
 }
 
-/// The words of axes.
-const AXIS_WORDS: [(Address, Axis); 6] = [
-    (Address::X, Axis::X),
-    (Address::Y, Axis::Y),
-    (Address::Z, Axis::Z),
-    (Address::A, Axis::A),
-    (Address::B, Axis::B),
-    (Address::C, Axis::C),
-];
-
 fn values(words: &BlockWords, named: AddressSet) -> impl Iterator<Item = (Axis, f64)> {
-    let named = AXIS_WORDS
+    named
         .iter()
-        .filter(move |(address, _)| named.contains(*address));
-    named.filter_map(|(address, axis)| Some((*axis, words.get(*address)?)))
+        .filter_map(|address| Some((axis_of(address)?, words.get(address)?)))
 }

@@ -77,6 +77,9 @@ pub struct Block {
 }
 
 /// What a block does.
+// Its kind is a word of its own: the odd bytes of a smaller one are moved in overlapping pieces, and each move of a block waited
+// for the one before.
+#[repr(u64)]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
     /// Modal words only. In G64 it ends a blended chain; with G500 only with G09.

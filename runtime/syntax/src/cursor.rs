@@ -76,9 +76,9 @@ impl<'a> Cursor<'a> {
         passed.iter().map(|byte| u32::from(*byte == b'\n')).sum()
     }
 
-    /// Bytes of comments passed so far.
-    pub(crate) fn comment_bytes(&self) -> usize {
-        self.comment_bytes
+    /// Bytes passed so far, comments apart.
+    pub(crate) fn text_bytes(&self) -> usize {
+        self.at - self.comment_bytes
     }
 
     pub(crate) fn peek(&self) -> Option<u8> {

@@ -287,7 +287,7 @@ impl Parser<'_> {
     fn begin_line(&mut self) {
         self.flags = 0;
         self.line_start = self.cursor.at();
-        self.comment_bytes_before = self.cursor.comment_bytes();
+        self.text_bytes_before = self.cursor.text_bytes();
     }
 
     /// Reads a value or condition in parentheses and adds the program code that depends on it. When it is wrong, passes

@@ -83,7 +83,7 @@ struct Parser<'a> {
     skips_end: usize,
     first_word: usize,
     line_start: usize,
-    comment_bytes_before: usize,
+    text_bytes_before: usize,
 }
 
 impl<'a> Parser<'a> {
@@ -105,7 +105,7 @@ impl<'a> Parser<'a> {
             skips_end: 0,
             first_word: 0,
             line_start: 0,
-            comment_bytes_before: 0,
+            text_bytes_before: 0,
         }
     }
 
@@ -242,7 +242,7 @@ impl<'a> Parser<'a> {
         self.flags = 0;
         self.first_word = self.tree.words.len();
         self.line_start = self.cursor.at();
-        self.comment_bytes_before = self.cursor.comment_bytes();
+        self.text_bytes_before = self.cursor.text_bytes();
         let line = self.cursor.line();
         if self.grammar.block_skip_max > 0 && self.cursor.peek() == Some(b'/') && line != self.code_line {
             self.block_skips();
@@ -293,7 +293,7 @@ impl<'a> Parser<'a> {
 
     /// Bytes of the line up to here without comments.
     fn line_bytes(&self) -> usize {
-        (self.cursor.at() - self.line_start) - (self.cursor.comment_bytes() - self.comment_bytes_before)
+        self.cursor.text_bytes() - self.text_bytes_before
     }
 
     /// Tells when the line has become too long, and ends it (D03).
