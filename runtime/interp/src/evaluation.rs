@@ -34,8 +34,6 @@ pub(crate) enum Known<'a> {
 }
 
 /// Which values of variables count that the text shows.
-// as wide as the place that it is read from, with which a [`Scope`] may be there instead
-#[repr(usize)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Trust {
     /// None.
