@@ -457,3 +457,6 @@ fn report_last_runs(shared: &Shared, last_runs: &LastRuns) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

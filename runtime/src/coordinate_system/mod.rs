@@ -171,6 +171,7 @@ impl CoordinateSystem {
             .ledger
             .cancel_all(self.context.now(), CancelReason::Shutdown);
         self.carry_out_effects();
+        self.note_published();
     }
 
     /// One turn: what the servo reported, what is due, what can be prepared. True when there is more to prepare.
@@ -199,6 +200,7 @@ impl CoordinateSystem {
         let busy = self.prepare(share) || self.has_command_to_judge() || self.part_is_due();
         self.hold_without_bus();
         self.publish_changes();
+        self.note_published();
         self.context.shared.publish_variables_simulated();
         busy
     }

@@ -164,6 +164,13 @@ impl CoordinateSystem {
         let captured = self.captured_of(MachinePosition::default(), AxisSet::EMPTY);
         self.context
             .publish(CsTopic::Captured, Payload::Captured(captured));
+        self.note_published();
+    }
+
+    /// Notes that all has been published that the journal tells of this coordinate system.
+    pub(super) fn note_published(&self) {
+        let line = self.context.shared.journal.last_number();
+        self.context.view.has_published(line);
     }
 
     /// A G31 has ended: where its motors rest, and which of them captured that position (D41).

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use parking_lot::Mutex;
@@ -24,6 +25,7 @@ pub(crate) struct View {
     readings: Arc<Readings>,
     trace: Arc<ServoTrace>,
     place: Mutex<Place>,
+    published_line: AtomicU64,
 }
 
 /// Where the program is.
@@ -51,7 +53,18 @@ impl View {
             readings,
             trace,
             place: Mutex::default(),
+            published_line: AtomicU64::default(),
         }
+    }
+
+    /// What the journal's lines up to this one tell of the coordinate system has been published.
+    pub(super) fn has_published(&self, line: u64) {
+        self.published_line.store(line, Ordering::Release);
+    }
+
+    /// Number of the last line of the journal whose contents have been published, as have those of all before it.
+    pub fn published_line(&self) -> u64 {
+        self.published_line.load(Ordering::Acquire)
     }
 
     pub(super) fn update(&self, change: impl FnOnce(&mut Place)) {

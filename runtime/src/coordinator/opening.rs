@@ -133,7 +133,6 @@ impl Data {
             clock: shared.clock.clone(),
             tables: Arc::clone(&shared.tables),
             hub: shared.hub.clone(),
-            journal: shared.journal.clone(),
             views: views
                 .map(|mailbox| (mailbox.number, Arc::clone(&mailbox.view)))
                 .collect(),

@@ -24,7 +24,6 @@ use super::store::Store;
 use crate::clock::Clock;
 use crate::coordinate_system::View;
 use crate::disk::{Health, Part};
-use crate::journal::Journal;
 use crate::runs::RunBook;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 use crate::threads::{self, Thread};
@@ -153,7 +152,6 @@ pub(crate) struct Source {
     pub tables: Arc<Tables>,
     /// What was published last.
     pub hub: Hub,
-    pub journal: Journal,
     pub views: Vec<(CoordinateSystemNumber, Arc<View>)>,
     /// As they were kept.
     pub last_runs: LastRuns,
@@ -174,8 +172,8 @@ impl Source {
             }
         }
         for (cs, view) in &self.views {
-            // The newest line before the look: what the journal records from then on may be missing here.
-            let line = self.journal.last_number();
+            // Before the look: what later lines tell may be missing here, since a line is written before it is published.
+            let line = view.published_line();
             if let Some(run) = self.last_run(*cs, view, last_runs.get(cs).map(|kept| &kept.run)) {
                 let last_run = KeptRun { run, line };
                 keep(&mut change.values, value_key("last_run", *cs), &last_run);

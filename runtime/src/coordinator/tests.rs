@@ -1,0 +1,64 @@
+//! What is written of a run, and when.
+
+use std::io;
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicU64;
+use std::sync::mpsc::sync_channel;
+use std::time::SystemTime;
+
+use parking_lot::Mutex;
+use plc_api::types::state::{Execution, State};
+
+use super::*;
+use crate::coordinate_system::View;
+use crate::journal::{JournalWriter, Line, WriteAhead};
+use crate::test::Bench;
+
+/// A state writer that looks at a run while a line of it is written ahead, before anybody can have heard of it.
+#[derive(Debug, Default)]
+struct Look {
+    view: OnceLock<Arc<View>>,
+    /// Numbers of the lines, and of the last line then whose contents had been published.
+    seen: Mutex<Vec<(u64, u64)>>,
+}
+
+impl WriteAhead for Look {
+    fn write(&self, n: u64, _: &Line, _: SystemTime) -> io::Result<()> {
+        if let Some(view) = self.view.get() {
+            self.seen.lock().push((n, view.published_line()));
+        }
+        Ok(())
+    }
+
+    fn close(&self, _: &Line) {}
+}
+
+#[test]
+fn the_line_of_an_output_does_not_count_as_published_before_the_output_is() {
+    let look = Arc::<Look>::default();
+    let (lines, _kept) = sync_channel(1000);
+    let journal = Journal::to_disk(JournalWriter {
+        lines,
+        lost: Arc::default(),
+        last: Arc::<AtomicU64>::default(),
+        ahead: Some(Arc::<Look>::clone(&look)),
+    });
+    let machine = Config::demo().resolve().unwrap();
+    let bench = Bench::on_machine(machine).subprogram(50, "M03\nM05\nM03\nM30\n");
+    let of_run = Arc::clone(&look);
+    let published = bench.journal(journal).play(async move |scene, runtime| {
+        let view = Arc::clone(&runtime.port.mailboxes[0].view);
+        of_run.view.set(Arc::clone(&view)).unwrap();
+        let cs = scene.cs(1);
+        cs.load(50).await.unwrap();
+        cs.start().await.unwrap();
+        let is_completed = |state: &State| state.execution == Execution::ProgramCompleted;
+        cs.wait_for(is_completed).await.unwrap();
+        view.published_line()
+    });
+    let seen = look.seen.lock();
+    // the start and three outputs
+    assert_eq!(seen.len(), 4, "{seen:?}");
+    assert!(seen.iter().all(|(line, published)| published < line), "{seen:?}");
+    assert!(published.unwrap() > seen[3].0, "{seen:?}");
+}
