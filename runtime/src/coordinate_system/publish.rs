@@ -170,7 +170,7 @@ impl CoordinateSystem {
     /// Notes that all has been published that the journal tells of this coordinate system.
     pub(super) fn note_published(&self) {
         let line = self.context.shared.journal.last_number();
-        self.context.view.has_published(line);
+        self.context.view.set_published_line(line);
     }
 
     /// A G31 has ended: where its motors rest, and which of them captured that position (D41).

@@ -58,7 +58,7 @@ impl View {
     }
 
     /// What the journal's lines up to this one tell of the coordinate system has been published.
-    pub(super) fn has_published(&self, line: u64) {
+    pub(super) fn set_published_line(&self, line: u64) {
         self.published_line.store(line, Ordering::Release);
     }
 
