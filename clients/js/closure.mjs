@@ -6,7 +6,10 @@ import { fileURLToPath } from "node:url";
 
 export const WEB = fileURLToPath(new URL("../../web", import.meta.url));
 
-/** All modules that these import, and they themselves, below WEB. @param {string[]} entries */
+/** What a module imports, and the modules that it starts as workers. */
+const NEEDED = /^(?:import|export) .*from "(\..*)";$|new URL\("(\..*?)", import\.meta\.url\)/gm;
+
+/** All modules that these need, and they themselves, below WEB. @param {string[]} entries */
 async function closure(entries) {
   const found = new Set();
   const open = [...entries];
@@ -14,12 +17,12 @@ async function closure(entries) {
     if (found.has(file)) continue;
     found.add(file);
     const text = await readFile(join(WEB, file), "utf8");
-    for (const [, from] of text.matchAll(/^(?:import|export) .*from "(\..*)";$/gm)) open.push(relative(WEB, join(WEB, dirname(file), from)));
+    for (const [, imported, started] of text.matchAll(NEEDED)) open.push(relative(WEB, join(WEB, dirname(file), imported ?? started)));
   }
   return [...found].sort();
 }
 
-/** Copies these modules, what they import, and the types of messages. @param {string[]} entries @param {string} folder */
+/** Copies these modules, what they need, and the types of messages. @param {string[]} entries @param {string} folder */
 export async function copyModules(entries, folder) {
   for (const file of [...(await closure(entries)), "types.d.ts"]) {
     await mkdir(join(folder, dirname(file)), { recursive: true });

@@ -62,16 +62,6 @@ test("nothing is drawn while the card draws what it was given", () => {
   assert.ok(frame(scene(path, path, 5)).lines > 0);
 });
 
-test("what a card may not draw in a part of a frame leaves the screen as it is, and is shown in a frame that draws nothing else", () => {
-  const { layers, frame } = card();
-  const path = [piece(FIRST / 2 + 1)];
-  const first = frame(scene(path));
-  // the layer beside the screen is cleared
-  assert.deepEqual([first.lines, first.order, first.isMore], [FIRST / 2 + 1, ["clear"], true]);
-  const second = frame(scene(path));
-  assert.deepEqual([second.lines, second.order, second.isMore, layers.lines], [0, ["clear", "copy", "tool"], false, FIRST / 2 + 1]);
-});
-
 test("while the tool moves only those lines are drawn that are done since; what is done again is drawn anew", () => {
   const { frame } = card();
   const path = [piece(1_000)];

@@ -51,13 +51,23 @@ function longest(trace) {
   return { longestTaskMs: most("dur"), longestOwnMs: most("tdur"), longTasks: tasks.filter(({ dur }) => dur > 50_000).length };
 }
 
-/** What the page holds: script, elements, buffers; and what its process has of its own. */
+/** What the page and its workers hold: script, elements, buffers, MB. */
 async function memory(page) {
   const cdp = await page.context().newCDPSession(page);
+  const answers = new Map();
+  const workers = [];
+  cdp.on("Target.attachedToTarget", ({ sessionId }) => workers.push(sessionId));
+  cdp.on("Target.receivedMessageFromTarget", ({ sessionId, message }) => answers.get(sessionId)?.(JSON.parse(message).result));
+  await cdp.send("Target.setAutoAttach", { autoAttach: true, waitForDebuggerOnStart: false, flatten: false });
   await cdp.send("HeapProfiler.collectGarbage");
-  const { usedSize, embedderHeapUsedSize, backingStorageSize } = await cdp.send("Runtime.getHeapUsage");
+  const used = [await cdp.send("Runtime.getHeapUsage")];
+  for (const sessionId of workers) {
+    const answer = new Promise((resolve) => answers.set(sessionId, resolve));
+    await cdp.send("Target.sendMessageToTarget", { sessionId, message: JSON.stringify({ id: 1, method: "Runtime.getHeapUsage" }) });
+    used.push(await answer);
+  }
   await cdp.detach();
-  return (usedSize + embedderHeapUsedSize + backingStorageSize) / MB;
+  return used.reduce((sum, { usedSize, embedderHeapUsedSize, backingStorageSize }) => sum + usedSize + embedderHeapUsedSize + backingStorageSize, 0) / MB;
 }
 
 /** Private memory of the processes of the browser that show pages, the largest of them, MB. */

@@ -98,6 +98,16 @@ test("the example page of a folder shows the machine by elements, commands it, a
   await state.getByText("WAIT", { exact: true }).waitFor();
   const drawn = () => page.locator("tandem-path").evaluate((path) => path.picture.statistics.lines);
   await until(drawn, (lines) => lines > 0, "the lines that are drawn");
+  // what is taken out of a page draws no more, and draws again where it is put in
+  await page.evaluate(() => {
+    globalThis.taken = document.querySelector("tandem-path");
+    globalThis.holder = globalThis.taken.parentElement;
+    globalThis.taken.remove();
+  });
+  await until(() => page.workers().length, 0, "workers of a page without a path");
+  await page.evaluate(() => globalThis.holder.append(globalThis.taken));
+  await until(() => page.workers().length, 1, "workers of a page with a path");
+  await until(drawn, (lines) => lines > 0, "the lines that are drawn again");
   for (const scheme of SCHEMES) {
     await page.emulateMedia({ colorScheme: scheme });
     assert.deepEqual(await findings(page), [], `axe, ${scheme}`);

@@ -125,6 +125,43 @@ test("the whole path is there before anything moves, and nothing is uploaded whi
   await screen.sees("PROGRAM_COMPLETED");
 });
 
+test("a worker draws, and the page itself where the browser gives it none for a canvas, or starts none", async () => {
+  const drawn = async (workers) => {
+    await ready("O0005");
+    assert.deepEqual(page.workers().map((worker) => new URL(worker.url()).pathname), workers);
+    const { frames, calls } = await statistics();
+    assert.ok(frames > 0 && calls > 0, `${frames} frames, ${calls} calls`);
+  };
+  await drawn(["/path/painter_worker.js"]);
+  const without = [
+    () => delete HTMLCanvasElement.prototype.transferControlToOffscreen,
+    () => {
+      globalThis.Worker = class {
+        constructor() {
+          throw new DOMException("of another origin", "SecurityError");
+        }
+      };
+    },
+    () => {
+      globalThis.Worker = class {
+        constructor() {
+          setTimeout(() => this.onerror(new Event("error", { cancelable: true })), 100);
+        }
+        terminate() {}
+      };
+    },
+  ];
+  for (const [i, init] of without.entries()) {
+    await close();
+    ({ page, errors, close } = await openPage(browser));
+    await page.addInitScript(init);
+    screen = new Screen(page);
+    await page.goto(runtime.url);
+    await drawn([]);
+    if (i === 0) await picture(page, "path-without-worker");
+  }
+});
+
 test("a click on the path shows the line, a click on a line marks its piece", async () => {
   await ready("O0005");
   await page.getByRole("button", { name: "XY", exact: true }).click();

@@ -414,7 +414,7 @@ const texts = {
   "path.tool_at": "Bahn des Werkzeugs; jetzt bei {place}",
   "path.view_of_the_path": "Ansicht der Bahn",
   "path.webgl_gives_no_shader": "WebGL gibt keinen Shader",
-  "path.webgl_refused_shaders": "WebGL nimmt die Shader nicht an: {log} {more}",
+  "path.webgl_refused_shaders": "WebGL nimmt die Shader nicht an: {log}",
 
   "plant.about_forcing_an_input": "Handler, Scans und Bildschirme lesen den erzwungenen Wert bis zur Freigabe, was immer sein Besitzer schreibt.",
   "plant.about_forcing_an_output": "Die Anlage folgt dem erzwungenen Wert bis zur Freigabe, was immer sein Besitzer schreibt. Erzwingen Sie einen Ausgang nur, wenn Sie sehen, dass nichts passieren kann.",

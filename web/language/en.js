@@ -413,7 +413,7 @@ export default {
   "path.tool_at": "Path of the tool; now at {place}",
   "path.view_of_the_path": "View of the path",
   "path.webgl_gives_no_shader": "WebGL gives no shader",
-  "path.webgl_refused_shaders": "WebGL does not take the shaders: {log} {more}",
+  "path.webgl_refused_shaders": "WebGL does not take the shaders: {log}",
 
   "plant.about_forcing_an_input": "Handlers, scans and screens read the forced value until it is released, whatever its owner writes.",
   "plant.about_forcing_an_output": "The plant follows the forced value until it is released, whatever its owner writes. Force an output only if you see that nothing can happen.",

@@ -414,7 +414,7 @@ const texts = {
   "path.tool_at": "工具の経路。現在位置 {place}",
   "path.view_of_the_path": "経路の視点",
   "path.webgl_gives_no_shader": "WebGL のシェーダーを作成できません",
-  "path.webgl_refused_shaders": "WebGL がシェーダーを受け付けません: {log} {more}",
+  "path.webgl_refused_shaders": "WebGL がシェーダーを受け付けません: {log}",
 
   "plant.about_forcing_an_input": "解除するまで、所有者が何を書いても、ハンドラ・スキャン・画面は強制値を読みます。",
   "plant.about_forcing_an_output": "解除するまで、所有者が何を書いても、設備は強制値に従います。何も起こらないことを目で確認できる場合にのみ、出力を強制してください。",

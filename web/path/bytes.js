@@ -2,27 +2,13 @@
 // they are in the answer, and go to the graphics card as they are.
 
 import { t } from "../language.js";
+import { VERTEX_BYTES } from "./vertex.js";
 
-/** Bytes of a vertex: x y z, word, time. */
-export const VERTEX_BYTES = 20;
-/** A vertex in words of 4 bytes. */
-export const VERTEX_WORDS = VERTEX_BYTES / 4;
 const ENTRY_BYTES = 48;
 const LINE_BITS = 26;
 const LINE_MASK = 2 ** LINE_BITS - 1;
-/** Line and program of a word, without the flag of a rapid. */
-export const PLACE_MASK = 0x7fffffff;
 
-/**
- * Vertices of one level of one chunk, in an answer.
- * @typedef {object} Piece
- * @property {ArrayBuffer} bytes
- * @property {number} offset byte of the first vertex
- * @property {number} count of vertices
- * @property {Float32Array} floats the answer from its first vertex on
- * @property {Uint32Array} words the same
- * @property {number} first place of the first vertex in both, in words of 4 bytes
- */
+/** @typedef {import("./vertex.js").Piece} Piece */
 
 /**
  * @typedef {object} Chunk
@@ -91,9 +77,4 @@ export function placeOf(word, programs) {
 export function wordOf(program, line, programs) {
   const place = programs.indexOf(program);
   return place < 0 ? -1 : ((place << LINE_BITS) | line) >>> 0;
-}
-
-/** The finest level of a chunk that is here. @param {Chunk} chunk @returns {Piece | null} */
-export function finest(chunk) {
-  return chunk.levels.find((piece) => piece) ?? null;
 }

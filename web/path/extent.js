@@ -1,7 +1,6 @@
 // How far a path reaches where the tool works: what is fitted into the picture. Rapids to a tool change may run out of it.
 
-import { VERTEX_WORDS } from "./bytes.js";
-import { wordAt } from "./find.js";
+import { VERTEX_WORDS, wordAt } from "./vertex.js";
 
 /** @typedef {[number, number, number]} Point */
 /** @typedef {[Point, Point]} Box lowest and highest corner */
@@ -9,7 +8,7 @@ import { wordAt } from "./find.js";
 /** Flag of a rapid in a word. */
 const RAPID = 0x80000000;
 
-/** Boxes of pieces that were looked through. @type {WeakMap<import("./bytes.js").Piece, Box | null>} */
+/** Boxes of pieces that were looked through. @type {WeakMap<import("./vertex.js").Piece, Box | null>} */
 const known = new WeakMap();
 
 /** Corners of all that a path does at a feedrate; of its rapids where there is nothing else. @param {import("./bytes.js").Answer} path @returns {Point[]} */
@@ -21,7 +20,7 @@ export function corners(path) {
   return feeds.length > 0 ? feeds : path.chunks.flatMap(({ low, high }) => [low, high]);
 }
 
-/** The box of the lines of a piece that are no rapids; null: it has none. @param {import("./bytes.js").Piece} piece */
+/** The box of the lines of a piece that are no rapids; null: it has none. @param {import("./vertex.js").Piece} piece */
 function feedBox(piece) {
   const found = known.get(piece);
   if (found !== undefined) return found;
@@ -36,13 +35,13 @@ function feedBox(piece) {
   return has;
 }
 
-/** A wait or a dwell is a line without length. @param {import("./bytes.js").Piece} piece @param {number} i */
+/** A wait or a dwell is a line without length. @param {import("./vertex.js").Piece} piece @param {number} i */
 function rests(piece, i) {
   const k = piece.first + i * VERTEX_WORDS;
   return [0, 1, 2].every((axis) => piece.floats[k + axis] === piece.floats[k + axis - VERTEX_WORDS]);
 }
 
-/** @param {Box} box @param {import("./bytes.js").Piece} piece @param {number} vertex */
+/** @param {Box} box @param {import("./vertex.js").Piece} piece @param {number} vertex */
 function include([low, high], piece, vertex) {
   const k = piece.first + vertex * VERTEX_WORDS;
   for (let i = 0; i < 3; i += 1) {
@@ -50,19 +49,4 @@ function include([low, high], piece, vertex) {
     low[i] = Math.min(low[i] ?? value, value);
     high[i] = Math.max(high[i] ?? value, value);
   }
-}
-
-/** Lengths of pieces that were measured, mm. @type {WeakMap<import("./bytes.js").Piece, number>} */
-const lengths = new WeakMap();
-
-/** Length of the lines of a piece, mm. @param {import("./bytes.js").Piece} piece */
-export function lengthOf(piece) {
-  const known = lengths.get(piece);
-  if (known !== undefined) return known;
-  const { floats, first, count } = piece;
-  const off = (/** @type {number} */ k) => (floats[k] ?? 0) - (floats[k - VERTEX_WORDS] ?? 0);
-  let length = 0;
-  for (let i = 1, k = first + VERTEX_WORDS; i < count; i += 1, k += VERTEX_WORDS) length += Math.sqrt(off(k) ** 2 + off(k + 1) ** 2 + off(k + 2) ** 2);
-  lengths.set(piece, length);
-  return length;
 }

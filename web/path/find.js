@@ -1,45 +1,23 @@
 // Finds places on a path: by time, by a machine position, by a point of the picture, by a line of the program.
 
-import { finest, PLACE_MASK, VERTEX_WORDS } from "./bytes.js";
+import { firstFrom, linesBetween, PLACE_MASK, timeOf, VERTEX_WORDS, wordAt } from "./vertex.js";
 
 /** @typedef {import("./bytes.js").Answer} Answer */
-/** @typedef {import("./bytes.js").Piece} Piece */
+/** @typedef {import("./vertex.js").Piece} Piece */
 /** @typedef {[number, number, number]} Point */
 
 /** How far a machine may be from the planned path and still be on it, mm, beside the level's tolerance. */
 const ON_PATH_MM = 0.05;
 
+/** The finest level of a chunk that is here. @param {import("./bytes.js").Chunk} chunk @returns {Piece | null} */
+export function finest(chunk) {
+  return chunk.levels.find((piece) => piece) ?? null;
+}
+
 /** @param {Piece} piece @param {number} i @returns {Point} */
 function at(piece, i) {
   const k = piece.first + i * VERTEX_WORDS;
   return [piece.floats[k] ?? 0, piece.floats[k + 1] ?? 0, piece.floats[k + 2] ?? 0];
-}
-
-/** @param {Piece} piece @param {number} i */
-function timeOf(piece, i) {
-  return piece.floats[piece.first + i * VERTEX_WORDS + 4] ?? 0;
-}
-
-/** @param {Piece} piece @param {number} i */
-export function wordAt(piece, i) {
-  return piece.words[piece.first + i * VERTEX_WORDS + 3] ?? 0;
-}
-
-/** The first vertex that is reached at this time or later. @param {Piece} piece @param {number} time */
-function firstFrom(piece, time) {
-  let [low, high] = [0, piece.count];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (timeOf(piece, middle) < time) low = middle + 1;
-    else high = middle;
-  }
-  return low;
-}
-
-/** Lines of a piece that are under way between two times. @param {Piece} piece @param {number} from s @param {number} to s */
-export function linesBetween(piece, from, to) {
-  const first = Math.max(0, firstFrom(piece, from) - 1);
-  return { first, count: Math.min(firstFrom(piece, to), piece.count - 1) - first };
 }
 
 /** Where the path is at a time, and the word of that line. @param {Answer} path @param {number} time @returns {{at: Point, word: number} | null} */

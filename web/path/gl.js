@@ -2,8 +2,7 @@
 // done, selected or depends on run time is compared in the shader, so nothing is uploaded while the machine moves. The shader takes
 // vertices out of a texture: instances of a rectangle would be one call each where the processor draws.
 
-import { t } from "../language.js";
-import { PLACE_MASK, VERTEX_BYTES, VERTEX_WORDS } from "./bytes.js";
+import { PLACE_MASK, VERTEX_WORDS } from "./vertex.js";
 
 /** Words of 4 bytes in a row of the texture of an answer: 2 to the power of `ROW_BITS`. */
 const ROW_BITS = 12;
@@ -71,6 +70,8 @@ const WIDTHS = [1.5, 0.8, 0.7, 2.6];
  * @property {Record<"done" | "rest" | "rapid" | "picked", number[]>} colours
  */
 
+/** Why the card draws nothing: the browser has no WebGL, gives no shader, or refuses ours. @typedef {{of: "webgl" | "shader" | "shaders", log: string}} Trouble */
+
 const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "words", "first", "now", "since", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
 
 export class Lines {
@@ -84,8 +85,7 @@ export class Lines {
   #at = {};
   /** @type {WeakMap<ArrayBuffer, WebGLTexture>} */
   #textures = new WeakMap();
-  /** @type {Set<WebGLTexture>} */
-  #kept = new Set();
+  #kept = 0;
 
   /** @param {WebGL2RenderingContext} gl */
   constructor(gl) {
@@ -153,33 +153,24 @@ export class Lines {
     this.drawn.lines += lines;
   }
 
-  /** Gives back what is not among these answers. @param {Set<ArrayBuffer>} used */
-  keepOnly(used) {
-    const kept = new Set([...used].map((bytes) => this.#textures.get(bytes)));
-    for (const texture of this.#kept) {
-      if (kept.has(texture)) continue;
-      this.#gl.deleteTexture(texture);
-      this.#kept.delete(texture);
-    }
-  }
-
   /** How many answers are on the card. */
   get kept() {
-    return this.#kept.size;
+    return this.#kept;
   }
 
   /** Gives back what is shown no longer. @param {ArrayBuffer} bytes */
   forget(bytes) {
     const texture = this.#textures.get(bytes);
-    if (!texture || !this.#kept.delete(texture)) return;
+    if (!texture) return;
     this.#gl.deleteTexture(texture);
     this.#textures.delete(bytes);
+    this.#kept -= 1;
   }
 
   /** Each answer goes to the card once, as it came. @param {ArrayBuffer} bytes */
   #texture(bytes) {
     const known = this.#textures.get(bytes);
-    if (known && this.#kept.has(known)) return known;
+    if (known) return known;
     const gl = this.#gl;
     const texture = gl.createTexture();
     const words = new Uint32Array(bytes);
@@ -195,17 +186,17 @@ export class Lines {
     put(rows, rest, 1);
     this.uploaded += bytes.byteLength;
     this.#textures.set(bytes, texture);
-    this.#kept.add(texture);
+    this.#kept += 1;
     return texture;
   }
 }
 
-/** @param {WebGL2RenderingContext} gl */
+/** Throws a `Trouble`. @param {WebGL2RenderingContext} gl */
 function link(gl) {
   const program = gl.createProgram();
   for (const [type, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
     const shader = gl.createShader(type);
-    if (!shader) throw new Error(t("path.webgl_gives_no_shader"));
+    if (!shader) throw trouble("shader");
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
     gl.attachShader(program, shader);
@@ -213,24 +204,12 @@ function link(gl) {
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
     const logs = (gl.getAttachedShaders(program) ?? []).map((shader) => gl.getShaderInfoLog(shader));
-    throw new Error(t("path.webgl_refused_shaders", { log: logs.join(" "), more: gl.getProgramInfoLog(program) }));
+    throw trouble("shaders", [...logs, gl.getProgramInfoLog(program)].join(" "));
   }
   return program;
 }
 
-/**
- * Lines of one's own in the form of the runtime's.
- * @param {ArrayLike<number>[]} points x y z
- * @param {(i: number) => number} [word] of the line that ends there
- * @param {number} [time] wide from then on, s
- */
-export function ownLines(points, word = () => 0, time = 0) {
-  const bytes = new ArrayBuffer(points.length * VERTEX_BYTES);
-  const [floats, words] = [new Float32Array(bytes), new Uint32Array(bytes)];
-  points.forEach((at, i) => {
-    for (let k = 0; k < 3; k += 1) floats[5 * i + k] = at[k] ?? 0;
-    words[5 * i + 3] = word(i);
-    floats[5 * i + 4] = time;
-  });
-  return { bytes, offset: 0, count: points.length };
+/** @param {Trouble["of"]} of @param {string} [log] @returns {Trouble} */
+export function trouble(of, log = "") {
+  return { of, log };
 }

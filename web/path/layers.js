@@ -1,12 +1,9 @@
 // The picture of a path, kept while the tool moves over it. What is to be drawn anew is drawn beside it, as much in a frame as the
-// card draws in time: at first the coarse lines, then those that are exact to the pixel. The page never waits for the card: without
-// one, the browser holds the page up until what is on the screen is drawn, with all that was asked for before it. What takes long is
-// therefore drawn in a frame that leaves the screen as it is, and shown in the next one after it is done.
+// card draws in time: at first the coarse lines, then those that are exact to the pixel. Nobody waits for the card.
 
-import { lengthOf } from "./extent.js";
-import { linesBetween } from "./find.js";
+import { lengthOf, linesBetween } from "./vertex.js";
 
-/** @typedef {import("./bytes.js").Piece} Piece */
+/** @typedef {import("./vertex.js").Piece} Piece */
 /** @typedef {import("./gl.js").View} View */
 
 /** Costs of what is drawn in one frame, in lines of no length: at first, at least, and where a card is fast. */
@@ -50,8 +47,6 @@ export class Layers {
   /** What the card has not finished yet. @type {{fence: WebGLSync, at: number, cost: number} | null} */
   #asked = null;
   #spent = 0;
-  /** What was drawn last is to be shown. */
-  #isToShow = false;
   /** Of the canvas. */
   #size = "";
   /** Lines over the path. */
@@ -77,15 +72,6 @@ export class Layers {
     this.#spent = 0;
     const size = `${this.#gl.drawingBufferWidth} ${this.#gl.drawingBufferHeight}`;
     if (size !== this.#size) [this.shown, this.#drawing, this.#size] = [null, null, size];
-    if (!this.#isToShow) this.#drawBeside(scene);
-    this.#isToShow = 2 * this.#spent > this.#budget;
-    if (!this.#isToShow) this.#show(this.shown?.scene ?? scene, over);
-    this.#ask();
-    return this.#isToShow || this.#drawing !== null || !isSame(this.shown?.pieces, scene.wanted);
-  }
-
-  /** Draws a part of what the scene needs. @param {Scene} scene */
-  #drawBeside(scene) {
     if (this.#drawing?.isFine && !goesOn(this.#drawing.scene, scene)) this.#drawing = null;
     if (!this.#drawing) {
       const isShown = this.shown !== null && goesOn(this.shown.scene, scene);
@@ -93,6 +79,9 @@ export class Layers {
       if (!isExact || !this.#goOn(scene)) this.#begin(scene, isShown && !isExact);
     }
     if (this.#drawing) this.#work(this.#drawing);
+    this.#show(this.shown?.scene ?? scene, over);
+    this.#ask();
+    return this.#drawing !== null || !isSame(this.shown?.pieces, scene.wanted);
   }
 
   /** Lines that are shown. */

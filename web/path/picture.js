@@ -1,16 +1,17 @@
-// The picture of a path: draws when something has changed, and each frame only while the tool moves.
+// The picture of a path: orders what is to be seen when something has changed, and each frame only while the tool moves.
 
 import { t } from "../language.js";
-import { finest, wordOf } from "./bytes.js";
+import { wordOf } from "./bytes.js";
 import { Camera } from "./camera.js";
-import { findPlace, pick } from "./find.js";
-import { Lines } from "./gl.js";
-import { Layers } from "./layers.js";
+import { Easel } from "./easel.js";
+import { findPlace, finest, pick } from "./find.js";
 import { Backdrop, boxLines, toolLines, trailLines, zeroLines } from "./scenery.js";
 
 /** @typedef {[number, number, number]} Point */
 /** @typedef {import("./bytes.js").Answer} Answer */
-/** @typedef {import("./bytes.js").Piece} Piece */
+/** @typedef {import("./painter.js").Placed} Placed */
+/** @typedef {import("./painter.js").Report} Report */
+/** @typedef {import("./vertex.js").Piece} Piece */
 
 /** How near a click is to a line that it means, px. */
 const CLICK_PX = 12;
@@ -35,68 +36,66 @@ export class Picture {
   element;
   /** Why nothing is drawn; empty: it is. */
   trouble = "";
-  /** Frames drawn, and milliseconds of script that the last one took. */
-  frames = 0;
+  /** Milliseconds of script that the last order took. */
   tookMs = 0;
   #back;
   #canvas;
-  /** @type {Lines | null} */
-  #lines = null;
-  /** @type {Layers | null} */
-  #layers = null;
+  #easel;
+  #changed;
+  /** @type {Report} */
+  #report = { trouble: null, frames: 0, calls: 0, lines: 0, uploaded: 0, kept: 0 };
+  /** Size of the canvas. @type {[number, number]} */
+  #size = [1, 1];
   /** @type {Record<string, string>} */
   #colours = {};
   /** @type {Record<string, number[]>} */
   #numbers = {};
-  /** Own lines by what they were made of. @type {Map<string, {key: string, lines: ReturnType<typeof boxLines>}>} */
+  /** Own lines by what they were made of. @type {Map<string, {key: string, bytes: ArrayBuffer}>} */
   #own = new Map();
+  /** Numbers of the vertices that the painter has. @type {Map<ArrayBuffer, number>} */
+  #known = new Map();
+  #lastId = 0;
+  /** What the next order tells of vertices. @type {{added: {id: number, bytes: ArrayBuffer}[], forgotten: number[]}} */
+  #news = { added: [], forgotten: [] };
+  /** Pieces ordered last. @type {{wanted: Piece[], coarse: Piece[]}} */
+  #pieces = { wanted: [], coarse: [] };
 
-  /** @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} back @param {HTMLElement} box */
-  constructor(canvas, back, box) {
+  /** @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} back @param {HTMLElement} box @param {() => void} changed there is a trouble, or none any more */
+  constructor(canvas, back, box, changed) {
     this.#canvas = canvas;
     this.element = box;
+    this.#changed = changed;
     this.#back = new Backdrop(back);
-    canvas.addEventListener("webglcontextlost", (event) => {
-      event.preventDefault();
-      [this.#lines, this.#layers] = [null, null];
-    });
-    canvas.addEventListener("webglcontextrestored", () => this.#begin());
-    this.#begin();
+    this.#easel = new Easel(canvas, (report) => this.#on(report));
   }
 
-  #begin() {
-    const gl = this.#canvas.getContext("webgl2", { antialias: false, alpha: true, premultipliedAlpha: true });
-    if (!gl) {
-      this.trouble = t("path.this_browser_has_no_webgl");
-      return;
-    }
-    try {
-      this.#lines = new Lines(gl);
-      this.#layers = new Layers(gl, this.#lines);
-    } catch (error) {
-      this.trouble = error instanceof Error ? error.message : String(error);
-    }
+  /** Nothing is drawn any more. */
+  end() {
+    this.#easel.end();
+  }
+
+  /** @param {Report} report */
+  #on(report) {
+    this.#report = report;
+    const trouble = report.trouble ? TROUBLES[report.trouble.of](report.trouble.log) : "";
+    if (trouble === this.trouble) return;
+    this.trouble = trouble;
+    this.#changed();
   }
 
   /** Draw calls of the last frame, lines that are seen, bytes uploaded so far, what is kept on the card, and from where the path is seen. */
   get statistics() {
     const { scale, turn, tilt, centre, view } = this.camera;
-    return {
-      seen: { scale, turn, tilt, centre, view }, calls: this.#lines?.drawn.calls ?? 0, lines: this.#layers?.lines ?? 0,
-      uploaded: this.#lines?.uploaded ?? 0, kept: this.#lines?.kept ?? 0, frames: this.frames, tookMs: this.tookMs,
-    };
+    return { ...this.#report, seen: { scale, turn, tilt, centre, view }, tookMs: this.tookMs };
   }
 
   /** Takes the size of the box and the colours of the scheme. True: it has a size. */
   measure() {
     const ratio = Math.min(devicePixelRatio || 1, 2);
     const [width, height] = [this.element.clientWidth, this.element.clientHeight];
-    for (const canvas of [this.#canvas, this.#back.canvas]) {
-      if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-        canvas.width = Math.round(width * ratio);
-        canvas.height = Math.round(height * ratio);
-      }
-    }
+    this.#size = [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];
+    const { canvas } = this.#back;
+    if (canvas.width !== this.#size[0] || canvas.height !== this.#size[1]) [canvas.width, canvas.height] = this.#size;
     [this.camera.width, this.camera.height] = [Math.max(1, width), Math.max(1, height)];
     const style = getComputedStyle(this.#canvas);
     const of = (/** @type {string} */ name) => style.getPropertyValue(name).trim();
@@ -106,29 +105,26 @@ export class Picture {
     return width > 0 && height > 0;
   }
 
-  /** True: there is more to draw in a further frame. @param {Shown} shown @param {(chunk: number) => void} refine asks for finer levels */
+  /** Has this drawn; what takes long is coarse at first. @param {Shown} shown @param {(chunk: number) => void} refine asks for finer levels */
   draw(shown, refine) {
-    const [lines, layers] = [this.#lines, this.#layers];
-    if (!lines || !layers) return false;
+    if (this.trouble) return;
     const began = performance.now();
-    const { camera } = this;
     const { path, limits } = shown;
     const zero = shown.zero.map((value) => Math.round(value * 1e4) / 1e4);
-    const view = { matrix: camera.matrix, scale: camera.scale, ratio: this.#canvas.width / Math.max(1, this.element.clientWidth) };
+    const view = { matrix: this.camera.matrix, scale: this.camera.scale, ratio: this.#size[0] / Math.max(1, this.element.clientWidth) };
     const look = {
       dependsAt: path?.dependsAt ?? Infinity, selected: shown.selected || 0x7fffffff,
       colours: /** @type {import("./gl.js").Look["colours"]} */ (this.#numbers),
     };
-    lines.drawn = { calls: 0, lines: 0 };
-    lines.look = look;
     const key = JSON.stringify([look.dependsAt, look.selected, look.colours, limits, zero]);
-    const isMore = layers.draw(
-      { key, view, now: shown.now, ...this.#pieces(path, view.ratio, refine), scenery: () => this.#scenery(lines, limits, zero) },
-      () => this.#over(lines, shown),
-    );
-    this.frames += 1;
+    const seen = this.#seen(path, view.ratio, refine);
+    const [behind, over] = [this.#scenery(limits, zero), this.#over(shown)];
+    const isOther = !isSame(seen.wanted, this.#pieces.wanted) || !isSame(seen.coarse, this.#pieces.coarse);
+    const pieces = isOther ? { wanted: this.#numbersOf(seen.wanted), coarse: this.#numbersOf(seen.coarse) } : null;
+    this.#pieces = seen;
+    this.#easel.order({ size: this.#size, ...this.#news, pieces, key, view, look, now: shown.now, behind, over });
+    this.#news = { added: [], forgotten: [] };
     this.tookMs = performance.now() - began;
-    return isMore;
   }
 
   /** The coarsest level that is exact to the pixel. @param {Answer} path @param {number} ratio pixels of the canvas per px */
@@ -139,7 +135,7 @@ export class Picture {
   }
 
   /** What is seen of a path, exact to the pixel and coarse. @param {Answer | null} path @param {number} ratio @param {(chunk: number) => void} refine */
-  #pieces(path, ratio, refine) {
+  #seen(path, ratio, refine) {
     /** @type {{wanted: Piece[], coarse: Piece[]}} */
     const pieces = { wanted: [], coarse: [] };
     if (!path) return pieces;
@@ -156,42 +152,60 @@ export class Picture {
     return pieces;
   }
 
-  /** @param {Lines} lines @param {Shown["limits"]} limits @param {number[]} zero */
-  #scenery(lines, limits, zero) {
-    if (limits) {
-      lines.place([0, 0, 0], this.#numbers.limits);
-      lines.draw(this.#made("limits", limits.flat().join(), () => boxLines(limits[0], limits[1])));
-    }
-    lines.place(zero, this.#numbers.zero);
-    lines.draw(this.#made("zero", String(this.camera.scale), () => zeroLines(this.camera)));
+  /** @param {Shown["limits"]} limits @param {number[]} zero @returns {Placed[]} */
+  #scenery(limits, zero) {
+    const placed = [{ id: this.#made("zero", String(this.camera.scale), () => zeroLines(this.camera)), at: zero, colour: this.#numbers.zero }];
+    if (limits) placed.unshift({ id: this.#made("limits", limits.flat().join(), () => boxLines(limits[0], limits[1])), at: [0, 0, 0], colour: this.#numbers.limits });
+    return placed;
   }
 
-  /** What is over the path: where the tool has been without a plan, and the tool. @param {Lines} lines @param {Shown} shown */
-  #over(lines, { trail, tool, radius }) {
+  /** What is over the path: where the tool has been without a plan, and the tool. @param {Shown} shown @returns {Placed[]} */
+  #over({ trail, tool, radius }) {
     const { camera } = this;
+    const placed = [{ id: this.#made("tool", [radius, camera.scale, camera.turn, camera.tilt].join(), () => toolLines(radius, camera)), at: tool, colour: this.#numbers.tool }];
     if (trail && trail.points.length > 1) {
-      lines.place([0, 0, 0], this.#numbers.done);
-      lines.draw(this.#made("trail", String(trail.revision), () => trailLines(trail.points)));
+      placed.unshift({ id: this.#made("trail", String(trail.revision), () => trailLines(trail.points)), at: [0, 0, 0], colour: this.#numbers.done });
     }
-    lines.place(tool, this.#numbers.tool);
-    lines.draw(this.#made("tool", [radius, camera.scale, camera.turn, camera.tilt].join(), () => toolLines(radius, camera)));
+    return placed;
   }
 
-  /** @param {string} name @param {string} key @param {() => ReturnType<typeof boxLines>} make */
+  /** The number of own lines. @param {string} name @param {string} key @param {() => ArrayBuffer} make */
   #made(name, key, make) {
     const known = this.#own.get(name);
-    if (known?.key === key) return known.lines;
-    if (known) this.#lines?.forget(known.lines.bytes);
-    const lines = make();
-    this.#own.set(name, { key, lines });
-    return lines;
+    if (known?.key === key) return this.#idOf(known.bytes);
+    if (known) this.#forget(known.bytes);
+    const bytes = make();
+    this.#own.set(name, { key, bytes });
+    return this.#idOf(bytes);
+  }
+
+  /** @param {ArrayBuffer} bytes */
+  #idOf(bytes) {
+    const known = this.#known.get(bytes);
+    if (known !== undefined) return known;
+    this.#lastId += 1;
+    this.#known.set(bytes, this.#lastId);
+    this.#news.added.push({ id: this.#lastId, bytes });
+    return this.#lastId;
+  }
+
+  /** @param {ArrayBuffer} bytes */
+  #forget(bytes) {
+    const id = this.#known.get(bytes);
+    if (id !== undefined) this.#news.forgotten.push(id);
+    this.#known.delete(bytes);
+  }
+
+  /** @param {Piece[]} pieces */
+  #numbersOf(pieces) {
+    return Uint32Array.from(pieces.flatMap(({ bytes, offset, count }) => [this.#idOf(bytes), offset, count]));
   }
 
   /** Gives back what no longer is shown. @param {Answer | null} path */
   tidy(path) {
-    const used = new Set([...this.#own.values()].map(({ lines }) => lines.bytes));
+    const used = new Set([...this.#own.values()].map(({ bytes }) => bytes));
     for (const chunk of path?.chunks ?? []) for (const piece of chunk.levels) if (piece) used.add(piece.bytes);
-    this.#lines?.keepOnly(used);
+    for (const bytes of this.#known.keys()) if (!used.has(bytes)) this.#forget(bytes);
   }
 
   drawBackdrop() {
@@ -208,6 +222,18 @@ export class Picture {
     const word = wordOf(program, line, path.programs);
     return word > 0 && findPlace(path, word) ? word : 0;
   }
+}
+
+/** What is said of a trouble. @type {Record<import("./gl.js").Trouble["of"], (log: string) => string>} */
+const TROUBLES = {
+  webgl: () => t("path.this_browser_has_no_webgl"),
+  shader: () => t("path.webgl_gives_no_shader"),
+  shaders: (log) => t("path.webgl_refused_shaders", { log }),
+};
+
+/** @template T @param {T[]} one @param {T[]} other */
+function isSame(one, other) {
+  return one.length === other.length && one.every((value, i) => value === other[i]);
 }
 
 /** A colour of the style sheet, `#rrggbb`, as numbers. @param {string} text */

@@ -2,10 +2,9 @@
 // the runtime's, made anew only when they change.
 
 import { fixed, plain } from "../format.js";
-import { ownLines } from "./gl.js";
+import { VERTEX_BYTES, VERTEX_WORDS } from "./vertex.js";
 
 /** @typedef {[number, number, number]} Point */
-/** @typedef {{bytes: ArrayBuffer, offset: number, count: number}} Drawn */
 
 /** Smallest distance between grid lines, px. */
 const GRID_MIN_PX = 56;
@@ -26,10 +25,27 @@ export function gridStep(scale) {
 }
 
 /** A circle of radius 1 in the plane of X and Y, and a cross. */
-export const TOOL = ownLines([
-  ...Array.from({ length: CIRCLE + 1 }, (_, i) => [Math.cos((2 * Math.PI * i) / CIRCLE), Math.sin((2 * Math.PI * i) / CIRCLE), 0]),
-  [-1, 0, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0], [0, -1, 0],
-]);
+const TOOL = [
+  ...Array.from({ length: CIRCLE + 1 }, (_, i) => [Math.cos((2 * Math.PI * i) / CIRCLE), Math.sin((2 * Math.PI * i) / CIRCLE)]),
+  [-1, 0], [1, 0], [0, 0], [0, 1], [0, -1],
+];
+
+/**
+ * Lines of one's own in the form of the runtime's.
+ * @param {ArrayLike<number>[]} points x y z
+ * @param {(i: number) => number} [word] of the line that ends there
+ * @param {number} [time] wide from then on, s
+ */
+function ownLines(points, word = () => 0, time = 0) {
+  const bytes = new ArrayBuffer(points.length * VERTEX_BYTES);
+  const [floats, words] = [new Float32Array(bytes), new Uint32Array(bytes)];
+  points.forEach((at, i) => {
+    for (let k = 0; k < 3; k += 1) floats[VERTEX_WORDS * i + k] = at[k] ?? 0;
+    words[VERTEX_WORDS * i + 3] = word(i);
+    floats[VERTEX_WORDS * i + 4] = time;
+  });
+  return bytes;
+}
 
 /** Edges of a box, one behind another. @param {Point} low @param {Point} high */
 export function boxLines(low, high) {
@@ -48,12 +64,7 @@ export function toolLines(radius, camera) {
   const inPlane = radius > 0;
   const size = Math.max(radius, TOOL_PX / camera.scale);
   const [right, up] = inPlane && camera.tilt > 0.3 ? [[1, 0, 0], [0, 1, 0]] : camera.axes;
-  const floats = new Float32Array(TOOL.bytes);
-  const points = Array.from({ length: TOOL.count }, (_, i) => {
-    const [x, y] = [/** @type {number} */ (floats[5 * i]) * size, /** @type {number} */ (floats[5 * i + 1]) * size];
-    return [0, 1, 2].map((k) => /** @type {number} */ (right[k]) * x + /** @type {number} */ (up[k]) * y);
-  });
-  return ownLines(points);
+  return ownLines(TOOL.map(([x = 0, y = 0]) => [0, 1, 2].map((k) => size * (/** @type {number} */ (right[k]) * x + /** @type {number} */ (up[k]) * y))));
 }
 
 /** Axes of the work zero, around the origin. @param {import("./camera.js").Camera} camera */

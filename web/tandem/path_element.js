@@ -16,11 +16,10 @@ import { TandemElement } from "./element.js";
 
 export class TandemPath extends TandemElement {
   static observedAttributes = ["cs", "view"];
-  #back = h("canvas", { class: "back", "aria-hidden": "true" });
-  #canvas = h("canvas", { class: "lines", role: "img", tabindex: 0, "aria-label": t("elements.path_of_the_tool") });
   #note = h("p", { class: "note muted", hidden: true });
-  #box = h("div", { class: "box" }, this.#back, this.#canvas, this.#note);
-  #picture = new Picture(this.#canvas, this.#back, this.#box);
+  #box = h("div", { class: "box" });
+  /** As long as it stands in the page. @type {Picture | null} */
+  #picture = null;
   #live = new Live();
   /** @type {PathLoader | null} */
   #loader = null;
@@ -32,16 +31,26 @@ export class TandemPath extends TandemElement {
   constructor() {
     super(STYLE);
     this.root.append(this.#box);
+  }
+
+  #begin() {
+    const back = h("canvas", { class: "back", "aria-hidden": "true" });
+    const canvas = h("canvas", { class: "lines", role: "img", tabindex: 0, "aria-label": t("elements.path_of_the_tool") });
+    this.#box.replaceChildren(back, canvas, this.#note);
     const changed = () => this.redraw();
+    const picture = new Picture(canvas, back, this.#box, changed);
     const fit = () => {
       this.#fitted = "";
       changed();
     };
-    follow(this.#canvas, this.#picture.camera, { changed, click: () => {}, fit });
+    follow(canvas, picture.camera, { changed, click: () => {}, fit });
+    this.#fitted = "";
+    return picture;
   }
 
   connectedCallback() {
     super.connectedCallback();
+    this.#picture ??= this.#begin();
     this.#loader ??= new PathLoader(this.tandem, () => this.redraw());
     this.#resized.observe(this.#box);
   }
@@ -50,6 +59,8 @@ export class TandemPath extends TandemElement {
     super.disconnectedCallback();
     this.#resized.disconnect();
     this.#loader?.show(0, 0);
+    this.#picture?.end();
+    this.#picture = null;
     cancelAnimationFrame(this.#frame);
     this.#frame = 0;
   }
@@ -61,8 +72,8 @@ export class TandemPath extends TandemElement {
 
   /** @override @param {import("./element.js").CoordinateSystem} system */
   render(system) {
-    const loader = this.#loader;
-    if (!loader) return;
+    const [loader, picture] = [this.#loader, this.#picture];
+    if (!loader || !picture) return;
     const { state } = system;
     loader.show(state?.program ?? 0, system.info.number);
     const of = [state?.program, state?.hash, state?.execution === "READY"].join();
@@ -72,7 +83,7 @@ export class TandemPath extends TandemElement {
     }
     const runs = state?.run_kind === "program" ? (state.run_id ?? "") : null;
     this.#live.take(loader.path, runs, system.position, point(system.position?.machine), performance.now());
-    const text = this.#picture.trouble || (state?.program ? loader.error : t("elements.no_program_is_loaded"));
+    const text = picture.trouble || (state?.program ? loader.error : t("elements.no_program_is_loaded"));
     setText(this.#note, text);
     setAttr(this.#note, "hidden", text === "");
     this.#draw(system);
@@ -80,8 +91,8 @@ export class TandemPath extends TandemElement {
 
   /** @param {import("./element.js").CoordinateSystem} system */
   #draw(system) {
-    const loader = this.#loader;
-    if (!loader || !this.#picture.measure()) return;
+    const [loader, picture] = [this.#loader, this.#picture];
+    if (!loader || !picture?.measure()) return;
     const now = performance.now();
     const { path } = loader;
     const at = point(system.position?.machine);
@@ -89,13 +100,13 @@ export class TandemPath extends TandemElement {
     const place = path && time !== null ? atTime(path, time) : null;
     const work = point(system.position?.work);
     const tool = place?.at ?? at;
-    this.#fit(system, tool);
-    this.#picture.drawBackdrop();
-    this.#picture.tidy(path);
+    this.#fit(system, picture.camera, tool);
+    picture.drawBackdrop();
+    picture.tidy(path);
     const zero = /** @type {Point} */ (at.map((value, i) => value - (work[i] ?? 0)));
     const ended = state(system) === "PROGRAM_COMPLETED" ? Infinity : -1;
-    const isMore = this.#picture.draw({ path, now: time ?? ended, tool, radius: 0, zero, limits: null, trail: null, selected: 0 }, (chunk) => loader.refine(chunk));
-    if (isMore || this.#live.isMoving(now)) {
+    picture.draw({ path, now: time ?? ended, tool, radius: 0, zero, limits: null, trail: null, selected: 0 }, (chunk) => loader.refine(chunk));
+    if (this.#live.isMoving(now)) {
       this.#frame ||= requestAnimationFrame(() => {
         this.#frame = 0;
         if (this.system) this.#draw(this.system);
@@ -103,9 +114,8 @@ export class TandemPath extends TandemElement {
     }
   }
 
-  /** Another program, view or size shows all of it. @param {import("./element.js").CoordinateSystem} system @param {Point} tool */
-  #fit(system, tool) {
-    const { camera } = this.#picture;
+  /** Another program, view or size shows all of it. @param {import("./element.js").CoordinateSystem} system @param {import("../path/camera.js").Camera} camera @param {Point} tool */
+  #fit(system, camera, tool) {
     const path = this.#loader?.path;
     const view = VIEW_NAMES.find((name) => name === this.getAttribute("view")) ?? "ISO";
     const key = [view, system.state?.program, path?.complete, path?.chunks.length, camera.width, camera.height].join();

@@ -33,7 +33,7 @@ class PathView {
   #canvas = h("canvas", { class: "path-lines", role: "img", tabindex: 0 });
   #note = h("p", { class: "path-note", hidden: true });
   #box = h("div", { class: "canvas-box" }, this.#back, this.#canvas, this.#note);
-  #picture = new Picture(this.#canvas, this.#back, this.#box);
+  #picture = new Picture(this.#canvas, this.#back, this.#box, () => this.app.invalidate());
   #loader = new PathLoader(machine, () => this.#changed());
   #live = new Live();
   #rehearse;
@@ -43,8 +43,6 @@ class PathView {
   #fitted = "";
   /** What the last frame showed. */
   #drawn = "";
-  /** It is not drawn to its end yet. */
-  #isMore = false;
   #frame = 0;
   /** Coordinate system, program and hash that the plan is of. */
   #of = "";
@@ -133,7 +131,7 @@ class PathView {
       this.#loader.revision, this.#preview()?.key, shown.now, ...shown.tool, shown.radius, ...shown.zero, shown.selected, shown.trail?.revision, this.#box.clientWidth, this.#box.clientHeight,
       devicePixelRatio, document.documentElement.dataset.theme,
     ].join();
-    if ((scene !== this.#drawn || this.#isMore) && this.#picture.measure()) {
+    if (scene !== this.#drawn && this.#picture.measure()) {
       const all = this.#drawn === "";
       this.#drawn = scene;
       this.#shown = shown;
@@ -142,11 +140,11 @@ class PathView {
         this.#picture.drawBackdrop();
         this.#picture.tidy(shown.path);
       }
-      this.#isMore = this.#picture.draw(shown, (chunk) => this.#loader.refine(chunk));
+      this.#picture.draw(shown, (chunk) => this.#loader.refine(chunk));
       const [x, y] = camera.project(shown.tool);
       this.#rehearse.outside(x < 0 || y < 0 || x > camera.width || y > camera.height);
     }
-    if (this.#isMore || this.#live.isMoving(now)) this.#request();
+    if (this.#live.isMoving(now)) this.#request();
   }
 
   /** What is to be shown now. @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").Shown} */

@@ -1,0 +1,71 @@
+// What is ordered of a painter in a worker: one order at a time, of those that wait the last, and each set of vertices once.
+
+import assert from "node:assert/strict";
+import { afterEach, test } from "node:test";
+
+import { Easel } from "../../web/path/easel.js";
+
+/** A worker that is told when to speak. */
+class TestWorker {
+  static last = null;
+  sent = [];
+  ended = false;
+  constructor(url) {
+    this.url = url;
+    TestWorker.last = this;
+  }
+  postMessage(message) {
+    this.sent.push(message);
+  }
+  terminate() {
+    this.ended = true;
+  }
+  says(data) {
+    this.onmessage({ data });
+  }
+}
+
+const known = globalThis.Worker;
+afterEach(() => {
+  globalThis.Worker = known;
+});
+
+function easel() {
+  globalThis.Worker = TestWorker;
+  const reports = [];
+  const made = new Easel({ transferControlToOffscreen: () => "canvas" }, (report) => reports.push(report));
+  return { easel: made, worker: TestWorker.last, reports };
+}
+
+const order = (now, change = {}) => ({ added: [], forgotten: [], pieces: null, now, ...change });
+
+test("what is ordered before the worker is there is drawn when it is", () => {
+  const { easel: one, worker } = easel();
+  one.order(order(1));
+  assert.deepEqual(worker.sent, []);
+  worker.says(null);
+  assert.deepEqual(worker.sent, ["canvas", order(1)]);
+});
+
+test("an order goes when the one before is drawn; of those meanwhile the last counts, with the vertices and pieces of all", () => {
+  const { easel: one, worker, reports } = easel();
+  worker.says(null);
+  one.order(order(1));
+  one.order(order(2, { added: [{ id: 1 }], pieces: "pieces" }));
+  one.order(order(3, { added: [{ id: 2 }], forgotten: [1] }));
+  assert.deepEqual(worker.sent.slice(1), [order(1)]);
+  worker.says({ frames: 1 });
+  assert.deepEqual(worker.sent.slice(2), [order(3, { added: [{ id: 1 }, { id: 2 }], forgotten: [1], pieces: "pieces" })]);
+  worker.says({ frames: 2 });
+  worker.says({ frames: 3 });
+  assert.equal(worker.sent.length, 3, "nothing is drawn twice");
+  assert.deepEqual(reports, [{ frames: 1 }, { frames: 2 }, { frames: 3 }]);
+});
+
+test("an easel that has ended draws nothing, and its worker ends", () => {
+  const { easel: one, worker } = easel();
+  worker.says(null);
+  one.end();
+  one.order(order(1));
+  assert.deepEqual([worker.sent, worker.ended], [["canvas"], true]);
+});
