@@ -13,12 +13,12 @@ const WEB = new URL("../../web/", import.meta.url).pathname;
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml" };
 export const ORIGIN = "http://hmi.test";
 /** What a page loads here in one file each, with all modules that they import: a hundred answers less for each page of a test. */
-const ENTRIES = ["main", "machines"];
+const ENTRIES = { main: "main.js", machines: "machines.js", painter_worker: "path/painter_worker.js" };
 let bundles = null;
 
 /** Texts of the bundled modules by their paths; what is imported while the page is there stays a file of its own. */
 function bundled() {
-  const entryPoints = ENTRIES.map((name) => join(WEB, `${name}.js`));
+  const entryPoints = Object.entries(ENTRIES).map(([out, file]) => ({ in: join(WEB, file), out }));
   bundles ??= build({ entryPoints, bundle: true, splitting: true, format: "esm", write: false, outdir: "/", logLevel: "error" })
     .then(({ outputFiles }) => new Map(outputFiles.map(({ path, text }) => [path, text])));
   return bundles;
