@@ -19,10 +19,14 @@ export function pictures(of, take) {
   if (ALL) test(`pictures of ${of}`, take);
 }
 
+/** What a worker needs to draw the path in other colours, ms. */
+const DRAWN_MS = 300;
+
 /** Takes a picture of the page as it is now, if pictures are wanted. */
 export async function picture(page, name, options = {}) {
   if (!ALL) return;
   await mkdir(OUT, { recursive: true });
+  await page.waitForTimeout(DRAWN_MS);
   await page.screenshot({ path: `${OUT}${name}.png`, ...options });
 }
 

@@ -69,7 +69,7 @@ export function journal(app) {
   void read(false);
   const head = h("tr", {}, ...[t("journal.time"), t("common.cs_short"), t("journal.event"), t("journal.who"), t("journal.what")].map((name) => h("th", { scope: "col" }, name)));
   const filters = h("div", { class: "history-tools" }, ...[cs, event, since, m, user, run].map(labelled), again);
-  const table = h("table", { class: "history-table" }, h("thead", {}, head), body);
+  const table = h("table", { class: "history-table journal-table" }, h("thead", {}, head), body);
   return h("div", { class: "history-part" }, filters, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("journal.lines_of_the_journal") }, table, older), note);
 }
 

@@ -139,7 +139,7 @@ export class Rehearse {
       rehearsal.text ? h("p", { class: "error" }, ending(rehearsal)) : null,
       rehearsal.depends ? h("p", {}, t("rehearse.from_line_on_it_may", { line: rehearsal.depends.line, why: rehearsal.depends.why })) : null,
       h("div", { class: "scroll" }, axes(rehearsal), mCodes(rehearsal), lastRuns(rehearsal.program, rehearsal.cs)),
-      h("div", { class: "dialog-buttons" }, close),
+      h("div", { class: "row end" }, close),
     ]);
   }
 }

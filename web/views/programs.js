@@ -67,7 +67,7 @@ export const programs = {
       }
       disableFor(file, whyNotNow(model, "administrate"), t("programs.store_an_nc_program_of"));
     };
-    const tools = h("div", { class: "programs-tools" }, search, order, file, again, picker);
+    const tools = h("div", { class: "programs-tools" }, search, again, order, file, picker);
     return { element: h("div", { class: "programs-card" }, tools, list, empty), render };
   },
 };
