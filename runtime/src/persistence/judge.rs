@@ -130,7 +130,8 @@ fn of_bytes(bytes: &[u8], sums: &Sums, was_started: bool) -> Judged {
     if content.is_without_sums && !sums.is_there {
         return believed(Condition::WithoutSums, content.image, 0);
     }
-    if content.last == 0 && !sums.is_there && !was_started {
+    // its first change is that which made it: nothing was kept when the first start was cut short
+    if content.last <= 1 && !sums.is_there && !was_started {
         return believed(Condition::New, Image::default(), 0);
     }
     if content.last == 0 || content.last < sums.last {

@@ -27,24 +27,30 @@ pub(crate) struct Store {
 }
 
 impl Store {
-    /// Opens the store of a folder that has been examined (`judged`). A damaged store is moved aside and replaced by a new
-    /// one with the values that are left. Also returns the path of the damaged store.
+    /// Opens the store of a folder that has been examined (`judged`). A new one has its name when it is complete: a kill
+    /// while it is made leaves no store. A damaged store is moved aside and replaced by a new one with the values that are
+    /// left. Also returns the path of the damaged store.
     ///
     /// # Errors
     /// Another process has it open, or the disk refuses; in both cases nothing more is lost.
     pub fn open(folder: &Path, judged: &Judged) -> io::Result<(Self, Option<PathBuf>)> {
         let path = folder.join(STORE_FILE);
-        let mut aside = None;
-        if matches!(judged.condition, Condition::Damaged(_)) {
-            aside = Some(replace(folder, &path, judged)?);
-        }
-        let database = open_database(&path)?;
-        let identity = Identity::at(&path)?;
         let mut last = judged.last;
         if judged.condition != Condition::Whole {
             last += 1;
         }
-        if matches!(judged.condition, Condition::New | Condition::WithoutSums) {
+        let mut aside = None;
+        match judged.condition {
+            Condition::Damaged(_) => aside = Some(replace(folder, &path, &judged.image, last)?),
+            Condition::New => {
+                fs::rename(unfinished(folder, &judged.image, last)?, &path)?;
+                sync_folder(folder)?;
+            }
+            Condition::Whole | Condition::WithoutSums => {}
+        }
+        let database = open_database(&path)?;
+        let identity = Identity::at(&path)?;
+        if judged.condition == Condition::WithoutSums {
             write_all(&database, &judged.image, last)?;
         }
         let sums = SumFile::begin(&folder.join(SUMS_FILE), last, sums_of(&judged.image))?;
@@ -171,14 +177,20 @@ fn open_database(path: &Path) -> io::Result<Database> {
     })
 }
 
-/// Replaces a damaged store by a new one with the values that are left, and keeps the damaged one aside.
-fn replace(folder: &Path, path: &Path, judged: &Judged) -> io::Result<PathBuf> {
+/// Makes a store of an image, under another name than that of the store.
+fn unfinished(folder: &Path, image: &Image, number: u64) -> io::Result<PathBuf> {
     let new = folder.join(format!("{STORE_FILE}{UNFINISHED}"));
     match fs::remove_file(&new) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    write_all(&open_database(&new)?, &judged.image, judged.last + 1)?;
+    write_all(&open_database(&new)?, image, number)?;
+    Ok(new)
+}
+
+/// Replaces a damaged store by a new one with the values that are left, and keeps the damaged one aside.
+fn replace(folder: &Path, path: &Path, image: &Image, number: u64) -> io::Result<PathBuf> {
+    let new = unfinished(folder, image, number)?;
     let aside = evidence(folder);
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
     if is_file {
@@ -221,10 +233,15 @@ fn remove_old_evidence(folder: &Path) {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
+    use std::sync::Arc;
+
+    use parking_lot::Mutex;
 
     use super::super::image::Page;
     use super::super::judge::judge;
     use super::*;
+    use crate::disk::simulated::ROOT;
+    use crate::disk::simulated::memory::{Disk, Mount};
 
     fn image(number: u64) -> Image {
         Image {
@@ -417,6 +434,44 @@ mod tests {
             (Condition::Whole, vec!["p/3".into(), "tool/1".into()])
         );
         assert_eq!(again.image, judged.image);
+    }
+
+    #[test]
+    fn a_first_start_that_ends_anywhere_leaves_nothing_lost() {
+        for power in [false, true] {
+            for operation in 0.. {
+                let disk = Disk::new(operation, std::time::SystemTime::UNIX_EPOCH);
+                let disk = Arc::new(Mutex::new(disk));
+                let folder = Path::new(ROOT).join("data");
+                Mount::mount(&disk);
+                crate::disk::make_folder(&folder).unwrap();
+                let begin = disk.lock().operations;
+                disk.lock().faults.dies_at = Some(begin + operation);
+                let first = Store::open(&folder, &judge(&folder));
+                let is_whole = first.is_ok();
+                if power {
+                    disk.lock().cut_power();
+                } else {
+                    disk.lock().kill();
+                }
+                drop(first);
+                Mount::mount(&disk);
+                crate::disk::make_folder(&folder).unwrap();
+                let judged = judge(&folder);
+                let is_right = matches!(judged.condition, Condition::New | Condition::Whole);
+                let is_lost = judged.is_all_lost || !judged.lost.is_empty() || judged.sums_fault.is_some();
+                assert!(is_right && !is_lost, "killed at operation {operation}: {judged:?}");
+                let (mut store, _) = Store::open(&folder, &judged).unwrap();
+                store.commit(&image(1)).unwrap();
+                drop(store);
+                assert_eq!(judge(&folder).image, image(1));
+                if is_whole {
+                    assert!(operation > 10, "{operation} operations");
+                    break;
+                }
+            }
+        }
+        Mount::unmount();
     }
 
     #[test]

@@ -26,6 +26,9 @@ const CLIENTS: [&str; 3] = ["gripper", "loader", "tandem-mill"];
 /// Time between two looks of the world at its machine.
 const STEP: Duration = Duration::from_millis(5);
 
+/// A variable that is never written.
+const UNTOUCHED: &str = "P1500";
+
 /// What was acknowledged so long before the end may be missing, where it is not on disk before it is acknowledged, s.
 const BEHIND_S: f64 = 0.2;
 
@@ -164,6 +167,8 @@ impl History {
             delay_ms: *self.random.pick(&[1, 5, 30, 200]),
             duplicates: *self.random.pick(&[0, 5, 30]),
         };
+        // nobody writes it: whatever goes wrong at the first start, nothing was kept that could be lost
+        truth.lock().acknowledge(UNTOUCHED, "0");
         truth.lock().takes_all_claims = self.mutation == Some(Mutation::TakesAllClaims);
         let broker = Broker::start(self.random.fork(), network, trace.clone());
         let day = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
