@@ -460,7 +460,10 @@ mod tests {
                 let judged = judge(&folder);
                 let is_right = matches!(judged.condition, Condition::New | Condition::Whole);
                 let is_lost = judged.is_all_lost || !judged.lost.is_empty() || judged.sums_fault.is_some();
-                assert!(is_right && !is_lost, "killed at operation {operation}: {judged:?}");
+                assert!(
+                    is_right && !is_lost,
+                    "killed at operation {operation}: {judged:?}"
+                );
                 let (mut store, _) = Store::open(&folder, &judged).unwrap();
                 store.commit(&image(1)).unwrap();
                 drop(store);
