@@ -295,8 +295,8 @@ impl History {
         };
         world.settle(&process).await;
         world.current.set(None);
-        // those that are dying come back
-        tokio::time::sleep(Duration::from_secs(11)).await;
+        // handlers break off for 6 s yet, and their broker notices it within 8
+        tokio::time::sleep(Duration::from_secs(15)).await;
         if self.mutation == Some(Mutation::Moves) {
             world.truth.lock().moved(1);
         }

@@ -289,8 +289,9 @@ pub(super) async fn read(port: &dyn Port, name: &str) -> String {
         }
         Ok(Answer::WorkOffsets(table)) => {
             let axes = table.work_offsets.get(name);
+            // one that is lost is not in the table
             axes.and_then(|axes| axes.get("X"))
-                .map_or("0".to_owned(), |x| shown(*x))
+                .map_or(LOST.to_owned(), |x| shown(*x))
         }
         Ok(Answer::ProgramText(text)) => text,
         Err(refusal) if refusal.code == RefusalCode::NotFound => "none".to_owned(),

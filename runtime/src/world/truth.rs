@@ -306,7 +306,9 @@ impl Truth {
                 .map(|(_, value)| value.as_str()),
         );
         let is_unset = sure.is_none() && (value == "0" || value == "none");
-        let is_right = right.contains(value) || is_unset || (may_lose && value == LOST);
+        // a tool that is lost is not in the table
+        let is_lost = value == LOST || (name.starts_with('T') && value == "none");
+        let is_right = right.contains(value) || is_unset || (may_lose && is_lost);
         if !is_right {
             let rule = if may_lose { Rule::Believed } else { Rule::Kept };
             let how = format!("{name} is {value}; acknowledged was {newest:?}, possible is {right:?}");
