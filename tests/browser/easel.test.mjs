@@ -52,14 +52,24 @@ test("an order goes when the one before is drawn; of those meanwhile the last co
   worker.says(null);
   one.order(order(1));
   one.order(order(2, { added: [{ id: 1 }], pieces: "pieces" }));
-  one.order(order(3, { added: [{ id: 2 }], forgotten: [1] }));
+  one.order(order(3, { added: [{ id: 2 }], forgotten: [7] }));
   assert.deepEqual(worker.sent.slice(1), [order(1)]);
   worker.says({ frames: 1 });
-  assert.deepEqual(worker.sent.slice(2), [order(3, { added: [{ id: 1 }, { id: 2 }], forgotten: [1], pieces: "pieces" })]);
+  assert.deepEqual(worker.sent.slice(2), [order(3, { added: [{ id: 1 }, { id: 2 }], forgotten: [7], pieces: "pieces" })]);
   worker.says({ frames: 2 });
   worker.says({ frames: 3 });
   assert.equal(worker.sent.length, 3, "nothing is drawn twice");
   assert.deepEqual(reports, [{ frames: 1 }, { frames: 2 }, { frames: 3 }]);
+});
+
+test("while nothing is drawn, however long, an order keeps no more than what is still to be seen", () => {
+  const { easel: one, worker } = easel();
+  worker.says(null);
+  one.order(order(0, { added: [{ id: 0 }] }));
+  // the way travelled, made anew with each position
+  for (let id = 1; id <= 1000; id += 1) one.order(order(id, { added: [{ id }], forgotten: [id - 1] }));
+  worker.says({ frames: 1 });
+  assert.deepEqual(worker.sent.slice(2), [order(1000, { added: [{ id: 1000 }], forgotten: [0] })]);
 });
 
 test("an easel that has ended draws nothing, and its worker ends", () => {

@@ -7,6 +7,7 @@ import { placeOf, readPath } from "../../web/path/bytes.js";
 import { Camera } from "../../web/path/camera.js";
 import { corners } from "../../web/path/extent.js";
 import { pick } from "../../web/path/find.js";
+import { Live } from "../../web/path/live.js";
 import { launch, openPage } from "./browser.mjs";
 import { picture, SCHEMES, SIZES } from "./pictures.mjs";
 import { plannedPath } from "./planned.mjs";
@@ -54,6 +55,44 @@ test("a click on a line that stands for several blocks finds the block that is t
   assert.equal(placeOf(found.word, path.programs).line, 3);
   assert.ok(Math.abs(found.time - 1.5) < 1e-6 && Math.abs(found.off - 3) < 1e-6, JSON.stringify(found));
   assert.equal(pick(path, camera, x, y + 13, 12, 3), null);
+});
+
+/** A circle of 10 mm at 100 mm/s, in lines that are off by less than a thousandth of it. */
+function circle() {
+  const [radius, lines, length] = [10, 400, (2 * Math.PI * 10) / 100];
+  const at = (angle) => [radius * Math.cos(angle), radius * Math.sin(angle), 0];
+  const vertices = Array.from({ length: lines + 1 }, (_, i) => [...at((2 * Math.PI * i) / lines), 2, (length * i) / lines]);
+  return { radius, at, path: readPath(new Uint8Array(plannedPath(1, 1, vertices)).buffer) };
+}
+
+test("between two positions the tool is drawn on the path, and not on the line between them", () => {
+  const { radius, at, path } = circle();
+  const live = new Live();
+  // 10 mm of way between two messages: the line between them is 1.2 mm off
+  for (let i = 0; i < 6; i += 1) {
+    live.take(path, "run", {}, at(i), 100 * i);
+    for (const ms of [0, 25, 50, 75, 99]) {
+      const [x, y] = live.at(path, 100 * i + ms);
+      assert.ok(Math.abs(Math.hypot(x, y) - radius) < 0.001, `${i}, ${ms} ms: ${x} ${y}`);
+      const angle = i === 0 ? 0 : i - 1 + ms / 100;
+      assert.ok(Math.hypot(x - at(angle)[0], y - at(angle)[1]) < 0.01, `${i}, ${ms} ms: ${x} ${y}, the path is at ${at(angle)}`);
+    }
+  }
+});
+
+test("off the plan by more than the tolerance the tool is where the machine says; without a run there is no plan to be on", () => {
+  const { at, path } = circle();
+  const live = new Live();
+  live.take(path, "run", {}, at(1), 0);
+  assert.ok(live.onPlan);
+  const [x, y] = at(1.5);
+  // the tolerance of the level is 0.01 mm, that of a position 0.05
+  live.take(path, "run", {}, [x * 1.005, y * 1.005, 0], 100);
+  assert.ok(live.onPlan, "0.05 mm beside the path");
+  live.take(path, "run", {}, [x * 1.01, y * 1.01, 0], 200);
+  assert.deepEqual([live.onPlan, live.at(path, 250)], [false, null], "0.1 mm beside the path");
+  live.take(path, null, {}, at(1.5), 300);
+  assert.ok(!live.onPlan);
 });
 
 let browser;

@@ -91,7 +91,10 @@ function workerFor(canvas) {
   }
 }
 
-/** @param {Order} one @param {Order} later @returns {Order} */
+/** One order for two; what comes with the first and is forgotten with the second does not go. @param {Order} one @param {Order} later @returns {Order} */
 function both(one, later) {
-  return { ...later, added: [...one.added, ...later.added], forgotten: [...one.forgotten, ...later.forgotten], pieces: later.pieces ?? one.pieces };
+  const [gone, come] = [new Set(later.forgotten), new Set(one.added.map(({ id }) => id))];
+  const added = [...one.added.filter(({ id }) => !gone.has(id)), ...later.added];
+  const forgotten = [...one.forgotten, ...later.forgotten.filter((id) => !come.has(id))];
+  return { ...later, added, forgotten, pieces: later.pieces ?? one.pieces };
 }
