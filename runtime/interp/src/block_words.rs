@@ -4,7 +4,7 @@
 use tandem_model::limits::M_CODE_MAX;
 use tandem_model::settings::{MCodeSet, NcOptions};
 use tandem_model::{Diagnostic, Span};
-use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
+use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Variable, Word, diagnostics};
 
 use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
@@ -323,11 +323,17 @@ impl BlockWords {
         self.present.insert(word.address);
         self.values[word.address as usize] = match word.value() {
             Value::Number(value) => value,
-            Value::Indirection(variable) => match known {
-                Known::Run(scope) => scope.variable(variable),
-                Known::Text { values, trust } => self.shown(word.address, values.get(variable), *trust),
-            },
+            Value::Indirection(variable) => self.of_variable(word.address, variable, known),
         };
+    }
+
+    /// The value of a variable that stands for a number.
+    #[inline(never)]
+    fn of_variable(&mut self, address: Address, variable: Variable, known: &Known<'_>) -> f64 {
+        match known {
+            Known::Run(scope) => scope.variable(variable),
+            Known::Text { values, trust } => self.shown(address, values.get(variable), *trust),
+        }
     }
 
     /// The value of a variable as the text shows it; not a number, and noted, where it does not.
@@ -433,11 +439,18 @@ impl BlockWords {
     /// The description of a word of this block: by the code that takes it.
     #[inline]
     pub(crate) fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
+        if self.taken.contains(address) {
+            self.taker.and_then(|taker| taker.word(address))
+        } else {
+            self.spec_of_rest(address, dialect)
+        }
+    }
+
+    /// The description of a word that the motion or fixed cycle does not take.
+    #[inline(never)]
+    fn spec_of_rest(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.own.contains(address) {
             return self.codes_with_words().find_map(|code| code.word(address));
-        }
-        if self.taken.contains(address) {
-            return self.taker.and_then(|taker| taker.word(address));
         }
         if AXIS_ADDRESSES.contains(address) && (self.taker.is_some() || self.axis_words.is_empty()) {
             return None;

@@ -267,7 +267,7 @@ impl Execution<'_> {
 }
 
 /// The axis of an address.
-pub(crate) fn axis_of(address: Address) -> Option<Axis> {
+pub(crate) const fn axis_of(address: Address) -> Option<Axis> {
     match address {
         Address::X => Some(Axis::X),
         Address::Y => Some(Axis::Y),

@@ -165,6 +165,13 @@ fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
 /// Follows which motion leads compensation in and out, when the block has been found right.
 #[inline]
 pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
+    if words.has_codes() || modal.lead_pending || !modal.unit_settled {
+        follow_closely(words, modal);
+    }
+}
+
+#[inline(never)]
+fn follow_closely(words: &BlockWords, modal: &mut Modal) {
     if let (Some(side), Some(before)) = (own_side(words), modal.in_force.side)
         && (before == Side::Off) != (side == Side::Off)
     {

@@ -2,7 +2,7 @@
 
 use tandem_model::flow::Distance;
 use tandem_model::{Axis, AxisVector};
-use tandem_syntax::AddressSet;
+use tandem_syntax::{Address, AddressSet};
 
 use crate::block_words::BlockWords;
 use crate::codes::{Code, ModalGroup};
@@ -91,8 +91,19 @@ impl TextPosition {
     }
 }
 
+/// The axis of each address.
+static AXES: [Option<Axis>; Address::COUNT] = {
+    let mut axes = [None; Address::COUNT];
+    let mut place = 0;
+    while place < Address::COUNT {
+        axes[place] = axis_of(Address::ALL[place]);
+        place += 1;
+    }
+    axes
+};
+
 fn values(words: &BlockWords, named: AddressSet) -> impl Iterator<Item = (Axis, f64)> {
     named
         .iter()
-        .filter_map(|address| Some((axis_of(address)?, words.get(address)?)))
+        .filter_map(|address| Some((AXES[address as usize]?, words.get(address)?)))
 }

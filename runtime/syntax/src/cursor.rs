@@ -160,13 +160,13 @@ impl<'a> Cursor<'a> {
 
     /// Passes blanks, comments and line feeds.
     pub(crate) fn blank_lines(&mut self, grammar: &Grammar) -> Result<(), usize> {
-        self.blanks(grammar)?;
-        while self.peek() == Some(b'\n') {
-            self.at += 1;
-            self.line += 1;
+        loop {
             self.blanks(grammar)?;
+            if !self.take(b'\n') {
+                return Ok(());
+            }
+            self.line += 1;
         }
-        Ok(())
     }
 
     /// True when a comment begins here.
@@ -233,35 +233,26 @@ impl<'a> Cursor<'a> {
         self.source.get(self.at..self.at + length).unwrap_or_default()
     }
 
-    /// Passes digits and appends them to a number: how many, and the number modulo 2^64.
-    fn pass_digits(&mut self, mut number: u64) -> (usize, u64) {
-        let mut count = 0;
-        for byte in self.bytes.get(self.at..).unwrap_or_default() {
-            let digit = byte.wrapping_sub(b'0');
-            if digit > 9 {
-                break;
-            }
-            number = number.wrapping_mul(10).wrapping_add(u64::from(digit));
-            count += 1;
-        }
-        self.at += count;
-        (count, number)
-    }
-
     /// Passes a number: an optional sign where allowed, digits, at most one point.
+    #[inline(always)]
     pub(crate) fn number(&mut self, signed: bool) -> Result<Number, NumberError> {
         let start = self.at;
         let mut negative = false;
+        let mut begin = start;
         if signed && let Some(sign @ (b'-' | b'+')) = self.peek() {
             negative = sign == b'-';
-            self.at += 1;
+            begin += 1;
         }
-        let (whole, mut mantissa) = self.pass_digits(0);
+        let (mut end, mut mantissa) = digits(self.bytes, begin, 0);
+        let whole = end - begin;
         let mut decimals = 0;
-        let has_point = self.take(b'.');
+        let has_point = self.bytes.get(end) == Some(&b'.');
         if has_point {
-            (decimals, mantissa) = self.pass_digits(mantissa);
+            let point = end;
+            (end, mantissa) = digits(self.bytes, point + 1, mantissa);
+            decimals = end - point - 1;
         }
+        self.at = end;
         let digits = whole + decimals;
         if digits == 0 {
             return Err(if self.at == start {
@@ -283,6 +274,17 @@ impl<'a> Cursor<'a> {
             Err(NumberError::TooLarge)
         }
     }
+}
+
+/// Appends the digits from a place on to a number: where they end, and the number modulo 2^64.
+#[inline]
+fn digits(bytes: &[u8], mut at: usize, mut number: u64) -> (usize, u64) {
+    let digit = |byte: &u8| Some(byte.wrapping_sub(b'0')).filter(|digit| *digit <= 9);
+    while let Some(digit) = bytes.get(at).and_then(digit) {
+        number = number.wrapping_mul(10).wrapping_add(u64::from(digit));
+        at += 1;
+    }
+    (at, number)
 }
 
 /// The bytes of a comment's text that holds other comments, with its own end; `None` where it has none.

@@ -345,11 +345,17 @@ impl Explorer<'_> {
     }
 
     /// Does what the M code of the block says.
+    #[inline]
     fn m_code(&mut self, here: Here<'_>, state: &mut State) -> Step {
+        match self.words.m_code() {
+            Some(code) => self.do_m_code(here, code, state),
+            None => Step::On,
+        }
+    }
+
+    #[inline(never)]
+    fn do_m_code(&mut self, here: Here<'_>, code: &'static Code, state: &mut State) -> Step {
         let Here { place, .. } = here;
-        let Some(code) = self.words.m_code() else {
-            return Step::On;
-        };
         let after = |kind, state: &State| Next {
             place: Place {
                 block: place.block + 1,
@@ -463,6 +469,7 @@ impl Explorer<'_> {
 }
 
 /// Follows what is in force.
+#[inline]
 fn follow(dialect: &'static Dialect, words: &BlockWords, block: &Block, state: &mut State) {
     restrictions::follow(words, &mut state.modal);
     for code in words.codes() {

@@ -45,10 +45,10 @@ impl Explorer<'_> {
             }
         }
         let free = |address| words.get(address).filter(|_| !words.own.contains(address));
-        let unit = state.modal.unit_text();
         if let (Some(feedrate), Some(max)) = (free(Address::F), self.context.max_feedrate_mm_min)
             && feedrate > max
         {
+            let unit = state.modal.unit_text();
             found.push(diagnostics::FEEDRATE_CLIPPED.at(
                 tree.span_of(block, Address::F),
                 format!("F{feedrate} is above the maximum feedrate of {max} {unit}/min, which will be used"),

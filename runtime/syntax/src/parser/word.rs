@@ -140,6 +140,7 @@ impl Parser<'_> {
     }
 
     /// Reads a word whose address is known.
+    #[inline]
     fn word(&mut self, start: usize, address: Address, letters: usize) {
         self.cursor.advance(letters);
         if matches!(self.cursor.peek(), Some(b' ' | b'\t')) {
@@ -150,46 +151,48 @@ impl Parser<'_> {
             return;
         }
         let value_start = self.cursor.at();
-        match self.cursor.number(true) {
-            Ok(Number { value, has_point }) => {
-                if let Some(b'.' | b'-' | b'+') = self.cursor.peek() {
-                    self.pass_value();
-                    self.number_malformed(start, value_start);
-                } else if self.pass_exponent() {
-                    self.number_malformed(start, value_start);
-                } else if matches!(address, Address::L | Address::P | Address::Q) && self.is_assignment() {
-                    self.assignment(start, address, value_start);
-                } else {
-                    let form = if has_point { Form::Decimal } else { Form::Whole };
-                    self.push_word(start, address, value, form);
-                }
-            }
-            Err(NumberError::Missing) => {
+        let Number { value, has_point } = match self.cursor.number(true) {
+            Ok(number) => number,
+            Err(error) => return self.no_number(error, start, start + letters, value_start),
+        };
+        if matches!(self.cursor.peek(), Some(b'.' | b'-' | b'+')) || self.pass_exponent() {
+            self.number_malformed(start, value_start);
+        } else if matches!(address, Address::L | Address::P | Address::Q) && self.is_assignment() {
+            self.assignment(start, address, value_start);
+        } else {
+            let form = if has_point { Form::Decimal } else { Form::Whole };
+            self.push_word(start, address, value, form);
+        }
+    }
+
+    /// Tells why an address that ends at `end` has no number.
+    #[cold]
+    fn no_number(&mut self, error: NumberError, start: usize, end: usize, value_start: usize) {
+        match error {
+            NumberError::Missing => {
                 // a character that is not part of the language is reported by itself
                 let missing = matches!(
                     self.cursor.peek(),
                     None | Some(b'\n' | b'\r' | b'/' | b'_' | b'A'..=b'Z' | b'a'..=b'z' | b'{' | b'}')
                 );
                 if missing {
-                    self.value_missing(Span::new(index(start), index(start + letters)));
+                    self.value_missing(Span::new(index(start), index(end)));
                 }
             }
-            Err(NumberError::Malformed) => {
-                self.pass_value();
-                self.number_malformed(start, value_start);
-            }
-            Err(NumberError::TooLarge) => {
-                self.report_from(
-                    start,
-                    &diagnostics::NUMBER_TOO_LARGE,
-                    "the number is too large",
-                    "Write a number within the range of the word.",
-                );
-            }
+            NumberError::Malformed => self.number_malformed(start, value_start),
+            NumberError::TooLarge => self.report_from(
+                start,
+                &diagnostics::NUMBER_TOO_LARGE,
+                "the number is too large",
+                "Write a number within the range of the word.",
+            ),
         }
     }
 
+    /// Tells of a number that goes on as none does.
+    #[cold]
     fn number_malformed(&mut self, start: usize, value_start: usize) {
+        self.pass_value();
         let text = self.cursor.excerpt(self.cursor.span_from(value_start));
         self.report_from(
             start,
@@ -251,6 +254,7 @@ impl Parser<'_> {
     }
 
     /// Reads `[variable]` (D04).
+    #[inline(never)]
     fn indirect_word(&mut self, start: usize, address: Address) {
         let bracket = self.cursor.at();
         self.cursor.advance(1);
@@ -331,6 +335,7 @@ impl Parser<'_> {
             .map(|index| Variable { kind: name.0, index })
     }
 
+    #[inline]
     fn push_word(&mut self, start: usize, address: Address, value: f64, form: Form) {
         if self.too_long(start) {
             return;
@@ -339,19 +344,10 @@ impl Parser<'_> {
             self.word_beside_program_code(start);
             return;
         }
-        if address == Address::N && self.tree.words.len() > self.first_word {
-            self.report_from(
-                start,
-                &diagnostics::BLOCK_NUMBER_PLACE,
-                "the block number does not stand before the other words",
-                "Write N at the beginning of the block, once.",
-            );
-            return;
-        }
-        if address == Address::N {
-            self.count_digits(start);
-        } else {
+        if address != Address::N {
             self.kind = LineKind::Words;
+        } else if !self.judge_block_number(start) {
+            return;
         }
         let length = u16::try_from(self.cursor.at() - start).unwrap_or(u16::MAX);
         self.tree.words.push(Word {
@@ -363,29 +359,35 @@ impl Parser<'_> {
         });
     }
 
-    /// Tells a block number with more digits than the dialect gives it.
-    #[inline]
-    fn count_digits(&mut self, start: usize) {
-        let digits_max = self.grammar.program_form.number_digits_max;
-        if self.cursor.at() - start > digits_max {
-            self.judge_digits(start, digits_max);
+    /// True for a block number in its place. Tells, too, when it has more digits than the dialect gives it.
+    #[inline(never)]
+    fn judge_block_number(&mut self, start: usize) -> bool {
+        if self.tree.words.len() > self.first_word {
+            self.report_from(
+                start,
+                &diagnostics::BLOCK_NUMBER_PLACE,
+                "the block number does not stand before the other words",
+                "Write N at the beginning of the block, once.",
+            );
+            return false;
         }
+        let max = self.grammar.program_form.number_digits_max;
+        if self.cursor.at() - start > max {
+            let text = self.cursor.excerpt(self.cursor.span_from(start));
+            let digits = text.bytes().filter(u8::is_ascii_digit).count();
+            if digits > max {
+                self.report_from(
+                    start,
+                    &diagnostics::CODE_NUMBER,
+                    format!("{text} has {digits} digits"),
+                    format!("Write at most {max} digits."),
+                );
+            }
+        }
+        true
     }
 
     #[cold]
-    fn judge_digits(&mut self, start: usize, max: usize) {
-        let text = self.cursor.excerpt(self.cursor.span_from(start));
-        let digits = text.bytes().filter(u8::is_ascii_digit).count();
-        if digits > max {
-            self.report_from(
-                start,
-                &diagnostics::CODE_NUMBER,
-                format!("{text} has {digits} digits"),
-                format!("Write at most {max} digits."),
-            );
-        }
-    }
-
     fn word_beside_program_code(&mut self, start: usize) {
         self.report_from(
             start,
