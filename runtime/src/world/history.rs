@@ -282,7 +282,7 @@ impl History {
         }
         let flipped = world.disk.lock().flip(|_| true);
         world.trace.line(format_args!("a bit flips in {flipped:?}"));
-        world.truth.lock().may_lose = true;
+        world.truth.lock().damaged();
         world.at_kill = None;
     }
 

@@ -95,8 +95,10 @@ pub(super) struct Truth {
     gone: BTreeMap<String, f64>,
     channels: BTreeMap<CoordinateSystemNumber, Channel>,
     values: BTreeMap<String, Value>,
-    /// The disk has refused or was damaged since the last look, so that values may be lost, but not wrong.
+    /// The disk was damaged since the last look, so that values may be lost, but not wrong.
     pub may_lose: bool,
+    /// The disk was damaged once.
+    was_damaged: bool,
     /// Programs that came to their end.
     pub completed: u32,
     /// How often a client has heard of an output.
@@ -121,6 +123,7 @@ impl Truth {
             channels: BTreeMap::new(),
             values: BTreeMap::new(),
             may_lose: false,
+            was_damaged: false,
             completed: 0,
             heard: 0,
             takes_all_claims: false,
@@ -269,6 +272,12 @@ impl Truth {
 
     // what is kept
 
+    /// A bit on the disk has flipped.
+    pub fn damaged(&mut self) {
+        self.may_lose = true;
+        self.was_damaged = true;
+    }
+
     pub fn attempt(&mut self, name: &str, value: &str) {
         let attempted = &mut self.values.entry(name.to_owned()).or_default().attempted;
         attempted.push(value.to_owned());
@@ -308,7 +317,9 @@ impl Truth {
         let is_unset = sure.is_none() && (value == "0" || value == "none");
         // a tool that is lost is not in the table
         let is_lost = value == LOST || (name.starts_with('T') && value == "none");
-        let is_right = right.contains(value) || is_unset || (may_lose && is_lost);
+        // a variable that nobody asked for when its page was lost is lost until somebody writes it
+        let was_lost = self.was_damaged && kept.acknowledged.is_empty();
+        let is_right = right.contains(value) || is_unset || ((may_lose || was_lost) && is_lost);
         if !is_right {
             let rule = if may_lose { Rule::Believed } else { Rule::Kept };
             let how = format!("{name} is {value}; acknowledged was {newest:?}, possible is {right:?}");
