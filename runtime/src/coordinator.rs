@@ -29,7 +29,7 @@ use crate::journal::{Event, Journal};
 use crate::persistence::{LastRuns, Restored, cut_short};
 use crate::port::{AccessLines, RuntimePort};
 use crate::preview::Previews;
-use crate::program_store::{ProgramStore, Signers};
+use crate::program_store::{PROGRAMS_BYTES_MAX, ProgramStore, Signers};
 use crate::servo_thread::{ServoStatistics, ServoThread};
 use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
@@ -150,6 +150,7 @@ impl Runtime {
         let machine = Machine {
             data_dir: None,
             signers: Signers::default(),
+            programs_bytes_max: PROGRAMS_BYTES_MAX,
             takes_mdi: true,
             ..machine
         };

@@ -136,7 +136,11 @@ impl DataFolder {
     }
 
     fn verify_programs(&self, findings: &mut Findings) {
-        let looked = match look(&self.programs(), self.machine.is_mixed()) {
+        let looked = match look(
+            &self.programs(),
+            self.machine.is_mixed(),
+            self.machine.programs_bytes_max,
+        ) {
             Ok(looked) => looked,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return,
             Err(error) => {
@@ -262,6 +266,7 @@ impl DataFolder {
             &self.programs(),
             self.machine.dialect().name,
             self.machine.is_mixed(),
+            self.machine.programs_bytes_max,
         )?;
         folder.accept(number).map(drop)
     }

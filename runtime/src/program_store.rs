@@ -41,6 +41,9 @@ pub use signing::Signers;
 /// Programs in the store at the most. A further one is refused.
 pub const PROGRAMS_MAX: usize = 2000;
 
+/// Bytes of their texts together, where nothing else is configured.
+pub const PROGRAMS_BYTES_MAX: usize = 512 << 20;
+
 /// All programs of a machine.
 #[derive(Debug)]
 pub struct ProgramStore {
@@ -51,6 +54,8 @@ pub struct ProgramStore {
     /// Coordinate systems have different dialects.
     is_mixed: bool,
     signers: Signers,
+    /// Bytes of the texts of all programs together.
+    bytes_max: usize,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
     /// Damaged programs, and what is known of each. They are no programs.
     damaged: RwLock<BTreeMap<u16, String>>,
@@ -78,6 +83,7 @@ impl ProgramStore {
             rules_of: vec![rules],
             is_mixed: false,
             signers: Signers::default(),
+            bytes_max: PROGRAMS_BYTES_MAX,
             programs: RwLock::default(),
             damaged: RwLock::default(),
             changes: AtomicU64::new(0),
@@ -99,6 +105,12 @@ impl ProgramStore {
             signers,
             ..self
         }
+    }
+
+    /// With room for so many bytes of all texts together.
+    #[must_use]
+    pub(crate) fn with_room(self, bytes_max: usize) -> Self {
+        Self { bytes_max, ..self }
     }
 
     /// The store of a folder, which is made if it is missing. Files that are not programs, or are larger than one can
@@ -200,7 +212,7 @@ impl ProgramStore {
     ) -> Changed<(ProgramCheck, Edit)> {
         let number = program.number;
         let _one_at_a_time = self.writing.lock();
-        let created = self.check_room(number)?;
+        let created = self.check_room(number, program.text().len())?;
         self.with_folder(|folder| {
             let outside = outside(folder.as_deref(), number)?;
             let old = self.hash_now(number, &outside);
@@ -249,11 +261,11 @@ impl ProgramStore {
         }
     }
 
-    /// Tells whether a program would be new.
+    /// Tells whether a program of so many bytes would be new.
     ///
     /// # Errors
     /// The number is out of range, or the store is full.
-    pub(crate) fn check_room(&self, number: u16) -> io::Result<bool> {
+    pub(crate) fn check_room(&self, number: u16, bytes: usize) -> io::Result<bool> {
         if !(1..=PROGRAM_NUMBER_MAX).contains(&number) {
             let text = format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}");
             return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
@@ -262,6 +274,12 @@ impl ProgramStore {
         let created = !all.contains_key(&number);
         if created && all.len() >= PROGRAMS_MAX {
             let text = format!("the store holds {PROGRAMS_MAX} programs; delete one first");
+            return Err(io::Error::new(io::ErrorKind::QuotaExceeded, text));
+        }
+        let others = all.values().filter(|program| program.number != number);
+        let taken: usize = others.map(|program| program.text().len()).sum();
+        if taken + bytes > self.bytes_max {
+            let text = no_room(bytes as u64, self.bytes_max);
             return Err(io::Error::new(io::ErrorKind::QuotaExceeded, text));
         }
         Ok(created)
@@ -345,6 +363,13 @@ impl ProgramStore {
     fn path(&self, number: u16) -> Option<PathBuf> {
         Some(self.path.as_ref()?.join(folder::file_name(number)))
     }
+}
+
+/// Why a program of so many bytes is not taken.
+fn no_room(bytes: u64, bytes_max: usize) -> String {
+    format!(
+        "with {bytes} bytes more, all programs together have more than {bytes_max}; delete one first, or raise total_max_mib in [programs]"
+    )
 }
 
 fn outside(folder: Option<&ProgramFolder>, number: u16) -> io::Result<Outside> {

@@ -64,6 +64,8 @@ pub struct Machine {
     pub hold_on_bus_loss: bool,
     /// Whose programs are loaded and called; none: all are. A simulation does not look.
     pub signers: Signers,
+    /// Bytes of the texts of all programs together.
+    pub programs_bytes_max: usize,
     /// Manual data input is taken.
     pub takes_mdi: bool,
 }
@@ -320,7 +322,7 @@ impl Machine {
     pub(crate) fn new_store(&self) -> ProgramStore {
         let all = dialects::names().filter_map(|name| dialects::find(name).ok());
         let rules = all.map(|dialect| self.text_rules_of(dialect)).collect();
-        let store = ProgramStore::in_memory(self.text_rules());
+        let store = ProgramStore::in_memory(self.text_rules()).with_room(self.programs_bytes_max);
         store.for_dialects(rules, self.is_mixed(), self.signers.clone())
     }
 

@@ -30,6 +30,8 @@ use tandem_gateway::MtconnectVersion;
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
 
+use crate::program_store::PROGRAMS_BYTES_MAX;
+
 pub use alarm::AlarmConfig;
 pub use broker::{Broker, ExternalBroker};
 pub use dgshape::DgshapeConfig;
@@ -492,9 +494,12 @@ pub struct TlsConfig {
 }
 
 /// `[programs]`
-#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProgramsConfig {
+    /// Size of the texts of all programs together, MiB. The runtime takes up to four times as much memory for them.
+    #[schemars(range(min = 1, max = 16384))]
+    pub total_max_mib: usize,
     /// Public keys of Ed25519, each in Base64 or as the name of a PEM file: only programs that the owner of one of them has
     /// signed are loaded and called. Without keys, all are.
     pub signed_by: Vec<String>,
@@ -528,6 +533,16 @@ pub struct HttpConfig {
     /// Address of this HMI as others reach it, such as `http://mill-1:8080`: the machine tells it over MQTT, and pages that show
     /// several machines lead there.
     pub public_url: Option<String>,
+}
+
+impl Default for ProgramsConfig {
+    fn default() -> Self {
+        Self {
+            total_max_mib: PROGRAMS_BYTES_MAX >> 20,
+            signed_by: Vec::new(),
+            mdi: None,
+        }
+    }
 }
 
 impl Default for HttpConfig {

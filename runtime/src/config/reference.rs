@@ -212,7 +212,7 @@ mod tests {
 
     const SMALL: &str = "[machine]\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                          [[motor]]\nnumber = 2\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
-                         [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\ndialect = \"dgshape\"\ndgshape = {}\n[identification]\n[[tool]]\nid = 1\n[[variables.published]]\nfrom = \"P1\"\n[m_code.5]\n\
+                         [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\ndialect = \"dgshape\"\ndgshape = {}\n[programs]\n[identification]\n[[tool]]\nid = 1\n[[variables.published]]\nfrom = \"P1\"\n[m_code.5]\n\
                          [[simulated_skip]]\nmotor = 1\nbelow = 0\n\
                          [[simulated_round]]\ncoordinate_system = 1\nkind = \"boss\"\nx = 0\ny = 0\ndiameter = 9\nball = 2\n[[hmi.button]]\ntext = \"a\"\nm_code = 1\n\
                          [[hmi.card]]\ntext = \"a\"\nm_code = 1\n";

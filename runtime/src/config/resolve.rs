@@ -133,6 +133,9 @@ impl Config {
         let identification = self.identification(problems);
         let io = self.io.declarations(problems);
         self.check_mtconnect(&io, problems);
+        problems
+            .of("programs", "[programs] ")
+            .check_ranges(&self.programs, &[]);
         let signers = self.signers(problems);
         let tools = self.tools(problems);
         let motors = self.motors(problems);
@@ -159,6 +162,7 @@ impl Config {
             published,
             served,
             unhandled: Unhandled::Alarm,
+            programs_bytes_max: self.programs.total_max_mib << 20,
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),
             signers,
             hold_on_bus_loss: self.mqtt.on_bus_loss == OnBusLoss::HoldAtWait,

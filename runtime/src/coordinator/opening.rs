@@ -336,7 +336,7 @@ fn put_program(
     };
     let rules = store.rules_of(Some(dialect)).map_err(io::Error::other)?;
     let program = || StoredProgram::new(number, &text, rules).signed(signature, store.signers());
-    store.check_room(number)?;
+    store.check_room(number, text.len())?;
     let old = store.get(number).map(|program| program.sum().to_owned());
     let written = store.put(program());
     health.note(Part::Programs, &written);

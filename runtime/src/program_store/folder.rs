@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 
 use super::signing::{Signature, read_signature};
-use super::{PROGRAMS_MAX, program_number};
+use super::{PROGRAMS_MAX, no_room, program_number};
 use crate::disk::fs::{self, File, Metadata, MetadataExt as _};
 use crate::disk::{
     SumFile, Sums, UNFINISHED, Unfinished, make_folder_in, read_regular, sum_of, sync_folder, tighten,
@@ -103,17 +103,18 @@ fn signature_time(folder: &Path, number: u16) -> String {
 }
 
 /// Looks at all files of a folder, and changes nothing. `is_mixed`: the machine has several dialects, so that a program
-/// whose dialect is lost cannot be read.
+/// whose dialect is lost cannot be read. `bytes_max`: of all programs together; those beyond are left alone.
 ///
 /// # Errors
 /// The folder cannot be read.
-pub(crate) fn look(folder: &Path, is_mixed: bool) -> io::Result<Look> {
+pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Result<Look> {
     let sums = Sums::read(&folder.join(SUMS_FILE));
     let mut look = Look::default();
     let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
         .map(|entry| Ok(entry?.path()))
         .collect::<io::Result<_>>()?;
     paths.sort();
+    let mut bytes_read = 0;
     for path in paths {
         let Some(number) = program_number(&path) else {
             continue;
@@ -135,7 +136,11 @@ pub(crate) fn look(folder: &Path, is_mixed: bool) -> io::Result<Look> {
             continue;
         }
         let read = fs::metadata(&path).and_then(|metadata| {
+            if bytes_read + metadata.len() > bytes_max as u64 {
+                return Err(io::Error::other(no_room(metadata.len(), bytes_max)));
+            }
             let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
+            bytes_read += bytes.len() as u64;
             Ok((metadata, bytes))
         });
         let is_lost = is_mixed
@@ -245,11 +250,16 @@ impl ProgramFolder {
     ///
     /// # Errors
     /// The disk refuses.
-    pub fn open(path: &Path, dialect: &'static str, is_mixed: bool) -> io::Result<(Self, Look)> {
+    pub fn open(
+        path: &Path,
+        dialect: &'static str,
+        is_mixed: bool,
+        bytes_max: usize,
+    ) -> io::Result<(Self, Look)> {
         make_folder_in(path)?;
         tighten(path);
         tidy_up(path)?;
-        let look = look(path, is_mixed)?;
+        let look = look(path, is_mixed, bytes_max)?;
         let mut known = BTreeMap::new();
         let old = Sums::read(&path.join(SUMS_FILE));
         for (number, found) in &look.programs {

@@ -30,14 +30,17 @@ impl ProgramStore {
     /// is read all the same; when something is written, it is tried again.
     pub(crate) fn open_folder(&mut self, path: &Path) -> (ProgramFindings, io::Result<()>) {
         self.path = Some(path.to_owned());
-        let opened = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed);
+        let opened = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed, self.bytes_max);
         *self.places.get_mut() = Places::read(path);
         let (look, opened) = match opened {
             Ok((folder, look)) => {
                 *self.folder.get_mut() = Some(folder);
                 (look, Ok(()))
             }
-            Err(error) => (look(path, self.is_mixed).unwrap_or_default(), Err(error)),
+            Err(error) => (
+                look(path, self.is_mixed, self.bytes_max).unwrap_or_default(),
+                Err(error),
+            ),
         };
         (self.take_over(look), opened)
     }
@@ -116,21 +119,7 @@ impl ProgramStore {
             let Ok(read) = read else { continue };
             let old = self.get(number).map(|program| program.sum().to_owned());
             self.damaged.write().remove(&number);
-            let how = if let Some(Accepted {
-                bytes,
-                signature,
-                dialect,
-            }) = read
-            {
-                let mut program = self.of_file(number, bytes, Some(&dialect), signature);
-                program.is_from_outside = true;
-                let sum = program.short_sum().to_owned();
-                self.keep(program);
-                format!("its file was written; its sum is {sum}; load it again")
-            } else {
-                self.forget(number);
-                "its file was removed".to_owned()
-            };
+            let how = self.take_accepted(number, read);
             let new = self.get(number);
             let new = new.as_deref().map(StoredProgram::sum);
             said.push((
@@ -139,6 +128,28 @@ impl ProgramStore {
             ));
         }
         Ok(said)
+    }
+
+    /// Takes the file of a program as it is now (`None`: there is none), and tells what has become of the program.
+    fn take_accepted(&self, number: u16, accepted: Option<Accepted>) -> String {
+        let Some(Accepted {
+            bytes,
+            signature,
+            dialect,
+        }) = accepted
+        else {
+            self.forget(number);
+            return "its file was removed".to_owned();
+        };
+        if let Err(error) = self.check_room(number, bytes.len()) {
+            self.forget(number);
+            return format!("its file was written, and is not read: {error}");
+        }
+        let mut program = self.of_file(number, bytes, Some(&dialect), signature);
+        program.is_from_outside = true;
+        let sum = program.short_sum().to_owned();
+        self.keep(program);
+        format!("its file was written; its sum is {sum}; load it again")
     }
 
     /// Checks that programs can be written.
@@ -161,7 +172,8 @@ impl ProgramStore {
             *folder = None;
         }
         if folder.is_none() {
-            let (mut opened, look) = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed)?;
+            let (mut opened, look) =
+                ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed, self.bytes_max)?;
             for (number, program) in &*self.all() {
                 if !look.programs.contains_key(number) {
                     opened.write(

@@ -189,3 +189,43 @@ fn a_damaged_file_of_folders_takes_no_program_away() {
         assert_eq!(again.list()[0].folder, "", "{damaged}");
     }
 }
+
+#[test]
+fn all_texts_together_have_a_limit_and_what_is_beyond_it_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let open = |bytes_max| {
+        let mut store = ProgramStore::in_memory(rules()).with_room(bytes_max);
+        let (findings, opened) = store.open_folder(folder.path());
+        opened.unwrap();
+        (store, findings)
+    };
+    let text = |n: u32| format!("G00 X{n}\nM30\n");
+    let (store, _) = open(22);
+    store.write(1, &text(1)).unwrap();
+    store.write(2, &text(2)).unwrap();
+    let refused = store.write(3, &text(3)).unwrap_err();
+    assert_eq!(refused.kind(), io::ErrorKind::QuotaExceeded);
+    assert!(refused.to_string().contains("total_max_mib"), "{refused}");
+    // what replaces another program has its room
+    store.write(2, &text(4)).unwrap();
+    store.write(1, &text(10)).unwrap_err();
+    store.delete(1).unwrap();
+    store.write(3, &text(3)).unwrap();
+
+    // a file that is put there: it is not read, and the others are
+    fs::write(folder.path().join("4.nc"), text(5)).unwrap();
+    let (store, findings) = open(22);
+    assert_eq!(store.list().len(), 2);
+    assert_eq!(findings.not_read.len(), 1);
+    assert!(findings.not_read[0].contains("4.nc"), "{findings:?}");
+    fs::write(folder.path().join("3.nc"), text(100)).unwrap();
+    assert!(store.look_again().unwrap().is_empty(), "it may be written yet");
+    let said = store.look_again().unwrap();
+    assert!(
+        said.iter()
+            .any(|(text, _)| text.contains("program 3: its file was written, and is not read")),
+        "{said:?}"
+    );
+    assert!(store.get(3).is_none() && store.get(2).is_some());
+    assert_eq!(open(1 << 20).0.list().len(), 3);
+}
