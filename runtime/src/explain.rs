@@ -17,7 +17,7 @@ use crate::declared::Declared;
 
 /// Tables of rules: number and text.
 const RULES: [&[(&str, &str)]; 3] = [
-    tandem_interp::decisions::DECISIONS,
+    tandem_interp::dialects::decisions::DECISIONS,
     tandem_motion::rules::RULES,
     plc_api::handshake::rules::RULES,
 ];

@@ -42,7 +42,7 @@ pub use signing::Signers;
 pub const PROGRAMS_MAX: usize = 2000;
 
 /// Bytes of their texts together, where nothing else is configured.
-pub const PROGRAMS_BYTES_MAX: usize = 512 << 20;
+pub const PROGRAMS_BYTES_MAX: usize = 256 << 20;
 
 /// All programs of a machine.
 #[derive(Debug)]

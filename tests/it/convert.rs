@@ -4,7 +4,7 @@ mod left;
 
 use std::fs;
 
-use tandem_interp::convert::{Converted, Source, convert};
+use tandem_interp::dialects::convert::{Converted, Source, convert};
 use tandem_interp::dialects::{dgshape, nj};
 use tandem_interp::{CheckContext, check_source};
 use tandem_model::settings::{Calculator, NcOptions};

@@ -18,7 +18,7 @@ pub static RULES: &[(&str, &str)] = &[
     ("H13", "The owner may report progress: a text, cut after 200 characters, and 0 to 100 percent."),
     ("H14", "The owner may ask the operator one question with choices at a time. It is answered once, with one of the choices, and ends with the output."),
     ("H15", "A reset in a feed hold is accepted, and the program continues after the resume."),
-    ("H16", "M02, M30 and M99 of a main program end it once all outputs of the run have ended (D32)."),
+    ("H16", "A main program ends by M02, M30 and M99 once all outputs of the run have ended (D32)."),
     ("H17", "The setting `unhandled` decides about an output without a handler: an alarm, waiting, or a reset by the stock sequence program."),
     ("H18", "The id of a handler has 1 to 64 characters without `/ + #`; with any other id, claims and resets are `not_owner`."),
     ("H19", "One instance of a handler is there at a time. Another one's presence is refused (`handler_taken`), unless it is to take over: then the first is told on `handler/{id}/result` that it is at its end, and what it had claimed is lost (H11). An instance names itself in its presence, claims and resets; without a name it is its connection to the embedded broker, its WebSocket, or, where neither is known, the handler. That an instance has gone changes nothing for another that has come since."),

@@ -2,10 +2,10 @@
 //!
 //! Measured on one core of a virtual machine with two of an Intel Xeon, with nothing beside it, medians: parsing 23.9 million
 //! blocks a second, parsing and checking 10.8 million, interpretation 7.1 million. Compare runs of the same minutes: in a slow
-//! hour of the same machine they were a third of that. The checker that follows every state takes 1.16 times as long to parse
-//! and check as one that forgot them at branches (86 to 74 ms, the fastest of five pairs); 1.33 times before what is rare
-//! was taken out of the way of each block. Interpretation takes 0.85 times as long since the kind of an action is a word, not a
-//! byte (113 to 132 ms, the fastest of four pairs on an AMD EPYC).
+//! hour of the same machine they were a third of that. The checker that follows every state takes as long to parse and
+//! check as one that forgot them at branches (74.2 to 74.0 ms, the fastest of pairs in turn on an AMD EPYC); 1.33 times as
+//! long before what is rare was taken out of the way of each block and of each word. Interpretation takes 0.85 times as long
+//! since the kind of an action is a word, not a byte (113 to 132 ms, the fastest of four pairs on an AMD EPYC).
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -12,7 +12,6 @@ use crate::dialect::{Dialect, Numbers, OtherMCodes, Rivals};
 use crate::evaluation::{Known, Trust};
 use crate::meaning::{InForce, Role};
 use crate::modal::Modal;
-use crate::range::Range;
 use crate::text_position::TextPosition;
 use crate::{numbers, restrictions};
 
@@ -175,7 +174,7 @@ impl BlockWords {
             match word.address {
                 Address::G => self.g_word(word, place, with.dialect, fault),
                 Address::M => self.m_word(word, with.dialect, with.options.m_codes, fault),
-                Address::N => block_number(word, fault),
+                Address::N => numbers::judge_whole(word, fault),
                 _ => self.value_word(word, place, &with.known, fault),
             }
         }
@@ -196,8 +195,8 @@ impl BlockWords {
     #[inline(never)]
     fn g_word(&mut self, word: &Word, place: usize, dialect: &Dialect, fault: &mut dyn FnMut(Diagnostic)) {
         self.any = true;
-        let known =
-            code_number(word).map(|value| tenths(value).and_then(|tenths| dialect.g_codes.find(tenths)));
+        let known = numbers::code_number(word)
+            .map(|value| tenths(value).and_then(|tenths| dialect.g_codes.find(tenths)));
         match known {
             Some(Some(code)) => self.add_g_code(code, word, place, dialect.policy.rivals, fault),
             Some(None) => {
@@ -213,7 +212,7 @@ impl BlockWords {
             None => {
                 self.unknown_code = true;
                 let example = dialect.start_up.first().map_or("", |code| code.code);
-                fault(constant_needed(word, "a constant", example));
+                fault(numbers::constant_needed(word, "a constant", example));
             }
         }
     }
@@ -272,7 +271,7 @@ impl BlockWords {
         let Some(number) = word.whole() else {
             self.unknown_code = true;
             let example = dialect.m_code(Role::End).map_or("", |code| code.code);
-            fault(constant_needed(word, "a whole number", example));
+            fault(numbers::constant_needed(word, "a whole number", example));
             return;
         };
         if self.m_code.is_some() {
@@ -327,17 +326,13 @@ impl BlockWords {
         };
     }
 
-    /// The value of a variable that stands for a number.
+    /// The value of a variable that stands for a number; not a number, and noted, where the text does not show it.
     #[inline(never)]
     fn of_variable(&mut self, address: Address, variable: Variable, known: &Known<'_>) -> f64 {
-        match known {
-            Known::Run(scope) => scope.variable(variable),
-            Known::Text { values, trust } => self.shown(address, values.get(variable), *trust),
-        }
-    }
-
-    /// The value of a variable as the text shows it; not a number, and noted, where it does not.
-    fn shown(&mut self, address: Address, range: Range, trust: Trust) -> f64 {
+        let (range, trust) = match known {
+            Known::Run(scope) => return scope.variable(variable),
+            Known::Text { values, trust } => (values.get(variable), *trust),
+        };
         self.indirect.insert(address);
         let value = range.value();
         if value.is_some() && !range.own {
@@ -587,27 +582,4 @@ fn shared_word(span: Span, address: Address) -> Diagnostic {
 fn at_word(program: &NcProgram, block: &Block, refusal: Refusal) -> Diagnostic {
     let span = program.span_of(block, refusal.address);
     refusal.entry.at(span, refusal.message, refusal.help)
-}
-
-/// The number of a G word: a constant that is not negative.
-fn code_number(word: &Word) -> Option<f64> {
-    word.number().filter(|value| *value >= 0.0)
-}
-
-fn block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
-    if word.whole().is_none() {
-        fault(constant_needed(word, "a whole number", "N10"));
-    }
-}
-
-fn constant_needed(word: &Word, kind: &str, example: &str) -> Diagnostic {
-    let name = word.address.text();
-    let shown = word
-        .number()
-        .map_or_else(|| "[...]".to_owned(), |value| value.to_string());
-    diagnostics::CODE_NUMBER.at(
-        word.span(),
-        format!("{name}{shown} is no code number"),
-        format!("Write {kind} such as {example}."),
-    )
 }

@@ -32,6 +32,8 @@ pub struct Dialect {
     /// The codes before the axis words of a block that moves these axes to their first reference points from where they
     /// are.
     pub home: &'static str,
+    /// The word that ends each block of the intermediate code (D43).
+    pub block_end: &'static str,
     /// How it reads what controls read in different ways.
     pub policy: Policy,
     /// What it says of the path.
@@ -254,6 +256,10 @@ impl Codes for Dialect {
     fn cycle_start(&self) -> String {
         self.cycle_cancel
             .map_or_else(String::new, |code| format!("{}.001", code.code))
+    }
+
+    fn block_end(&self) -> &'static str {
+        self.block_end
     }
 }
 

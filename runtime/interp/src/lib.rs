@@ -13,8 +13,6 @@ mod arithmetic;
 pub mod block_words;
 mod check;
 pub mod codes;
-pub mod convert;
-pub mod decisions;
 pub mod dialect;
 pub mod dialects;
 mod evaluation;

@@ -1,4 +1,4 @@
-//! What the numbers of a dialect mean that counts increments (manual dgshape, 1-5 and 2-1).
+//! Numbers as they are written: those of codes, and those of a dialect that counts increments (manual dgshape, 1-5 and 2-1).
 
 use tandem_model::settings::{Calculator, NcOptions, Unit};
 use tandem_model::{Diagnostic, Span};
@@ -142,6 +142,32 @@ fn out_of_range(name: &str, written: f64, meaning: &str, max: f64, how: &str, sp
         span,
         format!("{name}{written} ({meaning}) is out of the range of -{max} to {max} {how} a decimal point"),
         "Write a value within it.",
+    )
+}
+
+/// The number of a G word: a constant that is not negative.
+pub(crate) fn code_number(word: &Word) -> Option<f64> {
+    word.number().filter(|value| *value >= 0.0)
+}
+
+/// Judges a block number.
+pub(crate) fn judge_whole(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
+    if word.whole().is_none() {
+        fault(constant_needed(word, "a whole number", "N10"));
+    }
+}
+
+/// What is wrong with a code that is no constant.
+#[cold]
+pub(crate) fn constant_needed(word: &Word, kind: &str, example: &str) -> Diagnostic {
+    let name = word.address.text();
+    let shown = word
+        .number()
+        .map_or_else(|| "[...]".to_owned(), |value| value.to_string());
+    diagnostics::CODE_NUMBER.at(
+        word.span(),
+        format!("{name}{shown} is no code number"),
+        format!("Write {kind} such as {example}."),
     )
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
-use tandem_interp::convert::{Source, convert};
+use tandem_interp::dialects::convert::{Source, convert};
 use tandem_model::settings::NcOptions;
 use tandem_syntax::is_wide;
 

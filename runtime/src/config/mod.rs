@@ -497,7 +497,7 @@ pub struct TlsConfig {
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProgramsConfig {
-    /// Size of the texts of all programs together, MiB. The runtime takes up to four times as much memory for them.
+    /// Size of the texts of all programs together, MiB. In memory a program takes about four times its text, at worst twelve times.
     #[schemars(range(min = 1, max = 16384))]
     pub total_max_mib: usize,
     /// Public keys of Ed25519, each in Base64 or as the name of a PEM file: only programs that the owner of one of them has

@@ -135,14 +135,7 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
             look.not_read.push(text);
             continue;
         }
-        let read = fs::metadata(&path).and_then(|metadata| {
-            if bytes_read + metadata.len() > bytes_max as u64 {
-                return Err(io::Error::other(no_room(metadata.len(), bytes_max)));
-            }
-            let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
-            bytes_read += bytes.len() as u64;
-            Ok((metadata, bytes))
-        });
+        let read = read_within(&path, bytes_max, &mut bytes_read);
         let is_lost = is_mixed
             && match known {
                 Some(noted) => noted.as_deref().is_none_or(|noted| noted == LOST),
@@ -178,6 +171,17 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
     }
     look.gone = gone(&sums, &look.programs);
     Ok(look)
+}
+
+/// The bytes of a file, where there is room for them beside those that have been read.
+fn read_within(path: &Path, bytes_max: usize, bytes_read: &mut u64) -> io::Result<(Metadata, Vec<u8>)> {
+    let metadata = fs::metadata(path)?;
+    if *bytes_read + metadata.len() > bytes_max as u64 {
+        return Err(io::Error::other(no_room(metadata.len(), bytes_max)));
+    }
+    let bytes = read_regular(path, PROGRAM_BYTES_MAX as u64)?;
+    *bytes_read += bytes.len() as u64;
+    Ok((metadata, bytes))
 }
 
 /// Programs with a sum that have no file, and what is known of them.

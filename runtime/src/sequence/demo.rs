@@ -71,7 +71,7 @@ async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let wanted = output
         .params()
         .a()
-        .ok_or(Alarm::user(1, "M100 needs VA: the tool number"))?;
+        .ok_or(Alarm::user(1, "the tool change (M100) needs VA: the tool number"))?;
     let pocket = (1..=POCKETS)
         .find(|pocket| (f64::from(*pocket) - wanted).abs() < 1e-9)
         .ok_or_else(|| {
@@ -104,7 +104,7 @@ async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let clamp = output
         .params()
         .a()
-        .ok_or(Alarm::user(10, "M10 needs VA: the clamp"))?;
+        .ok_or(Alarm::user(10, "clamping (M10) needs VA: the clamp"))?;
     let pressure_bar = output.params().b().unwrap_or(30.0);
     if !(0.0..=CLAMP_PRESSURE_MAX_BAR).contains(&pressure_bar) {
         let text = format!("clamp {clamp}: {pressure_bar} bar is outside 0 to {CLAMP_PRESSURE_MAX_BAR} bar");

@@ -169,10 +169,10 @@ diagnostics! {
         "Some codes do nothing without a word: M98 needs P.",
         "wrong: M98   right: M98 P1000";
     PARAMETERS_REFUSED = "E0112", "The M code takes no parameters",
-        "M00, M01, M02, M30, M98 and M99 take none of VA to VH (manual, M code descriptions).",
+        "None of VA to VH is taken by M00, M01, M02, M30, M98 and M99 (manual, M code descriptions).",
         "wrong: M30 VA1   right: M30";
     DWELL_TWICE = "E0113", "A dwell has two times",
-        "G04 takes one of F, P and X.",
+        "A dwell (G04) takes one of F, P and X.",
         "wrong: G04 P500 X1   right: G04 P500";
     AXIS_UNKNOWN = "E0114", "The coordinate system does not have this axis",
         "The configuration of the coordinate system names its axes.",
@@ -187,19 +187,19 @@ diagnostics! {
         "Cutter compensation is led in by G01 and led out by G00 or G01. In between only G01, G02 and G03 move, the plane and the side stay, and M00, M01, M02, M30, M codes with parameters, G28, G30 and G53 do not stand (D23).",
         "wrong: G41 and then G00 X5   right: G41 and then G01 X5";
     TOOL_OFFSET_RULE = "E0120", "Not allowed with a tool offset",
-        "G28, G30 and G53 need G49 before them (D23). The first motion behind it goes to its Z without the offset: under G91 Z comes down by it.",
+        "Before G28, G30 and G53 stands G49 (D23). The first motion behind it goes to its Z without the offset: under G91 Z comes down by it.",
         "wrong: G43 and then G28   right: G43, then G90 G49 G00 Z100, and then G28";
     FIXED_CYCLE_RULE = "E0121", "Not allowed in a fixed cycle",
         "From G74 or G84 to G80 no other code than these, G98 and G99 stands; G00 to G03 end the cycle. The first block needs Z and R.",
         "wrong: G84 Z-5 R1 and then M98 P1000   right: G80 before M98";
     ARC_SHAPE = "E0122", "An arc is not defined",
-        "G02 and G03 need the centre by I, J, K of the plane in force, or the radius R, which is half the way to the end or more (D26).",
+        "An arc (G02, G03) needs its centre by I, J, K of the plane in force, or the radius R, which is half the way to the end or more (D26).",
         "wrong: G02 X10 Y0   right: G02 X10 Y0 R5";
     M_NOT_ALONE = "E0123", "An M code is not alone in its block",
-        "M00, M01, M02 and M30 of dialect dgshape stand in a block of their own (manual dgshape, 2-3).",
+        "In dialect dgshape M00, M01, M02 and M30 stand in a block of their own (manual dgshape, 2-3).",
         "wrong: G00 Z5.0 M30   right: G00 Z5.0 and M30 in blocks of their own";
     UNIT_CHANGE = "E0124", "The unit of lengths changes",
-        "G20 or G21 stands at the start of a program of dialect dgshape, before coordinates, and the unit then stays (manual dgshape, G20 and G21).",
+        "The unit (G20 or G21) stands at the start of a program of dialect dgshape, before coordinates, and then stays (manual dgshape, G20 and G21).",
         "wrong: G21 and later G20   right: G20 in the first block";
     MACHINE_POSITION_RULE = "E0125", "Not allowed in incremental programming",
         "Positions of the machine are absolute: G53 of dialect dgshape stands in G90 only (manual dgshape, G53).",
@@ -221,7 +221,7 @@ diagnostics! {
         "With M12 declared to take VA, 1 to 20 kN: wrong: M12 VA50   right: M12 VA5";
     // W0001 to W0099: the program can run
     PROGRAM_MISSING = "W0001", "A called program is not there",
-        "M98 of a program that is missing is an alarm when it is interpreted (D12).",
+        "A call (M98) of a program that is missing is an alarm when it is interpreted (D12).",
         "Load the subprogram before the program starts.";
     UNREACHABLE = "W0002", "Blocks after the end of the program",
         "Nothing after M02, M30 or M99 is executed.",

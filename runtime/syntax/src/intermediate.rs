@@ -11,9 +11,6 @@ use crate::program_code::{Expression, ExpressionId, Operator, ProgramCode, State
 use crate::tree::{Block, NcProgram, Value, Word};
 use crate::variable::Variable;
 
-/// Ends each block (D43).
-const END_OF_BLOCK: &str = "M999.002";
-
 /// What the code begins with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Header {
@@ -43,6 +40,9 @@ pub trait Codes {
 
     /// The word before the code that begins a fixed cycle (D43).
     fn cycle_start(&self) -> String;
+
+    /// The word that ends each block (D43).
+    fn block_end(&self) -> &'static str;
 }
 
 /// The intermediate code of a program without errors; each line ends with a line feed. Blocks with an error are left
@@ -107,7 +107,7 @@ impl Writer<'_> {
         }
         let _ = write!(self.text, "N{}", block.line);
         self.words(words);
-        let _ = write!(self.text, " {END_OF_BLOCK}");
+        let _ = write!(self.text, " {}", self.codes.block_end());
         self.returned = words.iter().any(|word| self.is(word, CodeRole::Return));
         self.text.push_str(if self.returned { " return\n" } else { "\n" });
     }

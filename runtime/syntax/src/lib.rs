@@ -9,8 +9,8 @@
 mod address;
 mod cursor;
 pub mod diagnostics;
+mod dialects;
 mod encoding;
-mod foreign;
 mod format;
 mod grammar;
 mod intermediate;

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use plc_api::types::words::words;
 use tandem_interp::codes::{Code, ModalGroup, WordSpec};
-use tandem_interp::decisions::DECISIONS;
+use tandem_interp::dialects::decisions::DECISIONS;
 use tandem_interp::restrictions_of;
 use tandem_interp::{Dialect, dialects};
 use tandem_model::alarm::ALARMS;

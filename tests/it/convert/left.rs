@@ -1,6 +1,6 @@
 //! Lines that cannot be converted: what they put in force counts for the lines behind them.
 
-use tandem_interp::convert::{Source, convert};
+use tandem_interp::dialects::convert::{Source, convert};
 use tandem_interp::dialects::nj;
 use tandem_interp::{CheckContext, check_source};
 use tandem_model::settings::NcOptions;

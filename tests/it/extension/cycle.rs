@@ -36,6 +36,7 @@ static DRILLING_SHOP: Dialect = Dialect {
     start_up: &[&G01, &G80, &G90, &G98],
     cycle_cancel: Some(&G80),
     home: "",
+    block_end: "M999.002",
     policy: Policy::NJ,
     path: PathRules::NJ,
     restrictions: &USUAL,

@@ -66,6 +66,7 @@ pub const fn with_policy(policy: Policy, grammar: fn() -> &'static Grammar) -> D
         start_up: &START_UP,
         cycle_cancel: Some(&CANCEL),
         home: "G91 G28",
+        block_end: "M999.002",
         path: PathRules::NJ,
         restrictions: &USUAL,
         texts: &NO_TEXTS,

@@ -53,6 +53,7 @@ static SHOP: Dialect = Dialect {
     start_up: &[&G00, &G90],
     cycle_cancel: None,
     home: "",
+    block_end: "M999.002",
     policy: Policy::NJ,
     path: PathRules::NJ,
     restrictions: &[],

@@ -8,7 +8,7 @@ use super::{files, read};
 /// The numbers of all rules.
 fn numbers() -> BTreeSet<&'static str> {
     let tables = [
-        tandem_interp::decisions::DECISIONS,
+        tandem_interp::dialects::decisions::DECISIONS,
         tandem_motion::rules::RULES,
         plc_api::handshake::rules::RULES,
     ];
@@ -93,7 +93,7 @@ fn rules_ascend_and_each_has_a_number_of_its_own() {
         };
         rows.windows(2).all(|pair| key(pair[0].0) < key(pair[1].0))
     };
-    assert!(in_order(tandem_interp::decisions::DECISIONS));
+    assert!(in_order(tandem_interp::dialects::decisions::DECISIONS));
     assert!(in_order(tandem_motion::rules::RULES));
     assert!(in_order(plc_api::handshake::rules::RULES));
 }

@@ -117,6 +117,7 @@ pub(super) static DGSHAPE: Dialect = Dialect {
     ],
     cycle_cancel: Some(&G80),
     home: "G91 G28",
+    block_end: "M999.002",
     policy: Policy {
         rivals: Rivals::LastHolds,
         m_code: MCodeTime::BeforeMotion,

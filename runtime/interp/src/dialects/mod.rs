@@ -1,5 +1,7 @@
 //! The dialects that are part of Tandem. Each is one file, named here in two lines.
 
+pub mod convert;
+pub mod decisions;
 mod dgshape;
 pub mod examples;
 mod nj;

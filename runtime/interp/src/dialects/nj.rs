@@ -57,6 +57,7 @@ pub(super) static NJ: Dialect = Dialect {
     ],
     cycle_cancel: Some(&G80),
     home: "G91 G28",
+    block_end: "M999.002",
     policy: Policy::NJ,
     path: PathRules::NJ,
     restrictions: &restrictions::USUAL,

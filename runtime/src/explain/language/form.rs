@@ -56,7 +56,7 @@ pub(super) fn page_of(what: &str, grammar: &Grammar) -> Option<String> {
         Form::Comment => ("comment", comments(grammar), comment(grammar).to_owned()),
         Form::BlockEnd => (
             "end of block",
-            "G01 X5\nY10".to_owned(),
+            "X5\nY10".to_owned(),
             "A block ends with its line: a line feed, with a carriage return before it or without one. No sign stands for it."
                 .to_owned(),
         ),
@@ -112,12 +112,10 @@ fn block_skip(grammar: &Grammar) -> String {
 }
 
 fn comments(grammar: &Grammar) -> String {
-    let of_line = grammar
-        .line_comment
-        .map(|open| format!("G01 X5 {open} to the wall"));
+    let of_line = grammar.line_comment.map(|open| format!("X5 {open} to the wall"));
     let of_block = grammar
         .block_comment
-        .map(|(open, close)| format!("G01 X5 {open} to the wall {close}"));
+        .map(|(open, close)| format!("X5 {open} to the wall {close}"));
     let lines: Vec<String> = of_line.into_iter().chain(of_block).collect();
     lines.join("\n")
 }

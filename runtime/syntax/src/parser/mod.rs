@@ -18,8 +18,7 @@ use self::control::Nesting;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
 use crate::encoding::{WIDE, is_wide};
-use crate::foreign;
-use crate::grammar::Grammar;
+use crate::grammar::{Grammar, shared_variable};
 use crate::tree::{Block, Content, NcProgram};
 
 /// Findings of one program. Parsing ends there, so that a text of errors only stays small in time and memory.
@@ -451,7 +450,7 @@ impl<'a> Parser<'a> {
                 '#' if self.grammar.foreign("#", "").is_none() => {
                     let text = self.cursor.excerpt(self.cursor.span_from(start + 1));
                     let digits = text.split(|c: char| !c.is_ascii_digit()).next();
-                    foreign::variable(digits.unwrap_or_default())
+                    shared_variable(digits.unwrap_or_default())
                 }
                 _ => self.plain_help(first),
             };
