@@ -4,6 +4,10 @@ use std::any::Any;
 
 /// Cuts the text after `chars_max` characters.
 pub(crate) fn cut(text: &mut String, chars_max: usize) {
+    // no text has more characters than bytes
+    if text.len() <= chars_max {
+        return;
+    }
     if let Some((end, _)) = text.char_indices().nth(chars_max) {
         text.truncate(end);
     }

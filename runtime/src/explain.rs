@@ -423,7 +423,7 @@ mod tests {
             assert!(of_nj(what).contains(nj), "{what}");
         }
         assert!(of_nj("/31").contains("/2 to /31") && explain("/32", dialects::nj()).is_none());
-        assert!(of_nj("//").contains("G01 X5 /* to the wall */"));
+        assert!(of_nj("//").contains("X5 /* to the wall */"));
     }
 
     #[test]

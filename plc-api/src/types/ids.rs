@@ -11,7 +11,7 @@ pub const COMMAND_ID_MAX: usize = 128;
 /// True for the id of a client or a handler: 1 to [`CLIENT_ID_MAX`] characters without `/ + #` and without NUL, since it
 /// is a level of MQTT topics.
 pub fn is_client_id(id: &str) -> bool {
-    has_length(id, CLIENT_ID_MAX) && !id.contains(['/', '+', '#', '\0'])
+    has_length(id, CLIENT_ID_MAX) && !id.bytes().any(|byte| matches!(byte, b'/' | b'+' | b'#' | 0))
 }
 
 /// The same, in words; `what` names the id.
@@ -38,7 +38,7 @@ pub fn check_command(client_id: &str, command_id: &str) -> Result<(), Refusal> {
 }
 
 fn has_length(id: &str, most: usize) -> bool {
-    !id.is_empty() && id.chars().nth(most).is_none()
+    !id.is_empty() && (id.len() <= most || id.chars().nth(most).is_none())
 }
 
 #[cfg(test)]

@@ -104,7 +104,12 @@ impl AxisSet {
 
     /// The axes of the set in the order of their index.
     pub fn iter(self) -> impl Iterator<Item = Axis> {
-        Axis::ALL.into_iter().filter(move |axis| self.contains(*axis))
+        let mut bits = self.0;
+        std::iter::from_fn(move || {
+            let lowest = bits.trailing_zeros() as usize;
+            bits &= bits.wrapping_sub(1);
+            Axis::ALL.get(lowest).copied()
+        })
     }
 }
 
@@ -131,6 +136,16 @@ impl AxisVector {
     #[must_use]
     pub fn zip(self, other: AxisVector, f: impl Fn(f64, f64) -> f64) -> AxisVector {
         AxisVector(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+    }
+
+    /// This vector with the values of another one on some axes.
+    #[inline]
+    #[must_use]
+    pub fn replaced(self, axes: AxisSet, by: AxisVector) -> AxisVector {
+        AxisVector(std::array::from_fn(|i| {
+            let is_replaced = axes.0 & (1 << i) != 0;
+            if is_replaced { by.0[i] } else { self.0[i] }
+        }))
     }
 
     /// Value by value sum.

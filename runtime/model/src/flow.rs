@@ -357,6 +357,8 @@ pub enum SegmentMotion {
 }
 
 /// Geometry in machine coordinates.
+// a kind of one byte would be moved with the odd bytes beside it, which takes longer
+#[repr(u64)]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {
     /// A straight line.

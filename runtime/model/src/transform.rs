@@ -59,7 +59,9 @@ impl Transform {
             }
         }
         let mut point = self.rotated(point, 1.0).plus(self.local).plus(self.work_offset);
-        point[Axis::Z] += self.tool_length;
+        if self.tool_length != 0.0 {
+            point[Axis::Z] += self.tool_length;
+        }
         point
     }
 
@@ -83,7 +85,9 @@ impl Transform {
 
     /// The programmed point of a machine position. Scale factors must not be zero.
     pub fn inverse(&self, mut point: AxisVector) -> AxisVector {
-        point[Axis::Z] -= self.tool_length;
+        if self.tool_length != 0.0 {
+            point[Axis::Z] -= self.tool_length;
+        }
         let mut point = self.rotated(point.minus(self.work_offset).minus(self.local), -1.0);
         if let Some(scaling) = &self.scaling {
             for (axis, factor) in Axis::ORTHOGONAL.into_iter().zip(scaling.factors) {
@@ -104,14 +108,12 @@ impl Transform {
     }
 
     /// Rotated about the centre, forth (`sense` 1) or back (-1).
-    fn rotated(&self, mut point: AxisVector, sense: f64) -> AxisVector {
-        if let Some(rotation) = &self.rotation {
-            let from_centre = turned(rotation, point.minus(rotation.centre), sense);
-            for axis in rotation.plane.axes() {
-                point[axis] = rotation.centre[axis] + from_centre[axis];
-            }
+    #[inline]
+    fn rotated(&self, point: AxisVector, sense: f64) -> AxisVector {
+        match &self.rotation {
+            Some(rotation) => rotated_by(rotation, point, sense),
+            None => point,
         }
-        point
     }
 
     /// The position of a tool at this machine position in the coordinates that G51 scales.
@@ -132,6 +134,15 @@ impl Transform {
         }
         .before_scaling(machine)
     }
+}
+
+#[inline(never)]
+fn rotated_by(rotation: &Rotation, mut point: AxisVector, sense: f64) -> AxisVector {
+    let from_centre = turned(rotation, point.minus(rotation.centre), sense);
+    for axis in rotation.plane.axes() {
+        point[axis] = rotation.centre[axis] + from_centre[axis];
+    }
+    point
 }
 
 /// The vector turned in the rotation's plane, forth (`sense` 1) or back (-1).

@@ -2,7 +2,7 @@
 
 use tandem_model::alarm::check_finite;
 use tandem_model::flow::Path;
-use tandem_model::{Alarm, AxisVector};
+use tandem_model::{Alarm, Axis, AxisVector};
 
 /// Distances below this are rounding, not motion: mm or degrees. It is also the tolerance of the soft limits.
 ///
@@ -32,4 +32,10 @@ pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
         .0
         .iter()
         .any(|distance| distance.abs() >= LENGTH_MIN)
+}
+
+/// True for a way on which X, Y and Z stand still but for rounding. Its length is only calculated where each of them does.
+pub(crate) fn turns_only(way: AxisVector) -> bool {
+    let stands = |axis: Axis| way[axis].abs() < LENGTH_MIN;
+    Axis::ORTHOGONAL.into_iter().all(stands) && way.orthogonal_length() < LENGTH_MIN
 }

@@ -9,7 +9,7 @@ use tandem_model::settings::{CoordinateSystemSettings, RotaryFeed};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
 
 use crate::compensation::{Compensator, Leg, Rounding, Side};
-use crate::length::{LENGTH_MIN, line_between, moves};
+use crate::length::{line_between, moves, turns_only};
 use crate::transform::{self, finite};
 
 /// The path stage of one coordinate system.
@@ -467,7 +467,7 @@ impl PathStage {
     fn feed_along(&self, block: &Block, path: &Path) -> Result<Feed, Alarm> {
         let in_degrees = self.settings.path.rotary_feed == RotaryFeed::Degrees;
         let rotary_only = match path {
-            Path::Line { from, to, .. } => in_degrees && to.minus(*from).orthogonal_length() < LENGTH_MIN,
+            Path::Line { from, to, .. } => in_degrees && turns_only(to.minus(*from)),
             Path::Arc(_) => false,
         };
         let mut feed = self.feed_in_force(block, rotary_only)?;

@@ -39,11 +39,11 @@ impl PathStage {
     /// True for a block of A alone on which F has no effect.
     pub(crate) fn turns_freely(&self, from: AxisVector, to: AxisVector) -> bool {
         let way = to.minus(from);
-        let on_surface = way[Axis::A].abs().to_radians() * self.radius_about_a(from);
-        self.settings.path.rotary_feed == RotaryFeed::Surface
+        let is_alone = self.settings.path.rotary_feed == RotaryFeed::Surface
             && way[Axis::A].abs() >= LENGTH_MIN
-            && way.orthogonal_length() < LENGTH_MIN
-            && (on_surface < LENGTH_MIN || self.is_highest(from))
+            && way.orthogonal_length() < LENGTH_MIN;
+        let on_surface = || way[Axis::A].abs().to_radians() * self.radius_about_a(from);
+        is_alone && (on_surface() < LENGTH_MIN || self.is_highest(from))
     }
 
     /// How far the tool is from the centre of rotation at a machine position, mm.

@@ -2,7 +2,7 @@
 
 use tandem_model::alarm::{AXIS_MISSING, OFFSET_IN_FORCE, SOFT_LIMIT};
 use tandem_model::flow::{Action, AxisWords, Block, Compensation, Distance, Frame, Path, SegmentMotion};
-use tandem_model::{Alarm, ArcPath, Axis, AxisSet, AxisVector, Origin};
+use tandem_model::{Alarm, ArcPath, Axis, AxisVector, Origin};
 
 use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
@@ -49,33 +49,28 @@ impl PathStage {
     pub(crate) fn work_target(&self, words: &AxisWords, moves: bool) -> AxisVector {
         let transform = &self.transform;
         let mut from = self.at;
-        if moves {
+        if moves && self.tool_shift != 0.0 {
             from[Axis::Z] += self.tool_shift;
         }
-        let mut programmed = match words.distance {
+        let before = match words.distance {
             Distance::Absolute => transform.inverse(from),
             Distance::Incremental => AxisVector::ZERO,
         };
-        let mut moved = AxisSet::EMPTY;
-        for axis in words.named.iter() {
-            programmed[axis] = words.values[axis];
-            moved.insert(axis);
-            for coupled in transform::couples(transform, axis).into_iter().flatten() {
-                moved.insert(coupled);
-            }
-        }
+        let programmed = before.replaced(words.named, words.values);
         let target = match words.distance {
             Distance::Absolute => transform.forward(programmed),
             Distance::Incremental => from.plus(transform.linear(programmed)),
         };
-        let mut to = from;
-        for axis in moved.iter() {
-            let is_rounding = (target[axis] - from[axis]).abs() < LENGTH_MIN;
-            if words.named.contains(axis) || !is_rounding {
-                to[axis] = target[axis];
+        let moved = transform::moved(transform, words.named);
+        let without_rounding = from.zip(target, |from, target| {
+            if (target - from).abs() < LENGTH_MIN {
+                from
+            } else {
+                target
             }
-        }
-        to
+        });
+        let to = from.replaced(moved, without_rounding);
+        to.replaced(words.named, target)
     }
 
     /// After a motion block: Z is at the position for the tool length in force (D22), or at that of G53.
@@ -132,8 +127,7 @@ impl PathStage {
 
     /// Checks that the axes that move end within their limits.
     pub(crate) fn within_all_soft_limits(&self, from: AxisVector, to: AxisVector) -> Result<(), Alarm> {
-        Axis::ALL
-            .into_iter()
+        (self.axes.iter())
             .filter(|&axis| (to[axis] - from[axis]).abs() >= LENGTH_MIN)
             .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))
     }

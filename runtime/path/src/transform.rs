@@ -3,12 +3,20 @@
 use tandem_model::alarm::{VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::Transform;
 use tandem_model::plane::Plane;
-use tandem_model::{Alarm, Axis, AxisVector};
+use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 
-/// The axes of the rotation's plane when this is one of them: a word of one moves both.
-pub(crate) fn couples(transform: &Transform, axis: Axis) -> Option<[Axis; 2]> {
-    let axes = transform.rotation.as_ref()?.plane.axes();
-    axes.contains(&axis).then_some(axes)
+/// The axes that words of these axes move: a word of one axis of the rotation's plane moves both.
+pub(crate) fn moved(transform: &Transform, named: AxisSet) -> AxisSet {
+    let mut moved = named;
+    if let Some(rotation) = &transform.rotation {
+        let plane = rotation.plane.axes();
+        if plane.iter().any(|axis| named.contains(*axis)) {
+            for axis in plane {
+                moved.insert(axis);
+            }
+        }
+    }
+    moved
 }
 
 /// The scale of an arc of this plane, and whether its sense of turning changes; `None` when the result is no arc of this
@@ -85,7 +93,17 @@ pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
 
 /// # Errors
 /// `VALUE_NOT_FINITE`, with the name of the first axis whose value is not a number.
+#[inline]
 pub(crate) fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
+    if vector.0.iter().fold(true, |all, value| all & value.is_finite()) {
+        Ok(())
+    } else {
+        not_finite(vector, name)
+    }
+}
+
+#[cold]
+fn not_finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
     Axis::ALL.into_iter().try_for_each(|axis| {
         let name = format_args!("The {name} of axis {}", axis.letter());
         check_finite(name, vector[axis])

@@ -289,14 +289,17 @@ impl Channel {
 
     /// Keeps the cycle for those who look back.
     pub(crate) fn keep_trace(&mut self, time_s: f64) {
-        self.tracer.see(&Cycle {
-            time_s,
-            feedrate_mm_min: self.feedrate_mm_min(),
-            spindle_rpm: self.spindle_state().rpm,
-            commanded: self.setpoint,
-            actual: self.motors.actual(),
-            velocity: self.velocity,
-        });
+        if let Some(acceleration) = self.tracer.see(self.velocity) {
+            let cycle = Cycle {
+                time_s,
+                feedrate_mm_min: self.feedrate_mm_min(),
+                spindle_rpm: self.spindle_state().rpm,
+                commanded: self.setpoint,
+                actual: self.motors.actual(),
+                velocity: self.velocity,
+            };
+            self.tracer.keep(&cycle, acceleration);
+        }
     }
 
     pub(crate) fn publish(&self, time_s: f64) {

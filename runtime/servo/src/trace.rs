@@ -160,7 +160,7 @@ pub(crate) struct Tracer {
     /// Cycles from one sample to the next, and those that are left.
     every: u32,
     left: u32,
-    /// Velocity of the cycle before; `None`: it is not known.
+    /// Velocity of the cycle before one that is due; `None`: it is not known.
     before: Option<AxisVector>,
 }
 
@@ -183,19 +183,24 @@ impl Tracer {
         Arc::clone(&self.trace)
     }
 
-    /// Looks at each cycle, and keeps those that are due.
-    pub(crate) fn see(&mut self, cycle: &Cycle) {
-        let before = self.before.replace(cycle.velocity);
+    /// Looks at the velocity of each cycle: the acceleration of one that is due, which is then kept.
+    pub(crate) fn see(&mut self, velocity: AxisVector) -> Option<AxisVector> {
         if self.left > 0 {
             self.left -= 1;
-            return;
+            if self.left == 0 {
+                self.before = Some(velocity);
+            }
+            return None;
         }
         // behind cycles that were left out the next one is as good
-        if let Some(before) = before {
-            self.left = self.every - 1;
-            let change = cycle.velocity.minus(before);
-            self.trace.write(cycle, change.scaled(1.0 / self.period_s));
-        }
+        let before = self.before.replace(velocity)?;
+        self.left = self.every - 1;
+        Some(velocity.minus(before).scaled(1.0 / self.period_s))
+    }
+
+    /// Keeps a cycle that is due.
+    pub(crate) fn keep(&self, cycle: &Cycle, acceleration: AxisVector) {
+        self.trace.write(cycle, acceleration);
     }
 
     /// Cycles were left out.
@@ -234,10 +239,16 @@ mod tests {
         }
     }
 
+    fn see(tracer: &mut Tracer, cycle: &Cycle) {
+        if let Some(acceleration) = tracer.see(cycle.velocity) {
+            tracer.keep(cycle, acceleration);
+        }
+    }
+
     #[test]
     fn every_tenth_of_a_millisecond_cycle_is_kept_with_the_change_of_its_velocity() {
         let mut tracer = Tracer::new(axes(), PERIOD_S);
-        (1..=31).for_each(|n| tracer.see(&cycle(n)));
+        (1..=31).for_each(|n| see(&mut tracer, &cycle(n)));
         let (first, samples) = tracer.trace().read(0, 100);
         assert_eq!(first, 0);
         let kept: Vec<_> = samples.iter().map(|sample| sample.motions[0].position).collect();
@@ -253,10 +264,10 @@ mod tests {
     #[test]
     fn behind_cycles_that_were_left_out_no_acceleration_is_made_up() {
         let mut tracer = Tracer::new(axes(), PERIOD_S);
-        tracer.see(&cycle(1));
+        see(&mut tracer, &cycle(1));
         tracer.skip(500);
-        tracer.see(&cycle(502));
-        tracer.see(&cycle(503));
+        see(&mut tracer, &cycle(502));
+        see(&mut tracer, &cycle(503));
         let (_, samples) = tracer.trace().read(0, 10);
         let kept: Vec<_> = samples.iter().map(|sample| sample.motions[0].position).collect();
         assert_eq!(kept, [1.0, 503.0]);
@@ -265,7 +276,7 @@ mod tests {
     #[test]
     fn the_last_6000_samples_are_kept() {
         let mut tracer = Tracer::new(axes(), 0.01);
-        (0..7000).for_each(|n| tracer.see(&cycle(n)));
+        (0..7000).for_each(|n| see(&mut tracer, &cycle(n)));
         let (first, samples) = tracer.trace().read(0, usize::MAX);
         assert_eq!((first, samples.len()), (1000, 6000));
         assert_eq!(samples[0].motions[0].position.to_bits(), 1000.0_f64.to_bits());
@@ -285,7 +296,7 @@ mod tests {
         });
         let mut n = 0;
         while !reader.is_finished() {
-            tracer.see(&cycle(n % 100_000));
+            see(&mut tracer, &cycle(n % 100_000));
             n += 1;
         }
         reader.join().unwrap();
