@@ -9,7 +9,7 @@ use tandem_model::flow::Path;
 use tandem_model::settings::RotaryFeed;
 use tandem_model::{Alarm, Axis, AxisVector};
 
-use crate::length::LENGTH_MIN;
+use crate::length::{LENGTH_MIN, turns_only};
 use crate::stage::PathStage;
 
 impl PathStage {
@@ -41,7 +41,7 @@ impl PathStage {
         let way = to.minus(from);
         let is_alone = self.settings.path.rotary_feed == RotaryFeed::Surface
             && way[Axis::A].abs() >= LENGTH_MIN
-            && way.orthogonal_length() < LENGTH_MIN;
+            && turns_only(way);
         let on_surface = || way[Axis::A].abs().to_radians() * self.radius_about_a(from);
         is_alone && (on_surface() < LENGTH_MIN || self.is_highest(from))
     }
