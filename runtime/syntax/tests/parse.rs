@@ -591,8 +591,7 @@ fn a_captured_position_may_have_its_index_in_parentheses() {
 #[test]
 fn one_mistake_is_one_finding() {
     check("P0=1e3", &["1:4 E0006"]);
-    check("X1e3 Y2", &["1:1 E0006"]);
-    check("X1e3.5 Y2", &["1:1 E0006"]);
+    check("X1e3 Y2\nX1e3.5 Y2", &["1:1 E0006", "2:1 E0006"]);
     check("for(L1=0;L1<3;L1++) {\nX1\n}\nY2", &["1:1 E0007"]);
     check(
         "for (L1=0; L1<3; L1=L1+1)\n{\nX1\nif(L1==1) { X2 }\n}\nY2 Y3",
