@@ -35,7 +35,8 @@ fn spec() -> OutputSpec {
 }
 
 /// One output through its life: four operations, with `open` others open beside it.
-#[divan::bench(args = [0, 8, 63])]
+// many in a sample: a life takes as long as 20 steps of the clock
+#[divan::bench(args = [0, 8, 63], sample_size = 100)]
 fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     let boot_id = BootId("boot".to_owned());
     let mut ledger = Ledger::new(boot_id.clone(), 1, 64);

@@ -397,8 +397,9 @@ impl FakePort {
         let now = inner.now();
         let ledger = &mut inner.systems.get_mut(&cs)?.ledger;
         let result = use_it(ledger, now);
+        let effects: Vec<Effect> = ledger.take_effects().collect();
         let mut failed = None;
-        for effect in ledger.take_effects() {
+        for effect in effects {
             if let Effect::Closed { m, how, .. } = &effect {
                 failed = failed.or_else(|| alarms::of(*m, how));
             }

@@ -36,16 +36,13 @@ use closed::{ClosedOutputs, Fate};
 use identity::{Denied, LiveHandlers};
 use result::{check_code, fault_alarm, result_of, status_of};
 
-/// Names an output for ever: boots are never the same again.
-pub(crate) fn output_id(boot_id: &BootId, cs: CoordinateSystemNumber, seq: u64) -> String {
-    format!("{}.{cs}.{seq}", boot_id.0)
-}
-
 /// The outputs of one coordinate system.
 #[derive(Debug)]
 pub struct Ledger {
     boot_id: BootId,
     cs: CoordinateSystemNumber,
+    /// `boot_id.cs.`: with `seq` it names an output for ever, since boots are never the same again.
+    id_prefix: String,
     open_outputs_max: usize,
     next_seq: u64,
     // ascending by seq
@@ -59,6 +56,7 @@ impl Ledger {
     /// An empty ledger; its first output has `seq` 1. `open_outputs_max` of 0 counts as 1.
     pub fn new(boot_id: BootId, cs: CoordinateSystemNumber, open_outputs_max: usize) -> Self {
         Self {
+            id_prefix: format!("{}.{cs}.", boot_id.0),
             boot_id,
             cs,
             open_outputs_max: open_outputs_max.max(1),
@@ -82,7 +80,7 @@ impl Ledger {
         self.next_seq += 1;
         self.open.push(OpenOutput {
             notice: OutputNotice {
-                id: output_id(&self.boot_id, self.cs, seq),
+                id: [&*self.id_prefix, &seq.to_string()].concat(),
                 seq,
                 run_id: spec.run_id,
                 m: spec.m,
@@ -353,13 +351,15 @@ impl Ledger {
         if self.open.is_empty() {
             return;
         }
-        let open = std::mem::take(&mut self.open);
-        for output in open.iter().filter(|output| output.state != OutputState::Queued) {
-            self.cancel(output, reason);
+        let open: Vec<_> = self.open.drain(..).map(|output| output.in_short()).collect();
+        for (seq, m, state) in &open {
+            if *state != OutputState::Queued {
+                self.cancel((*seq, *m), reason);
+            }
         }
         self.pending_changed();
         for output in open {
-            self.end(&output, Closed::Cancelled(reason));
+            self.end(output, Closed::Cancelled(reason));
         }
     }
 
@@ -416,8 +416,8 @@ impl Ledger {
     }
 
     /// The effects since the last call, in order. Take them after each call that changes something.
-    pub fn take_effects(&mut self) -> impl Iterator<Item = Effect> + use<> {
-        std::mem::take(&mut self.effects).into_iter()
+    pub fn take_effects(&mut self) -> impl Iterator<Item = Effect> {
+        self.effects.drain(..)
     }
 }
 
@@ -482,23 +482,22 @@ impl Ledger {
     }
 
     fn close(&mut self, place: usize, how: Closed, cancel: Option<CancelReason>) {
-        let output = self.open.remove(place);
+        let (seq, m, state) = self.open[place].in_short();
+        self.open.drain(place..=place);
         if let Some(reason) = cancel {
-            self.cancel(&output, reason);
+            self.cancel((seq, m), reason);
         }
         self.pending_changed();
-        self.end(&output, how);
+        self.end((seq, m, state), how);
     }
 
-    fn cancel(&mut self, output: &OpenOutput, reason: CancelReason) {
-        let (seq, m) = (output.notice.seq, output.notice.m);
+    fn cancel(&mut self, (seq, m): (u64, u16), reason: CancelReason) {
         let cancel = Cancel { seq, reason };
         self.effects.push(Effect::Cancel { m, cancel });
     }
 
-    fn end(&mut self, output: &OpenOutput, how: Closed) {
-        let (seq, m) = (output.notice.seq, output.notice.m);
-        let fate = match (&how, output.state) {
+    fn end(&mut self, (seq, m, state): (u64, u16, OutputState), how: Closed) {
+        let fate = match (&how, state) {
             (_, OutputState::Queued) => Fate::NeverMade,
             (Closed::Reset, _) => Fate::Reset,
             _ => Fate::Ended,
@@ -509,8 +508,8 @@ impl Ledger {
 
     /// Publishes a result under the M number of the request, else of the output.
     fn tell(&mut self, m: Option<u16>, result: &HandshakeResult) {
-        let open = self.get(result.seq).map(|output| output.notice.m);
-        let known = || open.or_else(|| self.closed.m(result.seq));
+        let open = || self.get(result.seq).map(|output| output.notice.m);
+        let known = || open().or_else(|| self.closed.m(result.seq));
         if let Some(m) = m.or_else(known) {
             let result = result.clone();
             self.effects.push(Effect::Result { m, result });
@@ -518,7 +517,7 @@ impl Ledger {
     }
 
     fn pending_changed(&mut self) {
-        if self.effects.last() != Some(&Effect::PendingChanged) {
+        if !matches!(self.effects.last(), Some(Effect::PendingChanged)) {
             self.effects.push(Effect::PendingChanged);
         }
     }

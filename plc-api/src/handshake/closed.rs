@@ -1,6 +1,6 @@
 //! Memory of closed outputs, so that a late claim or reset gets the right answer.
 
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 
 use crate::types::output::HandshakeStatus;
 
@@ -18,30 +18,48 @@ pub(super) enum Fate {
     NeverMade,
 }
 
+#[derive(Debug, Clone, Copy)]
+struct ClosedOutput {
+    seq: u64,
+    m: u16,
+    fate: Fate,
+}
+
 #[derive(Debug, Default)]
 pub(super) struct ClosedOutputs {
-    by_seq: BTreeMap<u64, (u16, Fate)>,
+    // ascending by seq: outputs end in about the order in which they were made, so that most go to the end
+    by_seq: VecDeque<ClosedOutput>,
 }
 
 impl ClosedOutputs {
     pub(super) fn remember(&mut self, seq: u64, m: u16, fate: Fate) {
-        self.by_seq.insert(seq, (m, fate));
+        let later = self.by_seq.iter().rev().take_while(|known| known.seq > seq);
+        let place = self.by_seq.len() - later.count();
+        self.by_seq.insert(place, ClosedOutput { seq, m, fate });
         if self.by_seq.len() > CLOSED_REMEMBERED {
-            self.by_seq.pop_first();
+            self.by_seq.pop_front();
         }
     }
 
     /// The answer to a claim or reset of an output of this boot that is not open.
     pub(super) fn answer(&self, seq: u64, m: Option<u16>) -> HandshakeStatus {
-        match self.by_seq.get(&seq) {
-            Some((closed_m, _)) if m.is_some_and(|m| m != *closed_m) => HandshakeStatus::Unknown,
-            Some((_, Fate::Reset)) => HandshakeStatus::Duplicate,
-            Some((_, Fate::Ended)) | None => HandshakeStatus::Stale,
-            Some((_, Fate::NeverMade)) => HandshakeStatus::Unknown,
+        let Some(closed) = self.get(seq) else {
+            return HandshakeStatus::Stale;
+        };
+        match closed.fate {
+            _ if m.is_some_and(|m| m != closed.m) => HandshakeStatus::Unknown,
+            Fate::Reset => HandshakeStatus::Duplicate,
+            Fate::Ended => HandshakeStatus::Stale,
+            Fate::NeverMade => HandshakeStatus::Unknown,
         }
     }
 
     pub(super) fn m(&self, seq: u64) -> Option<u16> {
-        self.by_seq.get(&seq).map(|(m, _)| *m)
+        self.get(seq).map(|closed| closed.m)
+    }
+
+    fn get(&self, seq: u64) -> Option<&ClosedOutput> {
+        let place = self.by_seq.binary_search_by_key(&seq, |closed| closed.seq).ok()?;
+        self.by_seq.get(place)
     }
 }

@@ -80,6 +80,11 @@ pub struct OpenOutput {
 }
 
 impl OpenOutput {
+    /// Sequence number, M number and state.
+    pub(super) fn in_short(&self) -> (u64, u16, OutputState) {
+        (self.notice.seq, self.notice.m, self.state)
+    }
+
     /// Its entry in `m_code/pending`.
     pub fn to_pending(&self) -> PendingOutput {
         PendingOutput {
