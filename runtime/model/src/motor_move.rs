@@ -77,6 +77,7 @@ impl MotorMove {
     }
 
     /// Distance from the start after `t_s` seconds.
+    #[inline]
     pub fn distance(&self, t_s: f64) -> f64 {
         if self.ramp_s <= 0.0 || t_s <= 0.0 {
             return 0.0;

@@ -20,7 +20,7 @@ use tandem_model::profile::{
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
-use tandem_servo::{ChannelHandle, Control, Servo};
+use tandem_servo::{ChannelHandle, Control, Servo, TRACE_SAMPLES};
 
 const T: f64 = 0.001;
 
@@ -47,8 +47,13 @@ fn settings(axes: usize) -> CoordinateSystemSettings {
     }
 }
 
+/// Has run so long that each page of its traces is in memory.
 fn servo(settings: &CoordinateSystemSettings, channels: usize) -> (Servo, Vec<ChannelHandle>) {
-    Servo::simulated(&vec![(settings, 16); channels], T)
+    let (mut servo, handles) = Servo::simulated(&vec![(settings, 16); channels], T);
+    for _ in 0..10 * TRACE_SAMPLES {
+        servo.cycle();
+    }
+    (servo, handles)
 }
 
 /// A slow way of all axes that lasts as long as the bench.

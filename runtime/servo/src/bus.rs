@@ -39,7 +39,7 @@ impl Feedback {
     }
 
     pub(crate) fn is_operational(self) -> bool {
-        self.is_enabled && self.is_homed && self.fault == 0
+        self.is_enabled & self.is_homed & (self.fault == 0)
     }
 }
 

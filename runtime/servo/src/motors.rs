@@ -32,6 +32,7 @@ pub(crate) struct Motors {
     deceleration: [f64; AXES_MAX],
     /// The axes with a motor, by its place on the bus, then those without.
     by_place: [Axis; AXES_MAX],
+    with_motor: AxisSet,
     /// What a simulated probe touches.
     round: Option<SimulatedRound>,
     /// On the bus.
@@ -77,9 +78,14 @@ impl Motors {
         let mut by_place = Axis::ALL;
         by_place.sort_by_key(|axis| settings.motors[axis.index()].is_none());
         let places = first_place..first_place + settings.motors.iter().flatten().count();
+        let mut with_motor = AxisSet::EMPTY;
+        for axis in &by_place[..places.len()] {
+            with_motor.insert(*axis);
+        }
         let mut motors = Self {
             axes,
             by_place,
+            with_motor,
             deceleration,
             round: settings.motion.simulated_round,
             is_ideal: places.clone().all(|place| bus.is_ideal(place)),
@@ -110,25 +116,37 @@ impl Motors {
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
         let (with_motor, without_motor) = self.by_place.split_at(feedback.len());
         let (mut changed, mut are_operational) = (0, true);
-        let mut homed = AxisSet::EMPTY;
         for (axis, feedback) in with_motor.iter().zip(feedback) {
             let actual = &mut self.actual[*axis];
             changed |= actual.to_bits() ^ feedback.position.to_bits();
             *actual = feedback.position;
             are_operational &= feedback.is_operational();
-            if feedback.is_homed {
-                homed.insert(*axis);
-            }
         }
         for axis in without_motor {
             self.actual[*axis] = setpoint[*axis];
         }
+        let homed = if are_operational {
+            self.with_motor
+        } else {
+            self.find_homed(feedback)
+        };
         self.settled = changed == 0 && homed == self.homed;
         self.homed = homed;
         self.trouble = None;
         if !are_operational {
             self.trouble = self.find_trouble(feedback);
         }
+    }
+
+    #[cold]
+    fn find_homed(&self, feedback: &[Feedback]) -> AxisSet {
+        let mut homed = AxisSet::EMPTY;
+        for (axis, feedback) in self.by_place.iter().zip(feedback) {
+            if feedback.is_homed {
+                homed.insert(*axis);
+            }
+        }
+        homed
     }
 
     /// The gravest first: a fault of a drive, a motor that is not homed, a drive without power.
