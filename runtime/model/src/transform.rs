@@ -51,18 +51,36 @@ pub struct Rotation {
 
 impl Transform {
     /// The machine position of a programmed point: mirror, scaling, rotation, local, work offset, tool length.
+    #[inline]
     pub fn forward(&self, point: AxisVector) -> AxisVector {
+        let point = if self.only_shifts() {
+            point
+        } else {
+            self.formed(point)
+        };
+        let mut point = point.plus(self.local).plus(self.work_offset);
+        if self.tool_length != 0.0 {
+            point[Axis::Z] += self.tool_length;
+        }
+        point
+    }
+
+    /// True without mirror, scaling and rotation: the case of most programs, for which a point does not leave the registers.
+    #[inline]
+    fn only_shifts(&self) -> bool {
+        self.mirror.is_none() && self.scaling.is_none() && self.rotation.is_none()
+    }
+
+    /// Mirrored, scaled and rotated.
+    #[inline(never)]
+    fn formed(&self, point: AxisVector) -> AxisVector {
         let mut point = self.mirrored(point);
         if let Some(scaling) = &self.scaling {
             for (axis, factor) in Axis::ORTHOGONAL.into_iter().zip(scaling.factors) {
                 point[axis] = scaling.centre[axis] + (point[axis] - scaling.centre[axis]) * factor;
             }
         }
-        let mut point = self.rotated(point, 1.0).plus(self.local).plus(self.work_offset);
-        if self.tool_length != 0.0 {
-            point[Axis::Z] += self.tool_length;
-        }
-        point
+        self.rotated(point, 1.0)
     }
 
     /// The machine distance of a programmed distance: [`forward`](Self::forward) without centres and offsets.
@@ -84,11 +102,23 @@ impl Transform {
     }
 
     /// The programmed point of a machine position. Scale factors must not be zero.
+    #[inline]
     pub fn inverse(&self, mut point: AxisVector) -> AxisVector {
         if self.tool_length != 0.0 {
             point[Axis::Z] -= self.tool_length;
         }
-        let mut point = self.rotated(point.minus(self.work_offset).minus(self.local), -1.0);
+        let point = point.minus(self.work_offset).minus(self.local);
+        if self.only_shifts() {
+            point
+        } else {
+            self.formed_back(point)
+        }
+    }
+
+    /// Rotated, scaled and mirrored back.
+    #[inline(never)]
+    fn formed_back(&self, point: AxisVector) -> AxisVector {
+        let mut point = self.rotated(point, -1.0);
         if let Some(scaling) = &self.scaling {
             for (axis, factor) in Axis::ORTHOGONAL.into_iter().zip(scaling.factors) {
                 point[axis] = scaling.centre[axis] + (point[axis] - scaling.centre[axis]) / factor;
@@ -108,12 +138,14 @@ impl Transform {
     }
 
     /// Rotated about the centre, forth (`sense` 1) or back (-1).
-    #[inline]
-    fn rotated(&self, point: AxisVector, sense: f64) -> AxisVector {
-        match &self.rotation {
-            Some(rotation) => rotated_by(rotation, point, sense),
-            None => point,
+    fn rotated(&self, mut point: AxisVector, sense: f64) -> AxisVector {
+        if let Some(rotation) = &self.rotation {
+            let from_centre = turned(rotation, point.minus(rotation.centre), sense);
+            for axis in rotation.plane.axes() {
+                point[axis] = rotation.centre[axis] + from_centre[axis];
+            }
         }
+        point
     }
 
     /// The position of a tool at this machine position in the coordinates that G51 scales.
@@ -134,15 +166,6 @@ impl Transform {
         }
         .before_scaling(machine)
     }
-}
-
-#[inline(never)]
-fn rotated_by(rotation: &Rotation, mut point: AxisVector, sense: f64) -> AxisVector {
-    let from_centre = turned(rotation, point.minus(rotation.centre), sense);
-    for axis in rotation.plane.axes() {
-        point[axis] = rotation.centre[axis] + from_centre[axis];
-    }
-    point
 }
 
 /// The vector turned in the rotation's plane, forth (`sense` 1) or back (-1).
