@@ -24,7 +24,8 @@ export function parseAddress(text) {
   const [authority, path] = split(rest, "/");
   const at = authority.lastIndexOf("@");
   const hosts = authority.slice(at + 1);
-  const shown = `${scheme}://${hosts}/${path}`;
+  // what stands before an @ may be a password, wherever it is
+  const shown = `${scheme}://${rest.slice(rest.lastIndexOf("@") + 1)}`;
   /** @param {string} reason */
   const wrong = (reason) => new AddressError(`${shown} is not an address of a machine: ${reason}`);
 
@@ -52,7 +53,7 @@ function parseNode(text, port, wrong) {
   if (host === undefined) throw wrong(`${JSON.stringify(text)} is not host:port; an IPv6 address stands in [ ]`);
   if (host === "") throw wrong("it names no host; write mqtt://host:port/machine");
   if (given === undefined) return { host, port };
-  if (!/^\d{1,5}$/.test(given) || Number(given) < 1 || Number(given) > 65_535) throw wrong(`${JSON.stringify(given)} is not a port number`);
+  if (!/^\d{1,5}$/.test(given) || Number(given) < 1 || Number(given) > 65_535) throw wrong("its port is not a number; / @ and : of a password are written %2F, %40 and %3A");
   return { host, port: Number(given) };
 }
 

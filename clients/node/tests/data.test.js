@@ -27,10 +27,11 @@ test("an address names brokers, user, prefix and machine", () => {
   assert.equal(shown, "mqtts://a,b:1884,[::1]/hall/3/mill-1");
 });
 
-for (const wrong of ["host:1883", ":1883/m", "h:x/m", "h:0/m", "h/a/#/m", "h//m", "[::1/m", `${"a,".repeat(16)}a/m`]) {
-  test(`an address that is wrong is refused without the password: ${wrong.slice(0, 20)}`, () => {
+const behindUser = ["host:1883", ":1883/m", "h:x/m", "h:0/m", "h/a/#/m", "h//m", "[::1/m", `${"a,".repeat(16)}a/m`];
+for (const wrong of [...behindUser.map((rest) => `mqtt://u:secret@${rest}`), "mqtt://u:secret/@h/m", "mqtt://h,mqtt://u:secret@i/m"]) {
+  test(`an address that is wrong is refused without the password: ${wrong.slice(0, 32)}`, () => {
     const refused = (/** @type {unknown} */ error) => error instanceof AddressError && !error.message.includes("secret");
-    assert.throws(() => parseAddress(`mqtt://u:secret@${wrong}`), refused);
+    assert.throws(() => parseAddress(wrong), refused);
   });
 }
 

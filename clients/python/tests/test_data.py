@@ -40,6 +40,8 @@ def test_an_address_names_brokers_user_prefix_and_machine() -> None:
         "mqtt://u:secret@h/a/#/m",
         "mqtt://u:secret@h//m",
         "mqtt://u:secret@[::1/m",
+        "mqtt://u:secret/@h/m",
+        "mqtt://h,mqtt://u:secret@i/m",
         "http://u:secret@h/m",
         f"mqtt://u:secret@{'a,' * 16}a/m",
     ],

@@ -36,7 +36,8 @@ class Address:
             scheme, rest = "mqtt", text
         authority, _, path = rest.partition("/")
         login, found, hosts = authority.rpartition("@")
-        shown = f"{scheme}://{hosts}/{path}"
+        # what stands before an @ may be a password, wherever it is
+        shown = f"{scheme}://{rest.rpartition('@')[2]}"
 
         def wrong(reason: str) -> AddressError:
             return AddressError(f"{shown} is not an address of a machine: {reason}")
@@ -79,5 +80,5 @@ def _node(text: str, default: int) -> tuple[str, int]:
     if port is None:
         return host, default
     if not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
-        raise ValueError(f"{port!r} is not a port number")
+        raise ValueError("its port is not a number; / @ and : of a password are written %2F, %40 and %3A")
     return host, int(port)

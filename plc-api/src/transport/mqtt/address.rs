@@ -37,11 +37,17 @@ impl Address {
         let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
         let with_user = authority.rsplit_once('@');
         let (user, host) = with_user.map_or((None, authority), |(user, host)| (Some(user), host));
-        let shown = format!("{scheme}://{host}/{path}");
+        // what stands before an @ may be a password, wherever it is
+        let after_user = rest.rsplit_once('@').map_or(rest, |(_, after)| after);
+        let shown = format!("{scheme}://{after_user}");
         let wrong = |reason: String| Error::Address {
             address: shown.clone(),
             reason,
         };
+        if rest.contains("://") {
+            let reason = "mqtt:// stands once, before all hosts; write mqtt://host:port,host:port/machine";
+            return Err(wrong(reason.to_owned()));
+        }
         let port = if tls { TLS_PORT_DEFAULT } else { PORT_DEFAULT };
         let nodes = host.split(',').map(|node| host_and_port(node, port));
         let nodes: Vec<_> = nodes.collect::<Result<_, _>>().map_err(wrong)?;
@@ -92,9 +98,9 @@ fn host_and_port(text: &str, default: u16) -> Result<(String, u16), String> {
     }
     let port = match port {
         None => default,
-        Some(port) => port
-            .parse()
-            .map_err(|_| format!("{port:?} is not a port number"))?,
+        Some(port) => port.parse().map_err(|_| {
+            "its port is not a number; / @ and : of a password are written %2F, %40 and %3A".to_owned()
+        })?,
     };
     Ok((host.to_owned(), port))
 }
@@ -143,6 +149,8 @@ mod tests {
             assert!(Address::parse(wrong).is_err(), "{wrong}");
         }
         assert!(Address::parse(&format!("mqtt://{}a/m", "a,".repeat(16))).is_err());
+        let error = Address::parse("mqtt://a,mqtt://b/m").unwrap_err().to_string();
+        assert!(error.contains("stands once, before all hosts"), "{error}");
     }
 
     #[test]
@@ -154,6 +162,8 @@ mod tests {
             "mqtt://h/a/#/m",
             "mqtt://u:secret@h//m",
             "mqtt://[::1/m",
+            "mqtt://u:secret/@h/m",
+            "mqtt://h,mqtt://u:secret@i/m",
         ] {
             let error = Address::parse(wrong).unwrap_err().to_string();
             assert!(!error.contains("secret"), "{error}");
