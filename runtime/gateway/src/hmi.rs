@@ -43,7 +43,7 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
 }
 
 /// Adds the security headers for browsers to every response, except those that it has.
-pub(crate) async fn security_headers(mut response: Response) -> Response {
+pub(crate) fn add_security_headers(response: &mut Response) {
     let headers = [
         (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -56,7 +56,6 @@ pub(crate) async fn security_headers(mut response: Response) -> Response {
             .entry(name)
             .or_insert(HeaderValue::from_static(value));
     }
-    response
 }
 
 async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {

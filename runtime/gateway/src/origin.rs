@@ -5,14 +5,11 @@
 //! origins in `[http] allow_origins` may use it as well; they need a token, which they must have from their user.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
-use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
 use crate::problem::Problem;
@@ -41,18 +38,14 @@ pub(crate) fn shared_with(origins: &[HeaderValue]) -> CorsLayer {
 }
 
 /// Admits requests with our Host, and our Origin or none.
-pub(crate) async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
-    let allowed = shared.access.origins();
-    match check(
+pub(crate) fn admit(shared: &Shared, request: &Request) -> Result<(), Problem> {
+    check(
         request.uri(),
         request.headers(),
         shared.http_addr,
         shared.scheme,
-        allowed,
-    ) {
-        Ok(()) => next.run(request).await,
-        Err(problem) => problem.into_response(),
-    }
+        shared.access.origins(),
+    )
 }
 
 /// A request may name its host twice: in its target (`GET http://host/path`) and in the Host header. Both must be the same.

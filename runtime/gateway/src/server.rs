@@ -8,10 +8,9 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::http::{Extensions, HeaderValue, Method, StatusCode, header};
-use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use axum::{Extension, Router};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto;
@@ -27,7 +26,7 @@ use tokio::time::{Instant, Sleep};
 use tokio_util::sync::CancellationToken;
 use tower::Layer;
 
-use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
+use crate::places::{ACCEPT_RETRY, Busy, Place, PlaceLimits, Places};
 use crate::problem::Problem;
 use crate::shared::Shared;
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
@@ -151,12 +150,17 @@ pub(crate) fn is_urgent(method: &Method, path: &str) -> bool {
     method == Method::POST && Verb::deserialize(last).is_ok_and(Verb::is_urgent)
 }
 
-/// Whoever shows a token, or needs none, is known from then on. Others are answered once, and their connection is closed.
-pub(crate) async fn hold_place(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
-    // without a connection it is a test of the router
-    let Some(place) = request.extensions().get::<Arc<Place>>().cloned() else {
-        return next.run(request).await;
-    };
+/// The place of a connection while one of its requests is served.
+pub(crate) struct HeldPlace {
+    place: Arc<Place>,
+    is_known: bool,
+    /// `None`: it is not to be served.
+    busy: Option<Busy>,
+}
+
+/// Whoever shows a token, or needs none, is known from then on. `None` without a connection: a test of the router.
+pub(crate) fn hold_place(shared: &Shared, request: &Request) -> Option<HeldPlace> {
+    let place = Arc::clone(request.extensions().get::<Arc<Place>>()?);
     let is_user = place.is_known()
         || shared
             .access
@@ -164,21 +168,33 @@ pub(crate) async fn hold_place(State(shared): State<Arc<Shared>>, request: Reque
     let is_known = is_user && place.know(0);
     let is_full = is_user && !is_known && !is_urgent(request.method(), request.uri().path());
     let busy = place.busy().filter(|_| !is_full);
-    let mut response = match &busy {
-        Some(_) => next.run(request).await,
-        None => no_place().into_response(),
-    };
-    if response.status() == StatusCode::SWITCHING_PROTOCOLS {
-        // from now on it is a WebSocket, which has a limit of its own
-        place.stay();
-    } else if !is_known {
-        let close = HeaderValue::from_static("close");
-        response.headers_mut().insert(header::CONNECTION, close);
-    }
-    response
+    Some(HeldPlace {
+        place,
+        is_known,
+        busy,
+    })
 }
 
-fn no_place() -> Problem {
+impl HeldPlace {
+    /// True when its request is to be served.
+    pub(crate) fn is_served(&self) -> bool {
+        self.busy.is_some()
+    }
+
+    /// Who is not known is answered once, and the connection is closed.
+    pub(crate) fn answered(self, response: &mut Response) {
+        if response.status() == StatusCode::SWITCHING_PROTOCOLS {
+            // from now on it is a WebSocket, which has a limit of its own
+            self.place.stay();
+        } else if !self.is_known {
+            let close = HeaderValue::from_static("close");
+            response.headers_mut().insert(header::CONNECTION, close);
+        }
+    }
+}
+
+/// The answer to a request that is not served.
+pub(crate) fn no_place() -> Problem {
     let text = format!(
         "{} connections are busy, which is the limit; only hold, stop and abort are taken now",
         PLACES.known

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use plc_api::server::{AccessKind, ServerTransport};
@@ -17,13 +17,13 @@ use crate::server::{Peer, certificate_of, is_urgent};
 use crate::shared::Shared;
 use crate::tls::Fingerprint;
 
-/// Admits requests to routes of the table only, and only from users with the right. Handlers find the [`User`], and
+/// Admits requests to routes of the table only, and only from users with the right; no answer is stored on its way. Handlers find the [`User`], and
 /// what it has [`Shown`], in the request's extensions.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let path = request.extensions().get::<MatchedPath>().cloned();
     let path = path.as_ref().map(MatchedPath::as_str);
     let certificate = certificate_of(request.extensions());
-    match admit(
+    let mut response = match admit(
         &shared.access,
         request.method(),
         path,
@@ -44,7 +44,10 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
             }
             refused.response
         }
-    }
+    };
+    let no_store = HeaderValue::from_static("no-store");
+    response.headers_mut().insert(header::CACHE_CONTROL, no_store);
+    response
 }
 
 /// Admits a request beside the table of routes that only reads, and only from users who may.
