@@ -20,6 +20,9 @@ use crate::disk::sum_of;
 /// Digits of a sum that a person is shown.
 const SUM_SHOWN: usize = 12;
 
+/// Bytes from which on a text's sum is made on a thread of its own: it takes longer than the thread does to begin.
+const SUM_BESIDE_BYTES: usize = 1 << 20;
+
 /// Lines in which a title is looked for.
 const TITLE_LINES: usize = 4;
 
@@ -136,7 +139,6 @@ impl StoredProgram {
 
     fn checked(number: u16, text: &str, rules: TextRules, goes_on: bool) -> Self {
         let dialect = rules.dialect;
-        let (tree, parsed) = parse(text, (dialect.grammar)());
         let context = CheckContext {
             goes_on,
             manual: number == 0,
@@ -144,11 +146,14 @@ impl StoredProgram {
             options: rules.options,
             ..CheckContext::default()
         };
-        let checked = check(&tree, dialect, &context);
+        let (sum, (tree, parsed, checked)) = with_sum(text, || {
+            let (tree, parsed) = parse(text, (dialect.grammar)());
+            let checked = check(&tree, dialect, &context);
+            (tree, parsed, checked)
+        });
         let mut diagnostics = parsed.clone();
         diagnostics.extend(checked.diagnostics);
         diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
-        let sum = sum_of(text.as_bytes());
         let check = ProgramCheck {
             diagnostics: locate(text, &diagnostics),
             m_codes: checked.m_codes,
@@ -374,10 +379,26 @@ pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> 
     diagnostics.iter().map(place).collect()
 }
 
+/// The sum of a text, made while `work` is done.
+fn with_sum<T>(text: &str, work: impl FnOnce() -> T) -> (String, T) {
+    let sum = || sum_of(text.as_bytes());
+    if text.len() < SUM_BESIDE_BYTES {
+        return (sum(), work());
+    }
+    std::thread::scope(|scope| {
+        let beside = std::thread::Builder::new()
+            .name("sum".to_owned())
+            .spawn_scoped(scope, sum);
+        let done = work();
+        let made = beside.ok().and_then(|thread| thread.join().ok());
+        (made.unwrap_or_else(sum), done)
+    })
+}
+
 /// Where each line begins. Found when the program is written, so that a run does not wait for it.
 fn line_starts(text: &str) -> Vec<u32> {
-    let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
-    let after = ends.filter_map(|(index, _)| u32::try_from(index + 1).ok());
+    let ends = memchr::memchr_iter(b'\n', text.as_bytes());
+    let after = ends.filter_map(|index| u32::try_from(index + 1).ok());
     std::iter::once(0).chain(after).collect()
 }
 
