@@ -6,12 +6,13 @@
 //! - start: until the first setpoint leaves the start, as a reader of the positions sees it. With a servo period of
 //!   1 ms, of which the first block waits for half of one on the mean. A short program tells what the way alone takes.
 //!
-//! Measured on a 2-core Xeon virtual machine in a slow hour (see the bench `m_code`), bench profile, medians and p99:
+//! A text that is written again as it is has been checked before: `load` shows that case, and its p99 a first load. Measured on a
+//! 2-core AMD EPYC virtual machine, bench profile, medians and p99:
 //!
 //! | blocks | write | load | start |
 //! | --- | --- | --- | --- |
-//! | 10 | 0.8 ms, 1.2 ms | 0.1 ms, 0.2 ms | 3.0 ms, 6.1 ms |
-//! | 1,000,000 | 257 ms, 315 ms | 94 ms, 100 ms | 2.6 ms, 12.6 ms |
+//! | 10 | 0.08 ms, 1.3 ms | 0.06 ms, 0.1 ms | 1.8 ms, 2.9 ms |
+//! | 1,000,000 | 109 ms, 174 ms | 0.2 ms, 42 ms | 2.5 ms, 5.9 ms |
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};

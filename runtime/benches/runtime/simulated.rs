@@ -8,17 +8,17 @@
 //! - arcs: full circles of 20 mm.
 //!
 //! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `stages` go at 1,270,000 a
-//! second from the text to profiles; bench profile, the medians of three runs of five rounds each, and the lowest round of
-//! all:
+//! second from the text to profiles; bench profile, the medians of two runs of five rounds each, and the lowest round of
+//! all. The clock of tokio, which goes with that of the machine, takes about a third of it.
 //!
 //! | program | times real time | lowest |
 //! | --- | --- | --- |
-//! | long lines | 420,000 to 596,000 | 200,000 |
-//! | short lines | 3440 to 3660 | 3120 |
-//! | look-ahead | 3030 to 3090 | 2620 |
-//! | dense lines | 1360 to 1420 | 1280 |
-//! | dense ahead | 1170 to 1220 | 1140 |
-//! | arcs | 420,000 to 469,000 | 363,000 |
+//! | long lines | 231,000 to 279,000 | 142,000 |
+//! | short lines | 1820 to 1840 | 1610 |
+//! | look-ahead | 1810 to 1820 | 1730 |
+//! | dense lines | 803 to 813 | 752 |
+//! | dense ahead | 754 to 757 | 680 |
+//! | arcs | 300,000 to 304,000 | 260,000 |
 //!
 //! A host that does half of it has half of these.
 

@@ -35,7 +35,8 @@ struct Led {
     origin: Option<Instant>,
     /// The timer at the cycle that comes next.
     guard: Option<Pin<Box<Sleep>>>,
-    next: Option<Next>,
+    /// What comes next, and when that timer is due, ns.
+    next: Option<(Next, u64)>,
     /// Since when nothing has happened, ns.
     rests_since_ns: u64,
 }
@@ -72,7 +73,6 @@ impl TokioClock {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
         let origin = *led.origin.get_or_insert_with(Instant::now);
-        let now_ns = elapsed_ns(origin);
         let mut servo = simulation.servo.lock();
         let next = simulation.next(&mut servo);
         if let Next::Cycle(cycle) = next
@@ -80,20 +80,20 @@ impl TokioClock {
         {
             // nobody wakes before the servo is back
             simulation.advance(&mut servo, cycle);
-            advance(Duration::from_nanos(
-                (cycle * simulation.period_ns).saturating_sub(now_ns),
-            ));
+            let late_ns = (cycle * simulation.period_ns).saturating_sub(elapsed_ns(origin));
+            advance(Duration::from_nanos(late_ns));
             return;
         }
         drop(servo);
         let at_ns = match next {
             Next::Tasks => return,
             Next::Cycle(cycle) => cycle * simulation.period_ns,
-            Next::Nothing if now_ns >= simulation.limit_ns.saturating_add(BEYOND_NS) => {
-                simulation.stall_at(led.rests_since_ns);
-                return;
-            }
             Next::Nothing => {
+                let now_ns = elapsed_ns(origin);
+                if now_ns >= simulation.limit_ns.saturating_add(BEYOND_NS) {
+                    simulation.stall_at(led.rests_since_ns);
+                    return;
+                }
                 if simulation.is_at_limit() {
                     simulation.stalled.notify_one();
                 }
@@ -101,7 +101,7 @@ impl TokioClock {
             }
         };
         let at = origin + Duration::from_nanos(at_ns);
-        led.next = Some(next);
+        led.next = Some((next, at_ns));
         if let Some(guard) = &mut led.guard {
             guard.as_mut().reset(at);
         } else {
@@ -115,11 +115,13 @@ impl TokioClock {
     pub(super) fn after_park(&self) {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
-        let (Some(next), Some(origin)) = (led.next.take(), led.origin) else {
+        let (Some((next, at_ns)), Some(origin)) = (led.next.take(), led.origin) else {
             return;
         };
-        let now_ns = elapsed_ns(origin);
         let is_ours = led.guard.as_ref().is_some_and(|guard| guard.is_elapsed());
+        // most often by far, and there is no need to ask the clock
+        let is_cycle = is_ours && matches!(next, Next::Cycle(_));
+        let now_ns = if is_cycle { at_ns } else { elapsed_ns(origin) };
         match next {
             Next::Nothing if is_ours => simulation.clock.set_ns(now_ns),
             _ => {

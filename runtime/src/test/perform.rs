@@ -176,10 +176,17 @@ impl Bench {
     pub fn run_program(mut self, number: u16) -> Result<Run, TestError> {
         let (sink, lines) = mpsc::unbounded_channel();
         let waits_for_blocks = self.script.iter().any(|(cue, _)| matches!(cue, Cue::Line(_)));
+        let blocks = Arc::new(Mutex::new(Vec::new()));
+        let kept = Arc::clone(&blocks);
         self.journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &Line| {
-            // Nobody listens any more when the run has ended.
-            let _ = sink.send(line.clone());
-            waits_for_blocks || !matches!(line.event, Event::Block { .. })
+            let mut kept = kept.lock();
+            kept.push(line.clone());
+            let wakes = waits_for_blocks || !matches!(line.event, Event::Block { .. });
+            if wakes {
+                // Nobody listens any more when the run has ended.
+                let _ = kept.drain(..).try_for_each(|line| sink.send(line));
+            }
+            wakes
         })));
         let tracer = Tracer::default();
         let interval_s = self.trace_every_s;
@@ -197,6 +204,7 @@ impl Bench {
                 states: scene.plc.port().subscribe(Filter::All),
                 scene,
                 lines,
+                blocks,
                 script: script.into_iter().map(Some).collect(),
                 main: number,
                 actions: JoinSet::new(),
@@ -232,6 +240,8 @@ struct Stage {
     states: Subscription,
     /// Of the journal.
     lines: mpsc::UnboundedReceiver<Line>,
+    /// Lines behind these, of blocks for which nobody waits: the test is not woken for them.
+    blocks: Arc<Mutex<Vec<Line>>>,
     script: Vec<Option<(Cue, Action)>>,
     main: u16,
     actions: JoinSet<(Cue, plc_api::Result<()>)>,
@@ -246,6 +256,7 @@ impl Stage {
         // What came before the start is no part of the run.
         while self.states.try_next().is_some() {}
         while self.lines.try_recv().is_ok() {}
+        self.blocks.lock().clear();
         let _ = simulation.stalled().now_or_never();
         for cs in &self.run.jobs {
             self.scene.cs(*cs).start().await?;
@@ -273,6 +284,10 @@ impl Stage {
                 }
             }
         };
+        let rest = std::mem::take(&mut *self.blocks.lock());
+        for line in rest {
+            self.on_line(&line);
+        }
         self.run.time_s = self.now_s();
         if let Some(alarm) = self.run.alarms.iter().find(|alarm| is_foreign(&alarm.text)) {
             return Err(foreign(alarm.text.split(" panicked").next().unwrap_or_default()));
