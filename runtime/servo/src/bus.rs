@@ -38,6 +38,10 @@ impl Feedback {
         }
     }
 
+    #[expect(
+        clippy::needless_bitwise_bool,
+        reason = "of many motors, without a jump for each"
+    )]
     pub(crate) fn is_operational(self) -> bool {
         self.is_enabled & self.is_homed & (self.fault == 0)
     }

@@ -183,8 +183,10 @@ impl Bench {
             kept.push(line.clone());
             let wakes = waits_for_blocks || !matches!(line.event, Event::Block { .. });
             if wakes {
-                // Nobody listens any more when the run has ended.
-                let _ = kept.drain(..).try_for_each(|line| sink.send(line));
+                for line in kept.drain(..) {
+                    // Nobody listens any more when the run has ended.
+                    let _ = sink.send(line);
+                }
             }
             wakes
         })));
