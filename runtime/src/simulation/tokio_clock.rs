@@ -80,8 +80,8 @@ impl TokioClock {
         {
             // nobody wakes before the servo is back
             simulation.advance(&mut servo, cycle);
-            let late_ns = (cycle * simulation.period_ns).saturating_sub(elapsed_ns(origin));
-            advance(Duration::from_nanos(late_ns));
+            let left_ns = (cycle * simulation.period_ns).saturating_sub(elapsed_ns(origin));
+            advance(Duration::from_nanos(left_ns));
             return;
         }
         drop(servo);

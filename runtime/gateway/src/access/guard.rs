@@ -17,8 +17,8 @@ use crate::server::{Peer, certificate_of, is_urgent};
 use crate::shared::Shared;
 use crate::tls::Fingerprint;
 
-/// Admits requests to routes of the table only, and only from users with the right; no answer is stored on its way. Handlers find the [`User`], and
-/// what it has [`Shown`], in the request's extensions.
+/// Admits requests to routes of the table only, and only from users with the right. Handlers find the [`User`], and
+/// what it has [`Shown`], in the request's extensions. No answer may be stored on its way.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let path = request.extensions().get::<MatchedPath>().cloned();
     let path = path.as_ref().map(MatchedPath::as_str);
