@@ -1,5 +1,7 @@
 //! What a code's effect sees and changes while its block is interpreted.
 
+use std::sync::Arc;
+
 use tandem_model::Alarm;
 use tandem_model::alarm::VALUE_LOST;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
@@ -13,7 +15,7 @@ use crate::dialect::Dialect;
 use crate::fixed_cycles::Expansion;
 use crate::inputs::Inputs;
 use crate::meaning::ModalValue;
-use crate::modal::Modal;
+use crate::modal::{Kept, Modal, NOTHING_KEPT};
 
 /// Limits of the coordinate system that words are held to (D11).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,6 +109,8 @@ pub struct Execution<'a> {
     pub words: &'a BlockWords,
     /// The modal state, which codes change.
     pub modal: &'a mut Modal,
+    /// What codes that set data keep; `None`: nothing so far.
+    pub(crate) kept: &'a mut Option<Arc<Kept>>,
     /// Values from outside.
     pub inputs: &'a Inputs<'a>,
     /// Limits of the coordinate system.
@@ -120,6 +124,16 @@ pub struct Execution<'a> {
 }
 
 impl Execution<'_> {
+    /// What codes that set data keep.
+    pub(crate) fn kept(&self) -> &Kept {
+        self.kept.as_deref().unwrap_or(&NOTHING_KEPT)
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn keep(&mut self) -> &mut Kept {
+        Arc::make_mut(self.kept.get_or_insert_default())
+    }
+
     /// The value of a word that no code of the block has as its own.
     pub fn free_word(&self, address: Address) -> Option<f64> {
         self.words
@@ -158,7 +172,7 @@ impl Execution<'_> {
             let text = format!("offset {number} is damaged");
             self.refuse(Alarm::new(&VALUE_LOST, text));
         }
-        let is_set = number == 0 || tool.is_some() || self.modal.kept.radii.contains_key(&number);
+        let is_set = number == 0 || tool.is_some() || self.kept().radii.contains_key(&number);
         if !is_set {
             let name = address.text();
             self.warn(format!(

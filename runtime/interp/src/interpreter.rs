@@ -22,7 +22,7 @@ use crate::evaluation::{Known, Locals, Scope};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::fixed_cycles::{Expansion, Given};
 use crate::inputs::Inputs;
-use crate::modal::Modal;
+use crate::modal::{Kept, Modal};
 use crate::text_position::TextPosition;
 use crate::{flow, restrictions};
 
@@ -60,6 +60,8 @@ pub struct Interpreter {
     limits: Limits,
     start_up: Modal,
     modal: Modal,
+    /// What codes that set data keep; `None`: nothing so far.
+    kept: Option<Arc<Kept>>,
     stack: Vec<Frame>,
     words: BlockWords,
     queue: VecDeque<Item>,
@@ -94,6 +96,7 @@ impl Interpreter {
             limits: Limits::of(settings),
             modal: start_up.clone(),
             start_up,
+            kept: None,
             stack: Vec::with_capacity(CALL_DEPTH_MAX + 1),
             words: BlockWords::new(dialect),
             queue: VecDeque::with_capacity(4),
@@ -126,6 +129,7 @@ impl Interpreter {
     /// No program, in the start-up modal state.
     pub fn reset(&mut self) {
         self.modal = self.start_up.clone();
+        self.kept = None;
         self.forget_program();
         self.opens = true;
     }
@@ -319,21 +323,27 @@ impl Interpreter {
             let word = frame.program.origin_within(block, fault.span.start, frame.number);
             return Err(alarm_of(&fault).at(word));
         }
-        let before = inputs.position.is_none().then(|| self.modal.clone());
+        let before = inputs
+            .position
+            .is_none()
+            .then(|| (self.modal.clone(), self.kept.clone()));
         let mut draft = Draft::default();
         let opens = std::mem::take(&mut self.opens);
         execute(&mut Execution {
             dialect: self.dialect,
             words: &self.words,
             modal: &mut self.modal,
+            kept: &mut self.kept,
             inputs,
             limits: &self.limits,
             place: 0,
             opens,
             draft: &mut draft,
         });
-        if let (true, Some(before)) = (draft.needs_position, before) {
-            self.modal = before;
+        if draft.needs_position
+            && let Some(before) = before
+        {
+            (self.modal, self.kept) = before;
             self.opens = opens;
             frame.next -= 1;
             self.queue.push_back(Item::NeedsStandstill(origin));

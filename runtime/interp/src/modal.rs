@@ -1,7 +1,6 @@
 //! Modal state: what stays in force from block to block.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use tandem_model::AxisVector;
 use tandem_model::flow::{Compensation, Distance, MultiBlock, PathControl, ProgrammedFeed, Transform};
@@ -66,6 +65,16 @@ pub struct Kept {
     pub middle: [Option<Middle>; 3],
 }
 
+/// Before any code has set data.
+pub(crate) static NOTHING_KEPT: Kept = Kept {
+    external_offset: None,
+    work_offsets: [None; 6],
+    selected: 0,
+    shift: AxisVector::ZERO,
+    radii: BTreeMap::new(),
+    middle: [None; 3],
+};
+
 /// An axis of a remembered middle point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Middle {
@@ -73,24 +82,6 @@ pub enum Middle {
     At(f64),
     /// Where the axis is: it was named by a distance.
     Here,
-}
-
-/// [`Kept`], shared by the copies of a modal state: it seldom changes, and each block has a copy.
-#[derive(Debug, Clone, Default)]
-pub struct SharedKept(Arc<Kept>);
-
-impl std::ops::Deref for SharedKept {
-    type Target = Kept;
-
-    fn deref(&self) -> &Kept {
-        &self.0
-    }
-}
-
-impl PartialEq for SharedKept {
-    fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.0, &other.0) || *self.0 == *other.0
-    }
 }
 
 /// Modal state of a coordinate system.
@@ -123,8 +114,6 @@ pub struct Modal {
     pub cycle: CycleWords,
     /// The unit of lengths has been used, and stays.
     pub unit_settled: bool,
-    /// What codes that set data keep.
-    pub kept: SharedKept,
 }
 
 impl Modal {
@@ -158,7 +147,6 @@ impl Modal {
             lead_pending: false,
             cycle: CycleWords::default(),
             unit_settled: false,
-            kept: SharedKept::default(),
         };
         modal.in_force.unit = Some(unit);
         modal.in_force.multi_block = Some(dialect.path.multi_block);
@@ -167,11 +155,6 @@ impl Modal {
             modal.remember(code);
         }
         modal
-    }
-
-    /// What codes that set data keep, to be changed.
-    pub(crate) fn kept(&mut self) -> &mut Kept {
-        Arc::make_mut(&mut self.kept.0)
     }
 
     /// Puts a code into force in its group.

@@ -187,8 +187,7 @@ fn follow_closely(words: &BlockWords, modal: &mut Modal) {
     if !modal.unit_settled {
         let selects_coordinates = |code: &Code| code.group == ModalGroup::WorkCoordinates;
         modal.unit_settled = !words.present.intersection(AXIS_ADDRESSES).is_empty()
-            || words.sets().unit.is_some()
-            || g_code(words, selects_coordinates).is_some();
+            || g_code(words, |code| sets_unit(code) || selects_coordinates(code)).is_some();
     }
 }
 
@@ -198,7 +197,7 @@ fn follow_codes(words: &BlockWords, modal: &mut Modal) {
     if words.present.contains(Address::D) && own_side(words).is_some() {
         modal.in_force.offset_number = words.get(Address::D);
     }
-    if words.sets().length.is_some() {
+    if g_code(words, |code| matches!(code.sets, Some(ModalValue::Length(_)))).is_some() {
         modal.in_force.length_number = words.get(Address::H);
     }
     if let Some(value) = words.m_code().and_then(|code| code.sets) {
@@ -227,6 +226,10 @@ fn own_side(words: &BlockWords) -> Option<Side> {
         ModalValue::Side(side) => Some(side),
         _ => None,
     })
+}
+
+fn sets_unit(code: &Code) -> bool {
+    matches!(code.sets, Some(ModalValue::Unit(_)))
 }
 
 /// The G code of the block that is so.
@@ -358,8 +361,7 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
         }
         What::OtherUnit => {
             let (own, before) = (words.sets().unit?, in_force.unit?);
-            let is_unit = |code: &Code| matches!(code.sets, Some(ModalValue::Unit(_)));
-            g_code(words, is_unit).filter(|_| own != before).map(shown)
+            g_code(words, sets_unit).filter(|_| own != before).map(shown)
         }
         What::Parameters => (words.m_code().is_some() && words.has_parameters()).then(m_code),
     }

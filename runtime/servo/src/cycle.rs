@@ -69,7 +69,7 @@ impl Channel {
     /// Second half: what the motors report. True when the cycle put out an event, or is slower for want of more profiles.
     /// `bus_lost` are the frames lost in a row, when they are more than allowed.
     pub(crate) fn conclude(&mut self, time_s: f64, feedback: &[Feedback], bus_lost: Option<u32>) -> bool {
-        self.motors.take_feedback(self.setpoint, feedback);
+        self.motors.take_feedback(feedback);
         self.keep_trace(time_s);
         self.bus_lost = bus_lost;
         if !self.is_as_commanded() {

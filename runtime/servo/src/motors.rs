@@ -95,35 +95,35 @@ impl Motors {
             settled: false,
             trouble: None,
         };
-        motors.take_feedback(AxisVector::ZERO, feedback);
+        motors.take_feedback(feedback);
         motors.settled = false;
         motors
     }
 
-    /// Gives each motor its position, and what all of them have in common.
-    pub(crate) fn command(&self, setpoint: AxisVector, of_all: Command, commands: &mut [Command]) {
+    /// Gives each motor its position, and what all of them have in common. An axis without a motor is where its command is.
+    pub(crate) fn command(&mut self, setpoint: AxisVector, of_all: Command, commands: &mut [Command]) {
         let commands = commands.get_mut(self.places.clone()).unwrap_or_default();
-        for (command, axis) in commands.iter_mut().zip(&self.by_place) {
+        let (with_motor, without_motor) = self.by_place.split_at(commands.len());
+        for (command, axis) in commands.iter_mut().zip(with_motor) {
             *command = Command {
                 position: setpoint[*axis],
                 ..of_all
             };
         }
+        for axis in without_motor {
+            self.actual[*axis] = setpoint[*axis];
+        }
     }
 
-    /// Takes what each motor reports. An axis without a motor is where its command is.
-    pub(crate) fn take_feedback(&mut self, setpoint: AxisVector, feedback: &[Feedback]) {
+    /// Takes what each motor reports.
+    pub(crate) fn take_feedback(&mut self, feedback: &[Feedback]) {
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
-        let (with_motor, without_motor) = self.by_place.split_at(feedback.len());
         let (mut changed, mut are_operational) = (0, true);
-        for (axis, feedback) in with_motor.iter().zip(feedback) {
+        for (axis, feedback) in self.by_place.iter().zip(feedback) {
             let actual = &mut self.actual[*axis];
             changed |= actual.to_bits() ^ feedback.position.to_bits();
             *actual = feedback.position;
             are_operational &= feedback.is_operational();
-        }
-        for axis in without_motor {
-            self.actual[*axis] = setpoint[*axis];
         }
         let homed = if are_operational {
             self.with_motor

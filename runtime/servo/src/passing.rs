@@ -116,6 +116,6 @@ impl Channel {
 
     /// What the motors report in the last one of the cycles.
     pub(crate) fn passed(&mut self, feedback: &[Feedback]) {
-        self.motors.take_feedback(self.setpoint, feedback);
+        self.motors.take_feedback(feedback);
     }
 }

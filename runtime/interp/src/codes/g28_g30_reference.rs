@@ -45,10 +45,7 @@ fn remembered(execution: &mut Execution<'_>) {
         distance: Distance::Absolute,
         ..own
     };
-    for (axis, kept) in Axis::ORTHOGONAL
-        .into_iter()
-        .zip(&mut execution.modal.kept().middle)
-    {
+    for (axis, kept) in Axis::ORTHOGONAL.into_iter().zip(&mut execution.keep().middle) {
         let named = own.named.contains(axis);
         let by_distance = own.distance == Distance::Incremental;
         if named {

@@ -35,7 +35,7 @@ fn set(execution: &mut Execution<'_>) {
     }
     let missing = machine.minus(transform.forward(wanted));
     for axis in words.named.iter() {
-        execution.modal.kept().shift[axis] += missing[axis];
+        execution.keep().shift[axis] += missing[axis];
     }
     work_offset::put_into_force(execution);
 }

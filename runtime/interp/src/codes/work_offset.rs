@@ -80,23 +80,23 @@ pub static G58_SHIFTED: Code = selection("G58", "Select workpiece coordinate sys
 pub static G59_SHIFTED: Code = selection("G59", "Select workpiece coordinate system 6", select_shifted::<5>);
 
 fn select_shifted<const INDEX: usize>(execution: &mut Execution<'_>) {
-    execution.modal.kept().selected = INDEX;
+    execution.keep().selected = INDEX;
     put_into_force(execution);
 }
 
 /// Puts the origin of the selected work coordinate system into force: its offset, EXOFS and the shift of G92.
 pub(super) fn put_into_force(execution: &mut Execution<'_>) {
-    let index = execution.modal.kept.selected;
-    let Some(own) = execution.modal.kept.work_offsets[index].or_else(|| of_table(execution, index)) else {
+    let index = execution.kept().selected;
+    let Some(own) = execution.kept().work_offsets[index].or_else(|| of_table(execution, index)) else {
         return;
     };
-    let offset = own.plus(external(execution)).plus(execution.modal.kept.shift);
+    let offset = own.plus(external(execution)).plus(execution.kept().shift);
     execution.transform(|transform| transform.work_offset = offset);
 }
 
 /// EXOFS in force.
 fn external(execution: &Execution<'_>) -> AxisVector {
-    let kept = execution.modal.kept.external_offset;
+    let kept = execution.kept().external_offset;
     kept.unwrap_or(execution.limits.options.external_offset)
 }
 
@@ -109,13 +109,13 @@ pub(super) fn set(execution: &mut Execution<'_>, number: usize, words: &AxisWord
         offset
     };
     match number.checked_sub(1) {
-        None => execution.modal.kept().external_offset = Some(change(external(execution))),
+        None => execution.keep().external_offset = Some(change(external(execution))),
         Some(index) => {
-            let before = execution.modal.kept.work_offsets[index];
+            let before = execution.kept().work_offsets[index];
             let Some(before) = before.or_else(|| of_table(execution, index)) else {
                 return;
             };
-            execution.modal.kept().work_offsets[index] = Some(change(before));
+            execution.keep().work_offsets[index] = Some(change(before));
         }
     }
     put_into_force(execution);
