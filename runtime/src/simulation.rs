@@ -269,6 +269,15 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
     Ok(executor.enable_all().build()?.block_on(SLOT.scope(slot, watched)))
 }
 
+/// Whose code runs in a simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Code {
+    /// The runtime's alone: it sleeps on the clock of the machine.
+    Own,
+    /// That of others, too, who may sleep on the clock of tokio.
+    Foreign,
+}
+
 /// The same where tokio's clock is the simulation's too, and without sockets: whoever takes one panics. `on_thread` is called when
 /// something is given to another thread. The simulation of the runtime is found in the slot.
 ///
@@ -276,6 +285,7 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
 /// As [`run`].
 pub(crate) fn run_in<T>(
     slot: Slot,
+    code: Code,
     on_thread: impl Fn() + Send + Sync + 'static,
     main: impl Future<Output = T>,
 ) -> std::io::Result<T> {
@@ -285,14 +295,11 @@ pub(crate) fn run_in<T>(
         "other-thread".to_owned()
     };
     let clock = TokioClock::of(&slot);
-    let (before, after) = (Arc::clone(&clock), Arc::clone(&clock));
-    let executor = tokio::runtime::Builder::new_current_thread()
-        .enable_time()
-        .start_paused(true)
-        .on_thread_park(move || before.before_park())
-        .on_thread_unpark(move || after.after_park())
-        .thread_name_fn(name)
-        .build()?;
+    let mut executor = match code {
+        Code::Own => executor(&slot),
+        Code::Foreign => clock.executor(),
+    };
+    let executor = executor.enable_time().thread_name_fn(name).build()?;
     let done = executor.block_on(SLOT.scope(slot, main));
     clock.release();
     Ok(done)

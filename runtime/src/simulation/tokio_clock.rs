@@ -13,6 +13,7 @@ use std::task::{Context, Waker};
 use std::time::Duration;
 
 use parking_lot::Mutex;
+use tokio::runtime::Builder;
 use tokio::time::{Instant, Sleep};
 
 use super::{Next, Simulation, Slot};
@@ -68,8 +69,19 @@ impl TokioClock {
         })
     }
 
+    /// Moves both clocks when no task is ready to run.
+    pub(super) fn executor(self: &Arc<Self>) -> Builder {
+        let (before, after) = (Arc::clone(self), Arc::clone(self));
+        let mut executor = Builder::new_current_thread();
+        executor
+            .start_paused(true)
+            .on_thread_park(move || before.before_park())
+            .on_thread_unpark(move || after.after_park());
+        executor
+    }
+
     /// No task is ready to run: sets the timer at what comes next.
-    pub(super) fn before_park(&self) {
+    fn before_park(&self) {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
         let origin = *led.origin.get_or_insert_with(Instant::now);
@@ -112,7 +124,7 @@ impl TokioClock {
     }
 
     /// tokio has come to a timer, or a task was woken: the simulation follows.
-    pub(super) fn after_park(&self) {
+    fn after_park(&self) {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
         let (Some((next, at_ns)), Some(origin)) = (led.next.take(), led.origin) else {

@@ -25,7 +25,7 @@ use super::trace::Tracer;
 use super::{Action, Bench, Cue, TestError};
 use crate::coordinator::Runtime;
 use crate::journal::{Event, Journal, Line, ResetOutcome};
-use crate::simulation::{self, Slot};
+use crate::simulation::{self, Code, Slot};
 
 /// Real time in which simulated time must advance at least once. Reason: a handler that blocks the thread would let the
 /// test wait for ever.
@@ -34,6 +34,9 @@ const STANDSTILL: Duration = Duration::from_secs(if cfg!(test) { 2 } else { 10 }
 /// Turns given to all tasks so that handlers are known before the programs are loaded. Reason: more than any chain of
 /// wake-ups from a sequence program's first poll to the answer that the machine knows it.
 const SETTLE_TURNS: usize = 256;
+
+/// Blocks for which nobody waits before the test is woken to take them.
+const BLOCKS_KEPT_MAX: usize = 128;
 
 /// The machine and its handlers, as a scripted action sees them.
 #[derive(Debug, Clone)]
@@ -96,6 +99,14 @@ impl Bench {
         self,
         act: impl AsyncFnOnce(Scene, &Runtime) -> T + Send + 'static,
     ) -> Result<T, TestError> {
+        self.play_with(Code::Foreign, act)
+    }
+
+    fn play_with<T: Send + 'static>(
+        self,
+        code: Code,
+        act: impl AsyncFnOnce(Scene, &Runtime) -> T + Send + 'static,
+    ) -> Result<T, TestError> {
         let (ended, end) = std_mpsc::channel();
         let slot = Slot::default();
         let watched = Arc::clone(&slot);
@@ -103,7 +114,7 @@ impl Bench {
             let failures = Failures::default();
             let (of_threads, of_test) = (failures.clone(), failures.clone());
             let on_thread = move || of_threads.on_other_thread();
-            let played = simulation::run_in(slot, on_thread, self.play_here(of_test, act));
+            let played = simulation::run_in(slot, code, on_thread, self.play_here(of_test, act));
             // Nobody listens any more when it took too long.
             let _ = ended.send(played.map_err(TestError::new).flatten());
         });
@@ -181,7 +192,8 @@ impl Bench {
         self.journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &Line| {
             let mut kept = kept.lock();
             kept.push(line.clone());
-            let wakes = waits_for_blocks || !matches!(line.event, Event::Block { .. });
+            let is_block = matches!(line.event, Event::Block { .. });
+            let wakes = waits_for_blocks || !is_block || kept.len() >= BLOCKS_KEPT_MAX;
             if wakes {
                 for line in kept.drain(..) {
                     // Nobody listens any more when the run has ended.
@@ -196,7 +208,9 @@ impl Bench {
         let mut jobs = vec![(1, number)];
         jobs.append(&mut self.beside);
         let script = std::mem::take(&mut self.script);
-        self.play(async move |scene, runtime| {
+        let is_own = script.is_empty() && self.plants.is_empty() && self.sequence_programs.is_empty();
+        let code = if is_own { Code::Own } else { Code::Foreign };
+        self.play_with(code, async move |scene, runtime| {
             for (cs, program) in &jobs {
                 let loaded = scene.cs(*cs).load(*program).await;
                 loaded.map_err(|error| refused(*program, &error))?;
