@@ -187,20 +187,22 @@ impl Pipeline {
     // What came before a refused block is planned all the same: it runs to its end before the alarm. Nothing moves
     // behind a segment that cannot be planned.
     fn plan(&mut self, result: Result<(), Alarm>) -> Result<(), Alarm> {
-        for segment in self.segments.drain(..) {
+        let planned = self.segments.iter().try_for_each(|segment| {
             let known = self.ready.len();
             let first = self.planner.last_segment() + 1;
             self.notes.settle(segment.serial, first);
-            if let Err(alarm) = self.planner.push(&segment, &mut self.ready) {
-                self.path.restart(self.path.position());
-                return Err(alarm);
-            }
+            self.planner.push(segment, &mut self.ready)?;
             if let Some(watched) = &self.watched {
-                tell_segment(watched, self.planner.last_segment(), &segment);
+                tell_segment(watched, self.planner.last_segment(), segment);
                 tell_profiles(watched, self.ready.iter().skip(known));
             }
+            Ok(())
+        });
+        self.segments.clear();
+        if planned.is_err() {
+            self.path.restart(self.path.position());
         }
-        result
+        planned.and(result)
     }
 
     fn end_chain(&mut self) {

@@ -35,9 +35,6 @@ const STANDSTILL: Duration = Duration::from_secs(if cfg!(test) { 2 } else { 10 }
 /// wake-ups from a sequence program's first poll to the answer that the machine knows it.
 const SETTLE_TURNS: usize = 256;
 
-/// Blocks for which nobody waits before the test is woken to take them.
-const BLOCKS_KEPT_MAX: usize = 128;
-
 /// The machine and its handlers, as a scripted action sees them.
 #[derive(Debug, Clone)]
 pub struct Scene {
@@ -191,14 +188,13 @@ impl Bench {
         let kept = Arc::clone(&blocks);
         self.journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &Line| {
             let mut kept = kept.lock();
-            kept.push(line.clone());
-            let is_block = matches!(line.event, Event::Block { .. });
-            let wakes = waits_for_blocks || !is_block || kept.len() >= BLOCKS_KEPT_MAX;
+            let block = Begun::of(line);
+            kept.extend(block);
+            let wakes = waits_for_blocks || block.is_none();
             if wakes {
-                for line in kept.drain(..) {
-                    // Nobody listens any more when the run has ended.
-                    let _ = sink.send(line);
-                }
+                let (blocks, line) = (std::mem::take(&mut *kept), block.is_none().then(|| line.clone()));
+                // Nobody listens any more when the run has ended.
+                let _ = sink.send((blocks, line));
             }
             wakes
         })));
@@ -249,15 +245,37 @@ fn refused(program: u16, error: &Error) -> TestError {
     TestError::new(lines.join("\n  "))
 }
 
+/// A block that has begun.
+#[derive(Debug, Clone, Copy)]
+struct Begun {
+    cs: CoordinateSystemNumber,
+    program: u16,
+    line: u32,
+}
+
+impl Begun {
+    /// That of a line of the journal.
+    fn of(line: &Line) -> Option<Self> {
+        match line.event {
+            Event::Block { program, line: at } => Some(Self {
+                cs: line.cs,
+                program,
+                line: at,
+            }),
+            _ => None,
+        }
+    }
+}
+
 /// A run under way.
 struct Stage {
     scene: Scene,
     start_s: f64,
     states: Subscription,
-    /// Of the journal.
-    lines: mpsc::UnboundedReceiver<Line>,
-    /// Lines behind these, of blocks for which nobody waits: the test is not woken for them.
-    blocks: Arc<Mutex<Vec<Line>>>,
+    /// Of the journal: blocks, and what came behind them.
+    lines: mpsc::UnboundedReceiver<(Vec<Begun>, Option<Line>)>,
+    /// Blocks behind these, for which nobody waits: the test is not woken for them.
+    blocks: Arc<Mutex<Vec<Begun>>>,
     script: Vec<Option<(Cue, Action)>>,
     main: u16,
     actions: JoinSet<(Cue, plc_api::Result<()>)>,
@@ -286,7 +304,10 @@ impl Stage {
             let wait_s = (next_s.unwrap_or_default() + self.start_s - plc.now_s()).max(0.0);
             tokio::select! {
                 biased;
-                Some(line) = self.lines.recv() => self.on_line(&line),
+                Some((blocks, line)) = self.lines.recv() => {
+                    blocks.into_iter().for_each(|block| self.on_block(block));
+                    line.iter().for_each(|line| self.on_line(line));
+                }
                 Some(message) = self.states.next() => self.on_message(&message),
                 () = self.scene.failures.noted() => {
                     self.scene.failures.judge()?;
@@ -301,9 +322,7 @@ impl Stage {
             }
         };
         let rest = std::mem::take(&mut *self.blocks.lock());
-        for line in rest {
-            self.on_line(&line);
-        }
+        rest.into_iter().for_each(|block| self.on_block(block));
         self.run.time_s = self.now_s();
         if let Some(alarm) = self.run.alarms.iter().find(|alarm| is_foreign(&alarm.text)) {
             return Err(foreign(alarm.text.split(" panicked").next().unwrap_or_default()));
@@ -350,17 +369,30 @@ impl Stage {
         }
     }
 
-    /// A line of the journal.
+    /// A block has begun.
+    fn on_block(&mut self, block: Begun) {
+        let what = format!("block {}", block.line);
+        let mut before = self.run.order.iter().rev();
+        let last = before.find(|(of, _)| *of == block.cs);
+        if last.is_none_or(|(_, last)| *last != what) {
+            self.run.order.push((block.cs, what));
+        }
+        self.cue_line(block.program, block.line);
+    }
+
+    /// A line of the program moves, puts out, or stops.
+    fn cue_line(&mut self, program: u16, line: u32) {
+        if program == self.main {
+            self.cue(|cue| cue == Cue::Line(line));
+        }
+    }
+
+    /// A line of the journal that is of no block.
     fn on_line(&mut self, line: &Line) {
         let (cs, at_s) = (line.cs, line.t_s - self.start_s);
-        let is_block = matches!(line.event, Event::Block { .. });
         // of what begins: program, line
         let mut begun = None;
         let what = match &line.event {
-            Event::Block { program, line } => {
-                begun = Some((*program, *line));
-                format!("block {line}")
-            }
             Event::Output(notice) => {
                 begun = Some((notice.program, notice.line));
                 self.on_output(cs, notice, at_s);
@@ -392,13 +424,9 @@ impl Stage {
             Event::End(_) => "end".to_owned(),
             _ => return,
         };
-        let mut before = self.run.order.iter().rev();
-        let last = before.find(|(of, _)| *of == cs);
-        if !(is_block && last.is_some_and(|(_, last)| *last == what)) {
-            self.run.order.push((cs, what));
-        }
-        if let Some((_, line)) = begun.filter(|(program, _)| *program == self.main) {
-            self.cue(|cue| cue == Cue::Line(line));
+        self.run.order.push((cs, what));
+        if let Some((program, line)) = begun {
+            self.cue_line(program, line);
         }
         if let Event::Output(notice) = &line.event {
             self.cue(|cue| cue == Cue::Output(notice.m));
