@@ -8,17 +8,17 @@
 //! - arcs: full circles of 20 mm.
 //!
 //! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `stages` go at 1,270,000 a
-//! second from the text to profiles; bench profile, the medians of two runs of five rounds each, and the lowest round of
-//! all. The clock of tokio, which goes with that of the machine, takes about a third of it.
+//! second from the text to profiles; bench profile, the medians of three runs, and the lowest round of all. Where a test has
+//! handlers, the clock of tokio goes with that of the machine, and short lines take about a third longer.
 //!
 //! | program | times real time | lowest |
 //! | --- | --- | --- |
-//! | long lines | 231,000 to 279,000 | 142,000 |
-//! | short lines | 1820 to 1840 | 1610 |
-//! | look-ahead | 1810 to 1820 | 1730 |
-//! | dense lines | 803 to 813 | 752 |
-//! | dense ahead | 754 to 757 | 680 |
-//! | arcs | 300,000 to 304,000 | 260,000 |
+//! | long lines | 432,000 to 549,000 | 166,000 |
+//! | short lines | 2540 to 2840 | 2410 |
+//! | look-ahead | 2340 to 2570 | 1970 |
+//! | dense lines | 901 to 1110 | 681 |
+//! | dense ahead | 936 to 1030 | 848 |
+//! | arcs | 420,000 to 487,000 | 153,000 |
 //!
 //! A host that does half of it has half of these.
 

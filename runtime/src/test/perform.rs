@@ -305,8 +305,10 @@ impl Stage {
             tokio::select! {
                 biased;
                 Some((blocks, line)) = self.lines.recv() => {
-                    blocks.into_iter().for_each(|block| self.on_block(block));
-                    line.iter().for_each(|line| self.on_line(line));
+                    self.on_blocks(blocks);
+                    if let Some(line) = line {
+                        self.on_line(&line);
+                    }
                 }
                 Some(message) = self.states.next() => self.on_message(&message),
                 () = self.scene.failures.noted() => {
@@ -322,7 +324,7 @@ impl Stage {
             }
         };
         let rest = std::mem::take(&mut *self.blocks.lock());
-        rest.into_iter().for_each(|block| self.on_block(block));
+        self.on_blocks(rest);
         self.run.time_s = self.now_s();
         if let Some(alarm) = self.run.alarms.iter().find(|alarm| is_foreign(&alarm.text)) {
             return Err(foreign(alarm.text.split(" panicked").next().unwrap_or_default()));
@@ -369,15 +371,17 @@ impl Stage {
         }
     }
 
-    /// A block has begun.
-    fn on_block(&mut self, block: Begun) {
-        let what = format!("block {}", block.line);
-        let mut before = self.run.order.iter().rev();
-        let last = before.find(|(of, _)| *of == block.cs);
-        if last.is_none_or(|(_, last)| *last != what) {
-            self.run.order.push((block.cs, what));
+    /// Blocks have begun.
+    fn on_blocks(&mut self, blocks: Vec<Begun>) {
+        for block in blocks {
+            let what = format!("block {}", block.line);
+            let mut before = self.run.order.iter().rev();
+            let last = before.find(|(of, _)| *of == block.cs);
+            if last.is_none_or(|(_, last)| *last != what) {
+                self.run.order.push((block.cs, what));
+            }
+            self.cue_line(block.program, block.line);
         }
-        self.cue_line(block.program, block.line);
     }
 
     /// A line of the program moves, puts out, or stops.

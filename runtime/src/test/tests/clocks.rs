@@ -193,3 +193,21 @@ fn a_handler_that_computes_for_long_does_not_stand_still() {
     });
     run.unwrap().completed().unwrap();
 }
+
+#[test]
+fn a_run_is_the_same_whether_or_not_the_clock_of_tokio_goes_along() {
+    let texts = [
+        "G64 G01 X20 F1200\nY3\nX0\nG04 P1500\nG61 Y0\nX5\nM30",
+        "G01 X20 F1200\nM20\nM30",
+        "G01 X20 F1200\nG04 P60000\nM30",
+        "G01 X20 F1200\nM00\nM30",
+    ];
+    for text in texts {
+        let run = |bench: Bench| {
+            let beside = bench.beside(2, 20, "G00 X30\nG01 Z5 F300\nM30").max_time_s(30.0);
+            beside.run(text).unwrap()
+        };
+        let along = run(Bench::new().plant(|_| async { Ok(()) }));
+        assert_eq!(run(Bench::new()), along, "{text}");
+    }
+}
