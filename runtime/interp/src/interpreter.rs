@@ -323,10 +323,8 @@ impl Interpreter {
             let word = frame.program.origin_within(block, fault.span.start, frame.number);
             return Err(alarm_of(&fault).at(word));
         }
-        let before = inputs
-            .position
-            .is_none()
-            .then(|| (self.modal.clone(), self.kept.clone()));
+        let may_wait = inputs.position.is_none();
+        let before = may_wait.then(|| (self.modal.clone(), self.kept.clone()));
         let mut draft = Draft::default();
         let opens = std::mem::take(&mut self.opens);
         execute(&mut Execution {
