@@ -370,7 +370,11 @@ async fn a_machine_with_signers_takes_no_manual_data_input_unless_its_configurat
             .post("/cs/1/load?wait=1", &json!({"program": 50}))
             .await
             .expect(200);
-        let answer = served.post("/cs/1/mdi?wait=1", &input).await.expect(status).json();
+        let answer = served
+            .post("/cs/1/mdi?wait=1", &input)
+            .await
+            .expect(status)
+            .json();
         if status == 422 {
             assert_eq!(answer["code"], "not_signed");
             newest(&served, "refused", |line| line["request"] == "mdi").await;
