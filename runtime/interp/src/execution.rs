@@ -131,7 +131,7 @@ impl Execution<'_> {
 
     /// The same, to be changed.
     pub(crate) fn keep(&mut self) -> &mut Kept {
-        Arc::make_mut(self.kept.get_or_insert_default())
+        Arc::make_mut(self.kept.get_or_insert_with(|| Arc::new(NOTHING_KEPT.clone())))
     }
 
     /// The value of a word that no code of the block has as its own.

@@ -49,7 +49,7 @@ impl CycleLevel {
 }
 
 /// What G10, G28 and G92 of dialect dgshape keep; it stays until the next program begins. mm or degrees.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Kept {
     /// EXOFS; `None`: that of the settings.
     pub external_offset: Option<AxisVector>,
