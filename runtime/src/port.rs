@@ -203,6 +203,8 @@ impl RuntimePort {
         done.map_err(|error| {
             let code = match error.kind() {
                 io::ErrorKind::InvalidInput => RefusalCode::Invalid,
+                // it will not go by itself, as what the disk lacks may
+                io::ErrorKind::QuotaExceeded => RefusalCode::TooLarge,
                 _ => RefusalCode::Unavailable,
             };
             Refusal::new(code, error.to_string())

@@ -93,7 +93,7 @@ explained! {
             "Correct what the text names; the page of routes or topics has the form.";
         /// Larger than the limit (413).
         TooLarge = "too_large",
-            "Send less at a time; the text says the limit.";
+            "Send less at a time, or delete what takes the room; the text says the limit.";
         /// Known, and not built yet (501).
         NotSupported = "not_supported",
             "Do without it; this version does not have it.";

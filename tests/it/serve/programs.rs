@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::served;
+use super::{served, served_with};
 use crate::support::machine::Machine;
 use crate::support::simulated::run;
 
@@ -79,6 +79,25 @@ async fn a_program_that_does_not_exist_is_404() {
         .expect(404);
     served.get("/cs/9/state").await.expect(404);
     served.post("/cs/9/start", &Value::Null).await.expect(404);
+}
+
+#[tokio::test]
+async fn a_program_for_which_all_programs_leave_no_room_is_refused_with_the_limit_and_no_alarm() {
+    let (_machine, served) = served_with("[programs]\ntotal_max_mib = 1\n");
+    let large = format!("{}M30\n", "G00 X1\n".repeat(100_000));
+    served.put_program(50, &large).await.expect(201);
+    let refused = served.put_program(51, &large).await.expect(413).json();
+    assert_eq!(refused["code"], "too_large", "{refused}");
+    for part in ["1048576", "delete one first", "total_max_mib"] {
+        assert!(refused["detail"].as_str().unwrap().contains(part), "{refused}");
+    }
+    served.get("/programs/51").await.expect(404);
+    let active = served.get("/alarms").await.expect(200).json();
+    assert_eq!(active["alarms"], json!([]));
+    // what replaces a program has its room, and what is deleted gives it back
+    served.put_program(50, &large).await.expect(200);
+    served.put_program(50, "M30\n").await.expect(200);
+    served.put_program(51, &large).await.expect(201);
 }
 
 #[tokio::test]
