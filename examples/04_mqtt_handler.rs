@@ -10,7 +10,7 @@
 
 #![allow(clippy::print_stdout, reason = "it shows what happens")]
 
-use plc_api::{Plc, SequenceProgram};
+use plc_api::{Plc, SequenceProgram, stop_signal};
 
 #[path = "handlers/clamp.rs"]
 mod clamp;
@@ -23,9 +23,5 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("M12 of {address} is handled here; Ctrl-C ends");
 
     let program = SequenceProgram::new().handler_id("clamp").on(12, clamp::clamp);
-    tokio::select! {
-        ended = program.run(&plc) => ended?,
-        pressed = tokio::signal::ctrl_c() => pressed?,
-    }
-    Ok(())
+    Ok(program.run_until(&plc, stop_signal()).await?)
 }

@@ -10,7 +10,7 @@ use divan::counter::ItemsCount;
 use plc_api::Params;
 use plc_api::handshake::{Ledger, Now, OutputSpec};
 use plc_api::types::BootId;
-use plc_api::types::output::{Claim, Reset, ResetResult, Timing};
+use plc_api::types::output::{Claim, HandlerPresence, Reset, ResetResult, Timing};
 
 const NOW: Now = Now {
     monotonic_s: 0.0,
@@ -40,6 +40,11 @@ fn spec() -> OutputSpec {
 fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     let boot_id = BootId("boot".to_owned());
     let mut ledger = Ledger::new(boot_id.clone(), 1, 64);
+    let presence = HandlerPresence {
+        online: true,
+        ..HandlerPresence::default()
+    };
+    ledger.handler_online(NOW, "magazine", &presence);
     for _ in 0..open {
         let seq = ledger.enqueue(NOW, spec()).unwrap_or_default();
         ledger.put_out(NOW, seq);

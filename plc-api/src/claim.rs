@@ -1,11 +1,9 @@
 //! Claims and resets of an output, each repeated until the machine has answered.
 
-use std::sync::Arc;
-
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::handshake::strictest;
-use crate::names::unique_name;
+use crate::identity::Identity;
 use crate::plc::Plc;
 use crate::types::message::Message;
 use crate::types::output::{
@@ -15,31 +13,6 @@ use crate::types::request::{TypedRequest, typed};
 use crate::types::{BootId, CoordinateSystemNumber};
 
 pub(crate) use crate::port::RETRY;
-
-/// Who claims and resets: a handler, and which of its instances.
-#[derive(Debug, Clone)]
-pub(crate) struct Identity {
-    pub(crate) handler_id: Arc<str>,
-    pub(crate) instance: Arc<str>,
-}
-
-impl Identity {
-    /// A new instance of a handler.
-    pub(crate) fn new(handler_id: Arc<str>) -> Self {
-        Self {
-            handler_id,
-            instance: unique_name("i").into(),
-        }
-    }
-
-    pub(crate) fn id(&self) -> String {
-        self.handler_id.to_string()
-    }
-
-    pub(crate) fn instance(&self) -> String {
-        self.instance.to_string()
-    }
-}
 
 /// Identifies an output across boots.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -106,22 +79,42 @@ pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Res
     }
 }
 
+/// Outcome of one attempt at a claim or reset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Asked {
+    Answered(HandshakeStatus),
+    /// The machine refuses it for good.
+    Refused,
+    /// No answer. [`RETRY`] has passed since: it may be repeated.
+    NotYet,
+}
+
+/// Sends a claim or reset once, and waits for its answer.
+pub(crate) async fn ask_once(plc: &Plc, request: impl TypedRequest<Answer = HandshakeResult>) -> Asked {
+    match plc.port().ask(request).await {
+        Ok(HandshakeResult { status, .. }) => Asked::Answered(status),
+        Err(refusal) if refusal.code.may_pass() => {
+            tracing::warn!(%refusal, "claim or reset not answered yet");
+            plc.sleep(RETRY).await;
+            Asked::NotYet
+        }
+        Err(refusal) => {
+            tracing::warn!(%refusal, "claim or reset refused");
+            Asked::Refused
+        }
+    }
+}
+
 /// Repeats a claim or reset until it is answered; `None` if the machine refuses it for good.
 pub(crate) async fn until_answered(
     plc: &Plc,
     request: impl TypedRequest<Answer = HandshakeResult> + Clone,
 ) -> Option<HandshakeStatus> {
     loop {
-        match plc.port().ask(request.clone()).await {
-            Ok(HandshakeResult { status, .. }) => return Some(status),
-            Err(refusal) if refusal.code.may_pass() => {
-                tracing::warn!(%refusal, "claim or reset not answered yet");
-                plc.sleep(RETRY).await;
-            }
-            Err(refusal) => {
-                tracing::warn!(%refusal, "claim or reset refused");
-                return None;
-            }
+        match ask_once(plc, request.clone()).await {
+            Asked::Answered(status) => return Some(status),
+            Asked::Refused => return None,
+            Asked::NotYet => {}
         }
     }
 }

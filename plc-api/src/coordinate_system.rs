@@ -136,19 +136,25 @@ calls! {
 
     /// Manual data input: runs lines of NC text to their end, then READY. The next input continues with their modal
     /// state, until a program, homing, a stop, an alarm or a reset.
-    mdi(text: impl Into<String>) => command(Command::Mdi { text: text.into() }),
-        "Not allowed now, the text has errors, or it was ended early.";
+    mdi(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: false }),
+        "Not allowed now, the text has errors, it was ended early, or a G31 of it ended without a touch.";
+
+    /// The same as a macro, for text that a program generates. Its numbers count in the configured unit and as positions. At its
+    /// end, however it ends, the machine restores the modal state, the feedrate and the selected offsets that were in force before.
+    mdi_macro(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: true }),
+        "As [`mdi`](Self::mdi).";
 
     /// Moves axes to their first reference points, then READY; an empty list means all axes.
     home(axes: &[char]) => command(Command::Home { axes: axes.to_vec() }),
         "Not allowed now, there is no such axis, or it was ended early.";
 
     /// Jogs one axis as long as it is called again with the same `refresh_id` at least every 200 ms. The first call
-    /// returns when the jog has ended, the others at once. The sign of `velocity`, mm/min or deg/min, is the direction;
-    /// `distance`, mm or degrees, is the longest way.
+    /// returns when the jog has ended, the others at once. The sign of `velocity`, mm/min or deg/min, is the direction.
+    /// `distance`, mm or degrees, ends the motion; up to `jog_step_max` of `[hmi]` (10 by default) no further call is needed.
     jog(axis: char, velocity: f64, distance: Option<f64>, refresh_id: impl Into<String>) =>
         command(Command::Jog { axis, velocity, distance, refresh_id: refresh_id.into() }),
-        "Not allowed now, no such axis, a value out of range, the axis is at its soft limit, or the jog has ended.";
+        "Not allowed now, no such axis, a value out of range, the axis is at its soft limit, or the jog has ended.
+         [`Error::CommandFailed`] names the distance covered and the reason if the motion ended before `distance`.";
 
     /// Ends the jog of this `refresh_id` at once, and returns when the axis rests: READY. If no such jog runs nothing
     /// changes, and one that comes later is refused.

@@ -52,10 +52,12 @@ use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::{BoxFuture, Port};
 use crate::types::data::VariableArea;
+use crate::types::handler::Departure;
 use crate::types::heartbeat::Heartbeat;
 use crate::types::io::{IoDeclaration, IoDeclarations, IoPoint};
 use crate::types::machine::{AlarmRecord, Birth, CoordinateSystemInfo, Presence};
 use crate::types::message::{Message, Payload};
+use crate::types::not_after::NotAfter;
 use crate::types::output::{
     CancelReason, HandlerPresence, Params, PendingOutput, Redeliver, Redelivery, Timing,
 };
@@ -245,18 +247,50 @@ impl FakePort {
         self.raise_alarm(&mut lock(&self.inner), Some(cs), alarm);
     }
 
-    /// Breaks the connection of a handler: its claims are released.
+    /// Breaks the connection of a handler: its claims are released. This machine has no grace time.
     pub fn lose_handler(&self, handler_id: &str) {
+        let until_s = self.now_s();
+        self.part_from_handler(handler_id, Departure::Unannounced { until_s });
+    }
+
+    /// A handler has left.
+    fn part_from_handler(&self, handler_id: &str, departure: Departure) {
         self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id, None));
         let mut inner = lock(&self.inner);
-        let numbers: Vec<_> = inner.systems.keys().copied().collect();
-        for cs in numbers {
+        let now_s = inner.now_s;
+        for cs in inner.numbers() {
             if let Some(system) = inner.systems.get_mut(&cs) {
-                system.lose_owner(handler_id);
+                system.leave(handler_id, departure, now_s);
             }
             self.publish_system(&mut inner, cs);
         }
-        self.lose_io(&mut inner, handler_id);
+        self.leave_io(&mut inner, handler_id, departure);
+    }
+
+    /// A handler is online.
+    fn welcome_handler(&self, handler_id: &str) {
+        let mut inner = lock(&self.inner);
+        inner.io.come(handler_id);
+        for system in inner.systems.values_mut() {
+            system.come(handler_id);
+        }
+    }
+
+    /// Outputs and levels of handlers that did not come back follow their `on_loss`.
+    fn expire_absences(&self) {
+        let mut inner = lock(&self.inner);
+        let now_s = inner.now_s;
+        for cs in inner.numbers() {
+            if let Some(system) = inner.systems.get_mut(&cs)
+                && system
+                    .next_lock_deadline_s()
+                    .is_some_and(|until_s| until_s <= now_s)
+            {
+                system.expire_locks(now_s);
+                self.publish_system(&mut inner, cs);
+            }
+        }
+        self.expire_io(&mut inner);
     }
 
     /// Declares an input or output of the plant, with its safe value as what it is now.
@@ -358,8 +392,11 @@ impl FakePort {
         let sleepers = inner.sleepers.iter().map(|(until_s, _)| *until_s);
         let ledgers = inner.systems.values().map(|system| &system.ledger);
         let deadlines = ledgers.filter_map(Ledger::next_deadline_s);
+        let locks = inner.systems.values().filter_map(System::next_lock_deadline_s);
         let next_s = sleepers
             .chain(deadlines)
+            .chain(locks)
+            .chain(inner.io.next_deadline_s())
             .filter(|next_s| *next_s <= end_s)
             .reduce(f64::min);
         inner.now_s = next_s.unwrap_or(end_s).max(inner.now_s);
@@ -373,6 +410,7 @@ impl FakePort {
         }
         drop(inner);
         self.use_all_ledgers(|_, ledger, now| ledger.expire(now));
+        self.expire_absences();
         next_s.is_some()
     }
 
@@ -562,6 +600,18 @@ impl Port for FakePort {
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
         Box::pin(async move { self.answer(request) })
+    }
+
+    fn request_not_after<'a>(
+        &'a self,
+        not_after: &'a NotAfter,
+        _client: Option<&'a str>,
+        request: Request,
+    ) -> BoxFuture<'a, Result<Answer, Refusal>> {
+        Box::pin(async move {
+            self.check_age(not_after, &request)?;
+            self.answer(request)
+        })
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {

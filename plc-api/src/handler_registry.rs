@@ -2,15 +2,16 @@
 //!
 //! Only one instance of a `handler_id` can be present. A second one is refused unless it takes over, or unless the present one fails to
 //! confirm within [`CONFIRM_MAX_S`] that it is alive: its last will may never arrive. An instance that has gone takes nothing from a
-//! later one, because its last will may arrive late. One that leaves and says when it will be back keeps its M codes until then.
+//! later one, because its last will may arrive late. A handler that leaves keeps its M codes, outputs and levels for a while: for the
+//! time that it announced, otherwise for the grace time.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
-use crate::handshake::taken_text;
+use crate::handshake::{taken_text, unnamed_text};
 use crate::types::CoordinateSystemNumber;
 use crate::types::alarm_text::AlarmText;
-use crate::types::handler::is_own_instance;
+use crate::types::handler::{Departure, is_own_instance};
 use crate::types::ids::check_client_id;
 use crate::types::output::{HandledCode, HandlerPresence};
 use crate::types::refusal::{Refusal, RefusalCode};
@@ -24,27 +25,45 @@ pub const CONFIRM_MAX_S: f64 = 2.0;
 /// M codes that one handler may say it serves: all of them in every coordinate system.
 const HANDLED_CODES_MAX: usize = 8 * 192;
 
+/// An instance that lost its place to another.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Displaced {
+    /// Its presence.
+    pub presence: HandlerPresence,
+    /// What it is told.
+    pub text: String,
+    /// Taken over if the other asked for it, unannounced if this one did not confirm that it is alive.
+    pub departure: Departure,
+}
+
 /// What a presence has changed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Registered {
     /// The handler is there.
     Online {
-        /// The instance whose place it has taken, and what that one is told.
-        took_over: Option<(HandlerPresence, String)>,
+        /// The instance whose place it has taken.
+        took_over: Option<Box<Displaced>>,
         /// A handler that had gone, and was forgotten for it.
         forgotten: Option<String>,
+        /// The same instance was offline before: it is asked to announce itself once more, so that it writes its levels again
+        /// although it may not have noticed.
+        has_returned: bool,
     },
     /// It was there already, and says so again before its presence is too old.
     Refreshed,
-    /// It has gone.
-    Offline,
+    /// It has gone; of a handler that had gone before, how it did so.
+    Offline(Departure),
     /// Nothing: it is said of an instance that is not there any more.
     Nothing,
 }
 
 /// Handlers by their ids.
 #[derive(Debug, Default)]
-pub struct HandlerRegistry(BTreeMap<String, Entry>);
+pub struct HandlerRegistry {
+    handlers: BTreeMap<String, Entry>,
+    /// Time in which a handler may come back that left without an announcement, s.
+    grace_s: f64,
+}
 
 /// A handler that is or was there.
 #[derive(Debug)]
@@ -54,30 +73,63 @@ struct Entry {
     since: SystemTime,
     /// When it was asked whether it still is, and has not confirmed it, seconds since the start.
     asked_s: Option<f64>,
-    /// It has left, and said that it comes back.
-    away: Option<Away>,
+    /// How it left.
+    absence: Option<Absence>,
+    reach: Reach,
 }
 
-/// What a handler that has left serves when it is back.
+/// Whether a question reaches a handler, whether it is still there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reach {
+    /// It subscribes to `handler/{id}/result`.
+    Subscribed,
+    /// It registered by a request of HTTP: the age of its presence alone shows whether it is there.
+    Polling,
+}
+
+/// A handler that has left.
 #[derive(Debug, Clone)]
-struct Away {
+struct Absence {
+    /// What it serves when it is back.
     handles: Vec<HandledCode>,
-    /// When it is back at the latest, seconds since the start.
-    until_s: f64,
+    departure: Departure,
 }
 
 impl HandlerRegistry {
-    /// Notes a presence. `now_s`: seconds since the start.
+    /// No handlers. `grace_s`: time in which a handler may come back that left without an announcement; 0 without a registry of its
+    /// own.
+    pub fn with_grace(grace_s: f64) -> Self {
+        Self {
+            grace_s,
+            ..Self::default()
+        }
+    }
+
+    /// Notes a presence of a handler that subscribes to its results.
     ///
     /// # Errors
-    /// Id or instance are none, it serves too many M codes, another instance is there (`handler_taken`; [`asked`](Self::asked)
-    /// says whether that one is to confirm it), or there are too many handlers.
+    /// As of [`set_over`](Self::set_over).
     pub fn set(
         &mut self,
         id: &str,
         presence: &HandlerPresence,
         now: SystemTime,
         now_s: f64,
+    ) -> Result<Registered, Refusal> {
+        self.set_over(Reach::Subscribed, id, presence, (now, now_s))
+    }
+
+    /// Notes a presence. The time is that of day, and seconds since the start.
+    ///
+    /// # Errors
+    /// Id or instance are none, it serves too many M codes, another instance is there (`handler_taken`; [`asked`](Self::asked)
+    /// says whether that one is to confirm it), or there are too many handlers.
+    pub fn set_over(
+        &mut self,
+        reach: Reach,
+        id: &str,
+        presence: &HandlerPresence,
+        (now, now_s): (SystemTime, f64),
     ) -> Result<Registered, Refusal> {
         check_client_id("handler_id", id)?;
         presence.check()?;
@@ -89,62 +141,95 @@ impl HandlerRegistry {
             take_over: false,
             ..presence.clone()
         };
-        let away = self.away_after(id, presence, now_s);
-        let there = self.0.get_mut(id).filter(|there| there.presence.online);
+        let absence = self.absence_after(id, presence, now_s);
+        let has_returned = self.has_returned(id, presence);
+        let unconfirmed = Departure::Unannounced {
+            until_s: now_s + self.grace_s,
+        };
+        let there = self.handlers.get_mut(id).filter(|there| there.presence.online);
         let (mut since, mut took_over) = (now, None);
         match there {
             Some(there) if there.presence == kept && kept.expires_ms.is_some() => {
                 there.asked_s = None;
+                there.reach = reach;
                 return Ok(Registered::Refreshed);
             }
             Some(there) if there.presence.instance == presence.instance => since = there.since,
             Some(_) if !presence.online => return Ok(Registered::Nothing),
             Some(there) => {
-                let text = there.place_for(id, presence, now_s)?;
-                took_over = Some((there.presence.clone(), text));
+                took_over = Some(Box::new(Displaced {
+                    text: there.place_for(id, presence, now_s)?,
+                    departure: if presence.take_over {
+                        Departure::TakenOver
+                    } else {
+                        unconfirmed
+                    },
+                    presence: there.presence.clone(),
+                }));
             }
             None => {}
         }
-        let mut forgotten = None;
-        if self.0.len() >= HANDLERS_MAX && !self.0.contains_key(id) {
-            let gone = self.0.iter().find(|(_, entry)| !entry.presence.online);
-            let gone = gone.map(|(id, _)| id.clone()).ok_or_else(|| {
-                let text = format!("{HANDLERS_MAX} handlers are connected, which is the limit");
-                Refusal::new(RefusalCode::Unavailable, text)
-            })?;
-            self.0.remove(&gone);
-            forgotten = Some(gone);
-        }
+        let forgotten = self.make_room(id)?;
+        let departure = absence.as_ref().map(|absence| absence.departure);
         let entry = Entry {
             presence: kept,
             since,
             asked_s: None,
-            away,
+            absence,
+            reach,
         };
-        self.0.insert(id.to_owned(), entry);
-        Ok(if presence.online {
-            Registered::Online { took_over, forgotten }
-        } else {
-            Registered::Offline
+        self.handlers.insert(id.to_owned(), entry);
+        Ok(match departure {
+            Some(departure) => Registered::Offline(departure),
+            None => Registered::Online {
+                took_over,
+                forgotten,
+                has_returned,
+            },
         })
+    }
+
+    /// Forgets a handler that is offline if there is no room for a new one. Returns its id.
+    ///
+    /// # Errors
+    /// All are online.
+    fn make_room(&mut self, id: &str) -> Result<Option<String>, Refusal> {
+        if self.handlers.len() < HANDLERS_MAX || self.handlers.contains_key(id) {
+            return Ok(None);
+        }
+        let offline = self.handlers.iter().find(|(_, entry)| !entry.presence.online);
+        let offline = offline.map(|(id, _)| id.clone()).ok_or_else(|| {
+            let text = format!("{HANDLERS_MAX} handlers are connected, which is the limit");
+            Refusal::new(RefusalCode::Unavailable, text)
+        })?;
+        self.handlers.remove(&offline);
+        Ok(Some(offline))
+    }
+
+    /// True when an instance comes that was there before, and was offline since.
+    fn has_returned(&self, id: &str, presence: &HandlerPresence) -> bool {
+        let before = self.handlers.get(id).map(|entry| &entry.presence);
+        presence.online
+            && presence.instance.is_some()
+            && before.is_some_and(|before| !before.online && before.instance == presence.instance)
     }
 
     /// The instance of a handler that is to confirm that it is still there.
     pub fn asked(&self, id: &str) -> Option<&str> {
-        let entry = self.0.get(id).filter(|entry| entry.asked_s.is_some())?;
+        let entry = self.handlers.get(id).filter(|entry| entry.asked_s.is_some())?;
         entry.presence.instance.as_deref()
     }
 
     /// All that are or were there.
     pub fn all(&self) -> BTreeMap<String, HandlerPresence> {
-        let all = self.0.iter();
+        let all = self.handlers.iter();
         all.map(|(id, entry)| (id.clone(), entry.presence.clone()))
             .collect()
     }
 
     /// What a handler that is there says of an alarm.
     pub fn alarm_text(&self, code: u16) -> Option<AlarmText> {
-        let there = self.0.values().map(|entry| &entry.presence);
+        let there = self.handlers.values().map(|entry| &entry.presence);
         let mut said = there
             .filter(|handler| handler.online)
             .flat_map(|handler| &handler.alarms);
@@ -153,31 +238,67 @@ impl HandlerRegistry {
 
     /// True while a handler is there.
     pub fn is_online(&self, id: &str) -> bool {
-        self.0.get(id).is_some_and(|entry| entry.presence.online)
+        self.handlers.get(id).is_some_and(|entry| entry.presence.online)
     }
 
-    /// What a handler serves that leaves and comes back; its last will, which may follow, takes nothing of it away.
-    fn away_after(&self, id: &str, presence: &HandlerPresence, now_s: f64) -> Option<Away> {
-        let entry = self.0.get(id).filter(|_| !presence.online)?;
-        match presence.returns_within_ms {
-            Some(ms) if entry.presence.online => Some(Away {
-                handles: entry.presence.handles.clone(),
-                until_s: now_s + ms as f64 / 1000.0,
-            }),
-            _ => entry.away.clone(),
+    /// Validates who writes a level or an output for a handler: the instance that is online.
+    ///
+    /// # Errors
+    /// `unavailable`: the handler is offline; `not_allowed`: another instance of it is online, or the write does not name its instance
+    /// although the presence does.
+    pub fn judge_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
+        let Some(entry) = self.handlers.get(id).filter(|entry| entry.presence.online) else {
+            let text = format!("handler {id} is not online: announce its presence before it writes");
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        };
+        let online = entry.presence.instance.as_deref();
+        match instance {
+            None if online.is_some_and(is_own_instance) => {
+                Err(Refusal::new(RefusalCode::NotAllowed, unnamed_text(id)))
+            }
+            Some(named) if online != Some(named) => {
+                let text = taken_text(id, online, Some(named), &entry.since);
+                Err(Refusal::new(RefusalCode::NotAllowed, text))
+            }
+            _ => Ok(()),
         }
+    }
+
+    /// How a handler is absent after this presence; `None`: it is online. A last will that follows an announcement changes nothing.
+    fn absence_after(&self, id: &str, presence: &HandlerPresence, now_s: f64) -> Option<Absence> {
+        if presence.online {
+            return None;
+        }
+        let known = self.handlers.get(id);
+        if let Some(absence) = known.and_then(|entry| entry.absence.clone()) {
+            return Some(absence);
+        }
+        let departure = match presence.returns_within_ms {
+            Some(ms) => Departure::Announced {
+                until_s: now_s + ms as f64 / 1000.0,
+            },
+            None => Departure::Unannounced {
+                until_s: now_s + self.grace_s,
+            },
+        };
+        let handles = known.map(|entry| entry.presence.handles.clone());
+        Some(Absence {
+            handles: handles.unwrap_or_default(),
+            departure,
+        })
     }
 
     /// When the last handler comes back that serves this M code and has left, seconds since the start.
     pub fn back_s(&self, cs: CoordinateSystemNumber, m: u16, now_s: f64) -> Option<f64> {
-        let away = self.0.values().filter_map(|entry| entry.away.as_ref());
-        let serve = away.filter(|away| away.handles.contains(&HandledCode { cs, m }) && away.until_s > now_s);
-        serve.map(|away| away.until_s).reduce(f64::max)
+        let absent = self.handlers.values().filter_map(|entry| entry.absence.as_ref());
+        let serve = absent.filter(|absence| absence.handles.contains(&HandledCode { cs, m }));
+        let ends = serve.filter_map(|absence| absence.departure.until_s());
+        ends.filter(|until_s| *until_s > now_s).reduce(f64::max)
     }
 
     /// True when a handler that is there serves this M code.
     pub fn serve(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
-        let mut there = self.0.values().map(|entry| &entry.presence);
+        let mut there = self.handlers.values().map(|entry| &entry.presence);
         there.any(|handler| handler.online && handler.handles.contains(&HandledCode { cs, m }))
     }
 }
@@ -193,7 +314,7 @@ impl Entry {
             ));
         }
         // a server end knows when the connection of one that it has named itself ends
-        let may_be_asked = there.is_some_and(is_own_instance);
+        let may_be_asked = self.reach == Reach::Subscribed && there.is_some_and(is_own_instance);
         let asked_s = may_be_asked.then(|| *self.asked_s.get_or_insert(now_s));
         if asked_s.is_some_and(|asked_s| now_s - asked_s >= CONFIRM_MAX_S) {
             return Ok(format!(
@@ -231,7 +352,27 @@ mod tests {
     const ONLINE: Result<Registered, Refusal> = Ok(Registered::Online {
         took_over: None,
         forgotten: None,
+        has_returned: false,
     });
+
+    const OFFLINE: Registered = Registered::Offline(Departure::Unannounced { until_s: 0.0 });
+
+    #[test]
+    fn a_lost_handlers_codes_wait_for_the_grace_time() {
+        let mut handlers = HandlerRegistry::with_grace(2.0);
+        let mut at = |now_s, said: HandlerPresence| handlers.set("cell", &said, UNIX_EPOCH, now_s);
+        at(0.0, presence(true, Some("a"))).unwrap();
+        let lost = Registered::Offline(Departure::Unannounced { until_s: 7.0 });
+        for now_s in [5.0, 6.0] {
+            let will = HandlerPresence::gone(Some("a".to_owned()));
+            assert_eq!(at(now_s, will), Ok(lost.clone()), "a second one prolongs nothing");
+        }
+        assert_eq!(handlers.back_s(1, 100, 6.9), Some(7.0));
+        assert_eq!(handlers.back_s(1, 100, 7.0), None);
+        let back = handlers.set("cell", &presence(true, Some("b")), UNIX_EPOCH, 6.9);
+        assert_eq!(back, ONLINE);
+        assert_eq!(handlers.back_s(1, 100, 6.9), None);
+    }
 
     #[test]
     fn a_code_is_served_in_its_coordinate_system_while_its_handler_is_there() {
@@ -240,7 +381,7 @@ mod tests {
         assert!(handlers.serve(1, 100));
         assert!(!handlers.serve(2, 100) && !handlers.serve(1, 101));
         let gone = set(&mut handlers, "gripper", &presence(false, None));
-        assert_eq!(gone, Ok(Registered::Offline));
+        assert_eq!(gone, Ok(OFFLINE));
         assert!(!handlers.serve(1, 100) && !handlers.is_online("gripper") && !handlers.is_online("x"));
         assert_eq!(handlers.all().len(), 1);
     }
@@ -265,14 +406,12 @@ mod tests {
             assert!(refusal.text.contains("1 to 3600000"), "{refusal}");
         }
         at(0.0, presence(true, Some("a"))).unwrap();
-        assert_eq!(at(1.0, leaves(5000)), Ok(Registered::Offline));
-        at(2.0, HandlerPresence::gone(Some("a".to_owned()))).unwrap();
+        let announced = Registered::Offline(Departure::Announced { until_s: 6.0 });
+        assert_eq!(at(1.0, leaves(5000)), Ok(announced.clone()));
+        let will = HandlerPresence::gone(Some("a".to_owned()));
+        assert_eq!(at(2.0, will), Ok(announced), "its last will takes nothing away");
         assert!(!handlers.serve(1, 100));
-        assert_eq!(
-            handlers.back_s(1, 100, 2.0),
-            Some(6.0),
-            "its last will takes nothing away"
-        );
+        assert_eq!(handlers.back_s(1, 100, 2.0), Some(6.0));
         assert_eq!(handlers.back_s(1, 101, 2.0), None);
         assert_eq!(handlers.back_s(1, 100, 6.0), None, "its time is over");
         handlers
@@ -307,7 +446,7 @@ mod tests {
             assert!(handlers.is_online("cell"));
         }
         let said = set(&mut handlers, "cell", &presence(false, Some("a")));
-        assert_eq!(said, Ok(Registered::Offline));
+        assert_eq!(said, Ok(OFFLINE));
         assert_eq!(set(&mut handlers, "cell", &presence(true, Some("b"))), ONLINE);
     }
 
@@ -323,13 +462,19 @@ mod tests {
         assert!(at(12.0, "b").is_err(), "a has confirmed it, and is asked anew");
         assert!(at(13.0, "c").is_err());
         let Ok(Registered::Online {
-            took_over: Some((old, text)),
+            took_over: Some(displaced),
             ..
         }) = at(14.0, "b")
         else {
             panic!("a has not confirmed it");
         };
-        assert_eq!(old.instance.as_deref(), Some("a"));
+        let Displaced {
+            presence,
+            text,
+            departure,
+        } = *displaced;
+        assert_eq!(presence.instance.as_deref(), Some("a"));
+        assert_eq!(departure, Departure::Unannounced { until_s: 14.0 });
         assert!(text.contains("instance b") && text.contains("2 s"), "{text}");
         assert!(at(14.0, "a").is_err());
     }
@@ -371,6 +516,26 @@ mod tests {
     }
 
     #[test]
+    fn a_polling_instance_keeps_its_place_while_its_presence_lives() {
+        let mut handlers = HandlerRegistry::default();
+        let mut at = |now_s, presence: &HandlerPresence| {
+            handlers.set_over(Reach::Polling, "cell", presence, (UNIX_EPOCH, now_s))
+        };
+        let aging = HandlerPresence {
+            expires_ms: Some(30_000),
+            ..presence(true, Some("a"))
+        };
+        at(0.0, &aging).unwrap();
+        for now_s in [1.0, 5.0, 9.0] {
+            let refusal = at(now_s, &presence(true, Some("b"))).unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::HandlerTaken);
+        }
+        at(30.0, &presence(false, Some("a"))).unwrap();
+        assert_eq!(at(30.0, &presence(true, Some("b"))), ONLINE);
+        assert_eq!(handlers.asked("cell"), None);
+    }
+
+    #[test]
     fn one_that_is_to_take_over_takes_the_place_of_the_other() {
         let mut handlers = HandlerRegistry::default();
         set(&mut handlers, "cell", &presence(true, Some("a"))).unwrap();
@@ -379,12 +544,14 @@ mod tests {
             ..presence(true, Some("b"))
         };
         let Ok(Registered::Online {
-            took_over: Some((old, text)),
+            took_over: Some(displaced),
             ..
         }) = set(&mut handlers, "cell", &new)
         else {
             panic!("it has not taken over");
         };
+        let (old, text) = (displaced.presence, displaced.text);
+        assert_eq!(displaced.departure, Departure::TakenOver);
         assert_eq!(old.instance.as_deref(), Some("a"));
         assert!(text.contains("instance b") && text.contains("cell"), "{text}");
         let shown = handlers.all()["cell"].clone();
@@ -408,11 +575,33 @@ mod tests {
             said,
             Ok(Registered::Online {
                 took_over: None,
-                forgotten
+                forgotten,
+                has_returned: false,
             })
         );
         let refusal = set(&mut handlers, "b", &presence(true, None)).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Unavailable);
+    }
+
+    #[test]
+    fn instance_that_was_offline_has_returned_and_a_new_one_has_not() {
+        let mut handlers = HandlerRegistry::default();
+        for (online, instance, returned) in [
+            (true, "a", Some(false)),
+            (true, "a", Some(false)),
+            (false, "a", None),
+            (true, "a", Some(true)),
+            (true, "a", Some(false)),
+            (false, "a", None),
+            (true, "b", Some(false)),
+        ] {
+            let said = set(&mut handlers, "cell", &presence(online, Some(instance))).unwrap();
+            let has_returned = match said {
+                Registered::Online { has_returned, .. } => Some(has_returned),
+                _ => None,
+            };
+            assert_eq!(has_returned, returned, "{online} {instance}");
+        }
     }
 
     #[test]

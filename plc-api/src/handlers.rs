@@ -440,16 +440,16 @@ impl SequenceProgram {
         self.run_until(plc, std::future::pending::<()>()).await
     }
 
-    /// Serves the machine as [`SequenceProgram::run`] does, until `stop` completes, such as Ctrl-C. Then it accepts no further output, and
+    /// Serves the machine as [`SequenceProgram::run`] does, until `stop` completes, such as
+    /// [`stop_signal`](crate::stop_signal). Then it accepts no further output, and
     /// ends when the handlers at work have finished, so that no work is lost; [`ends_within`](SequenceProgram::ends_within) limits their
     /// time. Tasks and alarms continue until then. The machine learns that the program returns within
     /// [`returns_within`](SequenceProgram::returns_within).
     ///
     /// ```no_run
     /// # use plc_api::{Plc, SequenceProgram};
-    /// # async fn stop_signal() {}
     /// # async fn main_of(program: SequenceProgram, plc: Plc) -> plc_api::Result<()> {
-    /// program.run_until(&plc, stop_signal()).await // such as tokio::signal::ctrl_c()
+    /// program.run_until(&plc, plc_api::stop_signal()).await
     /// # }
     /// ```
     ///

@@ -20,7 +20,7 @@ pub mod rules;
 
 pub use closed::CLOSED_REMEMBERED;
 pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
-pub(crate) use identity::{strictest, taken_text};
+pub(crate) use identity::{strictest, taken_text, unnamed_text};
 pub use reports::PROGRESS_TEXT_MAX;
 
 use crate::alarm::Alarm;
@@ -203,7 +203,7 @@ impl Ledger {
         }
         let instance = self
             .handlers
-            .speaker(&claim.handler_id, claim.instance.as_ref())?;
+            .claimant(&claim.handler_id, claim.instance.as_ref())?;
         let output = &mut self.open[place];
         if output.handler_id.is_some() {
             output.check_owner(&claim.handler_id, instance.as_ref())?;
@@ -215,6 +215,7 @@ impl Ledger {
         output.state = OutputState::Claimed;
         output.handler_id = Some(claim.handler_id.clone());
         output.instance = instance;
+        output.progress = None;
         output.since = now.time;
         output.lost = false;
         output.lost_by = None;
@@ -260,7 +261,7 @@ impl Ledger {
             .handlers
             .speaker(&reset.handler_id, reset.instance.as_ref())
             .and_then(|instance| match output.handler_id {
-                Some(_) => output.check_owner(&reset.handler_id, instance.as_ref()),
+                Some(_) => output.check_owner(&reset.handler_id, reset.instance.as_ref()),
                 None => self.handlers.end(output, &reset.handler_id, instance.as_ref()),
             });
         match judged {
@@ -319,7 +320,6 @@ impl Ledger {
             output.since = now.time;
             output.lost = true;
             output.how = None;
-            output.progress = None;
             output.question = None;
             output.notice.redelivered = true;
             any = true;

@@ -27,6 +27,8 @@ pub enum Filter {
     /// Topics for a handler: presence, birth, presence of handlers and its results, and pending, output, result, cancel and validate of
     /// every coordinate system.
     Handshake,
+    /// Replies to commands.
+    Replies,
 }
 
 impl Filter {
@@ -34,6 +36,7 @@ impl Filter {
         match self {
             Filter::All => true,
             Filter::Topics(topics) => topics.contains(topic),
+            Filter::Replies => matches!(topic, Topic::Reply(_)),
             Filter::Handshake => match topic {
                 Topic::Presence | Topic::Birth | Topic::HandlerPresence(_) | Topic::HandlerResult(_) => true,
                 Topic::CoordinateSystem(_, topic) => matches!(
@@ -50,7 +53,8 @@ impl Filter {
                 | Topic::Reply(_)
                 | Topic::Io(_)
                 | Topic::Variables
-                | Topic::Tools => false,
+                | Topic::Tools
+                | Topic::StoredData => false,
             },
         }
     }

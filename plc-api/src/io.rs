@@ -138,7 +138,7 @@ impl Io {
             && self.plc.is_online().await
             && let Ok(state) = self.state().await
         {
-            judge_owner(&self.point, &state, owner.as_deref())?;
+            judge_owner(&self.point, &state, owner.as_ref().map(|by| &*by.handler_id))?;
         }
         self.plc.set_io(self.point.clone(), value).await
     }

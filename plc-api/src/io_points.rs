@@ -1,14 +1,16 @@
 //! Inputs and outputs of the plant. Pure; the runtime and the scripted machine share it.
 //!
-//! A point that a handler has written belongs to that handler: nobody else can write it while the handler is present, and when the
-//! handler has gone, the point takes the safe value of its declaration. Clients without a presence own nothing: any of them may write
+//! A point that a handler has written belongs to that handler: nobody else can write it while the handler is present. If the handler
+//! leaves, its outputs keep their values for the time that it announced, otherwise for the grace time; then they take the value of
+//! their `on_loss`. An input has no grace time: what nobody reads any more is unknown. Clients without a presence own nothing: any of them may write
 //! a point that no handler owns. An operator can force a value; the program keeps writing underneath, and its value counts again when
 //! an operator removes the force.
 
 use std::collections::BTreeMap;
 
+use crate::types::handler::Departure;
 use crate::types::io::{
-    IoDeclaration, IoDeclarations, IoForce, IoForced, IoPoint, IoSet, IoState, IoValue, refused,
+    IoDeclaration, IoDeclarations, IoForce, IoForced, IoPoint, IoSet, IoSide, IoState, IoValue, refused,
 };
 use crate::types::refusal::{Refusal, RefusalCode};
 
@@ -17,51 +19,99 @@ const NAMED_MAX: usize = 20;
 
 /// All of a machine.
 #[derive(Debug, Default)]
-pub struct IoPoints(BTreeMap<IoPoint, (IoDeclaration, IoState)>);
+pub struct IoPoints {
+    points: BTreeMap<IoPoint, (IoDeclaration, IoState)>,
+    /// Owners that left, and until when their points wait for them, seconds since the start.
+    absent: BTreeMap<String, f64>,
+}
+
+/// A point whose owner is lost: its owner, and its state since then.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LostPoint {
+    /// Which.
+    pub point: IoPoint,
+    /// Its owner.
+    pub handler_id: String,
+    /// What it is now.
+    pub state: IoState,
+}
 
 impl IoPoints {
-    /// At a start: each has its safe value, and no owner yet.
+    /// At a start: each has its first value, and no owner yet.
     pub fn new(declared: &IoDeclarations) -> Self {
         let all = declared.points().map(|(point, declaration)| {
+            let first = declaration.first_value();
             let state = IoState {
-                value: declaration.on_loss,
-                written: declaration.on_loss,
+                value: first,
+                written: first,
                 ..IoState::default()
             };
             (point, (declaration.clone(), state))
         });
-        Self(all.collect())
+        Self {
+            points: all.collect(),
+            absent: BTreeMap::new(),
+        }
+    }
+
+    /// Gives an output the value that was written last before the start; `None`: it is damaged. One that its declaration does not
+    /// allow any more is left out.
+    pub fn restore(&mut self, point: &IoPoint, last: Option<IoValue>) {
+        let Some((declaration, state)) = self.points.get_mut(point) else {
+            return;
+        };
+        match last {
+            Some(last) if declaration.check(last).is_ok() => state.write(last),
+            Some(_) => {}
+            None => state.unknown = true,
+        }
     }
 
     /// All of them as they are now.
     pub fn states(&self) -> impl Iterator<Item = (&IoPoint, &IoState)> {
-        self.0.iter().map(|(point, (_, state))| (point, state))
+        self.points.iter().map(|(point, (_, state))| (point, state))
     }
 
-    /// Writes a value. `is_there` says whether a handler is online.
+    /// Validates a write, and changes nothing. `judge_writer` says whether an instance writes for a handler.
+    ///
+    /// # Errors
+    /// As of [`write`](Self::write).
+    pub fn check(
+        &self,
+        point: &IoPoint,
+        set: &IoSet,
+        judge_writer: impl Fn(&str, Option<&String>) -> Result<(), Refusal>,
+    ) -> Result<(), Refusal> {
+        set.check()?;
+        let (declaration, state) = self.points.get(point).ok_or_else(|| self.not_declared(point))?;
+        let wrong = |why| refused(RefusalCode::Invalid, point, why);
+        declaration.check(set.value).map_err(wrong)?;
+        if let Some(id) = &set.handler_id {
+            let judged = judge_writer(id, set.instance.as_ref());
+            judged.map_err(|refusal| refused(refusal.code, point, refusal.text))?;
+        }
+        judge_owner(point, state, set.handler_id.as_deref())
+    }
+
+    /// Writes a value. `judge_writer` says whether an instance writes for a handler. The second value is true if the value or the owner has changed.
     ///
     /// # Errors
     /// `not_found`: none is declared by this name; `invalid`: a value or an id that is none; `unavailable`: the handler is not
-    /// there; `not_allowed`: it is another's.
+    /// there; `not_allowed`: it is another's, or another instance of the handler is there.
     pub fn write(
         &mut self,
         point: &IoPoint,
         set: IoSet,
-        is_there: impl Fn(&str) -> bool,
-    ) -> Result<&IoState, Refusal> {
-        set.check()?;
-        let (declaration, state) = self.find(point)?;
-        let wrong = |why| refused(RefusalCode::Invalid, point, why);
-        declaration.check(set.value).map_err(wrong)?;
-        if let Some(id) = set.handler_id.as_deref().filter(|id| !is_there(id)) {
-            let why = format!("handler {id} is not online: announce its presence before it writes");
-            return Err(refused(RefusalCode::Unavailable, point, why));
-        }
-        judge_owner(point, state, set.handler_id.as_deref())?;
+        judge_writer: impl Fn(&str, Option<&String>) -> Result<(), Refusal>,
+    ) -> Result<(&IoState, bool), Refusal> {
+        self.check(point, &set, judge_writer)?;
+        let (_, state) = self.find(point)?;
+        let is_news = state.written != set.value || state.owner != set.handler_id || state.lost;
         state.owner = set.handler_id;
         state.lost = false;
+        state.unknown = false;
         state.write(set.value);
-        Ok(state)
+        Ok((state, is_news))
     }
 
     /// Puts a value in the place of the written one, or takes it back.
@@ -76,30 +126,76 @@ impl IoPoints {
             let wrong = |why| refused(RefusalCode::Invalid, point, why);
             declaration.check(value).map_err(wrong)?;
         }
+        state.unknown &= force.value.is_none();
         state.forced = force.value.map(|value| IoForced { value, by });
         state.write(state.written);
         Ok(state)
     }
 
-    /// A handler is not there any more. What it owned.
-    pub fn lose(&mut self, handler_id: &str) -> Vec<(IoPoint, IoState)> {
-        let is_own = |state: &IoState| !state.lost && state.owner.as_deref() == Some(handler_id);
-        let own = self.0.iter_mut().filter(|(_, (_, state))| is_own(state));
-        let lost = own.map(|(point, (declaration, state))| {
+    /// A handler has left. Returns the points that have changed by that.
+    pub fn leave(&mut self, handler_id: &str, departure: Departure) -> Vec<LostPoint> {
+        let Some(until_s) = departure.until_s() else {
+            return Vec::new();
+        };
+        if self.owned(handler_id).next().is_some() {
+            self.absent.insert(handler_id.to_owned(), until_s);
+        }
+        match departure {
+            Departure::Unannounced { .. } => self.lose(handler_id, |point| point.side == IoSide::In),
+            Departure::Announced { .. } | Departure::TakenOver => Vec::new(),
+        }
+    }
+
+    /// A handler is online: what it left waits no longer.
+    pub fn come(&mut self, handler_id: &str) {
+        self.absent.remove(handler_id);
+    }
+
+    /// Ends the time of handlers that left and did not come back. `is_there` says whether a handler is online. Returns the points that
+    /// have changed by that.
+    pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> Vec<LostPoint> {
+        let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
+        let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
+        due.iter().flat_map(|id| self.lose(id, |_| true)).collect()
+    }
+
+    /// When the time of the next handler that left ends, seconds since the start.
+    pub fn next_deadline_s(&self) -> Option<f64> {
+        self.absent.values().copied().reduce(f64::min)
+    }
+
+    /// What a handler owns and has not lost.
+    fn owned(&mut self, handler_id: &str) -> impl Iterator<Item = (&IoPoint, &IoDeclaration, &mut IoState)> {
+        let all = self.points.iter_mut();
+        let all = all.map(|(point, (declaration, state))| (point, &*declaration, state));
+        all.filter(move |(_, _, state)| !state.lost && state.owner.as_deref() == Some(handler_id))
+    }
+
+    fn lose(&mut self, handler_id: &str, which: impl Fn(&IoPoint) -> bool) -> Vec<LostPoint> {
+        let own = self.owned(handler_id).filter(|(point, ..)| which(point));
+        let lost = own.map(|(point, declaration, state)| {
             state.lost = true;
-            state.write(declaration.on_loss);
-            (point.clone(), state.clone())
+            state.write(declaration.on_loss.value().unwrap_or(state.written));
+            LostPoint {
+                point: point.clone(),
+                handler_id: handler_id.to_owned(),
+                state: state.clone(),
+            }
         });
         lost.collect()
     }
 
     fn find(&mut self, point: &IoPoint) -> Result<(&IoDeclaration, &mut IoState), Refusal> {
-        if !self.0.contains_key(point) {
-            return Err(not_declared(point, self.0.keys()));
+        if !self.points.contains_key(point) {
+            return Err(self.not_declared(point));
         }
-        let found = self.0.get_mut(point);
+        let found = self.points.get_mut(point);
         let found = found.map(|(declaration, state)| (&*declaration, state));
         found.ok_or_else(|| not_declared(point, []))
+    }
+
+    fn not_declared(&self, point: &IoPoint) -> Refusal {
+        not_declared(point, self.points.keys())
     }
 }
 
@@ -159,6 +255,7 @@ impl IoState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::types::io::IoStart;
 
     fn door() -> IoPoint {
         IoPoint::input("door_closed")
@@ -179,13 +276,14 @@ mod tests {
         IoSet {
             value: value.into(),
             handler_id: Some(handler.to_owned()),
+            ..IoSet::default()
         }
     }
 
     fn anyone(value: bool) -> IoSet {
         IoSet {
             value: value.into(),
-            handler_id: None,
+            ..IoSet::default()
         }
     }
 
@@ -196,13 +294,109 @@ mod tests {
         }
     }
 
-    fn there(_: &str) -> bool {
-        true
+    #[allow(clippy::unnecessary_wraps, reason = "it judges as the machine does")]
+    fn there(_: &str, _: Option<&String>) -> Result<(), Refusal> {
+        Ok(())
+    }
+
+    fn nobody(_: &str, _: Option<&String>) -> Result<(), Refusal> {
+        Err(Refusal::new(
+            RefusalCode::Unavailable,
+            "handler gateway is not online",
+        ))
     }
 
     fn value(points: &IoPoints) -> (IoValue, Option<String>, bool) {
         let (_, state) = points.states().find(|(point, _)| **point == door()).unwrap();
         (state.value, state.owner.clone(), state.lost)
+    }
+
+    const LOST: Departure = Departure::Unannounced { until_s: 12.0 };
+
+    fn clamp() -> IoPoint {
+        IoPoint::output("clamp")
+    }
+
+    /// A clamp with this declaration that handler `cell` has closed.
+    fn closed(declaration: IoDeclaration) -> IoPoints {
+        let mut declared = IoDeclarations::default();
+        declared.insert(clamp(), declaration);
+        let mut points = IoPoints::new(&declared);
+        points.write(&clamp(), by("cell", true), there).unwrap();
+        points
+    }
+
+    /// Value, written value and loss of the clamp.
+    fn of_clamp(points: &IoPoints) -> (bool, bool, bool) {
+        let (_, state) = points.states().next().unwrap();
+        (state.value.is_on(), state.written.is_on(), state.lost)
+    }
+
+    #[test]
+    fn an_output_stays_for_the_grace_time_and_then_has_its_on_loss() {
+        let open = IoDeclaration::new(false);
+        for (declaration, after) in [
+            (open.clone(), (false, false, true)),
+            (open.kept(IoStart::LAST), (true, true, true)),
+        ] {
+            let mut points = closed(declaration);
+            assert_eq!(points.leave("cell", LOST), []);
+            assert_eq!(points.next_deadline_s(), Some(12.0));
+            assert_eq!(points.expire(11.9, |_| false), []);
+            assert_eq!(of_clamp(&points), (true, true, false));
+            let refusal = points.write(&clamp(), by("other", false), there).unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::NotAllowed);
+            assert_eq!(points.expire(12.0, |_| false).len(), 1);
+            assert_eq!(of_clamp(&points), after);
+            points.write(&clamp(), by("other", true), there).unwrap();
+            assert_eq!(of_clamp(&points), (true, true, false));
+        }
+    }
+
+    #[test]
+    fn an_output_passes_to_the_instance_that_is_back_in_time() {
+        for departure in [LOST, Departure::Announced { until_s: 60.0 }, Departure::TakenOver] {
+            let mut points = closed(IoDeclaration::new(false));
+            assert_eq!(points.leave("cell", departure), []);
+            points.come("cell");
+            assert_eq!(points.expire(f64::MAX, |_| false), []);
+            assert_eq!(of_clamp(&points), (true, true, false));
+            points.write(&clamp(), by("cell", false), there).unwrap();
+            assert_eq!(of_clamp(&points), (false, false, false));
+        }
+    }
+
+    #[test]
+    fn an_announced_end_keeps_an_output_until_its_time() {
+        let mut points = closed(IoDeclaration::new(false));
+        points.leave("cell", Departure::Announced { until_s: 60.0 });
+        assert_eq!(points.expire(59.9, |_| false), []);
+        assert_eq!(points.expire(60.0, |_| true), [], "it is online, and will say so");
+        points.leave("cell", Departure::Announced { until_s: 60.0 });
+        assert_eq!(points.expire(60.0, |_| false).len(), 1);
+        assert_eq!(of_clamp(&points), (false, false, true));
+    }
+
+    #[test]
+    fn an_output_begins_with_at_start_and_a_damaged_last_value_is_unknown() {
+        let begin = |declaration: IoDeclaration| {
+            let mut declared = IoDeclarations::default();
+            declared.insert(clamp(), declaration);
+            IoPoints::new(&declared)
+        };
+        let open = IoDeclaration::new(false);
+        assert!(of_clamp(&begin(open.clone().kept(true))).0);
+        let mut points = begin(open.kept(IoStart::LAST));
+        assert!(!of_clamp(&points).0, "there is no last value");
+        points.restore(&clamp(), Some(true.into()));
+        assert_eq!(of_clamp(&points), (true, true, false));
+        points.restore(&clamp(), Some(7.0.into()));
+        assert!(of_clamp(&points).0, "its declaration has changed");
+        let unknown = |points: &IoPoints| points.states().any(|(_, state)| state.unknown);
+        points.restore(&clamp(), None);
+        assert!(unknown(&points));
+        points.write(&clamp(), by("cell", false), there).unwrap();
+        assert!(!unknown(&points));
     }
 
     #[test]
@@ -241,12 +435,12 @@ mod tests {
     fn without_its_owner_it_has_its_safe_value_until_a_handler_writes_it() {
         let mut points = points();
         points.write(&door(), by("gateway", true), there).unwrap();
-        assert_eq!(points.lose("cell"), []);
-        let lost = points.lose("gateway");
+        assert_eq!(points.leave("cell", LOST), []);
+        let lost = points.leave("gateway", LOST);
         assert_eq!(lost.len(), 1);
         assert_eq!(value(&points), (false.into(), Some("gateway".into()), true));
-        assert_eq!(points.lose("gateway"), [], "it is told once");
-        let refusal = points.write(&door(), anyone(true), |_| false).unwrap_err();
+        assert_eq!(points.leave("gateway", LOST), [], "it is told once");
+        let refusal = points.write(&door(), anyone(true), nobody).unwrap_err();
         assert!(refusal.text.contains("waits for handler gateway"), "{refusal}");
         points.write(&door(), by("other", true), there).unwrap();
         assert_eq!(value(&points), (true.into(), Some("other".into()), false));
@@ -266,9 +460,9 @@ mod tests {
     #[test]
     fn a_handler_that_is_not_there_writes_nothing() {
         let mut points = points();
-        let refusal = points.write(&door(), by("gateway", true), |_| false).unwrap_err();
+        let refusal = points.write(&door(), by("gateway", true), nobody).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Unavailable);
-        assert!(refusal.text.contains("presence"), "{refusal}");
+        assert!(refusal.text.contains("gateway is not online"), "{refusal}");
     }
 
     #[test]
@@ -279,10 +473,10 @@ mod tests {
         assert_eq!(state.forced.as_ref().map(|forced| &*forced.by), Some("anna"));
         assert_eq!((state.value, state.written), (false.into(), true.into()));
         points.write(&door(), by("gateway", false), there).unwrap();
-        let state = points.write(&door(), by("gateway", true), there).unwrap();
+        let (state, _) = points.write(&door(), by("gateway", true), there).unwrap();
         assert_eq!((state.value, state.written), (false.into(), true.into()));
         points.force(&door(), force(Some(true))).unwrap();
-        points.lose("gateway");
+        points.leave("gateway", LOST);
         assert_eq!(value(&points).0, true, "a force ends by an operator alone");
         let state = points.force(&door(), force(None)).unwrap();
         assert_eq!((state.value, state.forced.clone()), (false.into(), None));
@@ -294,7 +488,7 @@ mod tests {
         for value in [61.0.into(), IoValue::Bool(true)] {
             let set = IoSet {
                 value,
-                handler_id: None,
+                ..IoSet::default()
             };
             let forced = IoForce {
                 value: Some(value),

@@ -2,11 +2,12 @@
 //! belong to its handler, and are written again whenever its presence is announced anew.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
 
 use tokio::sync::watch;
 
 use crate::error::Result;
+use crate::identity::Identity;
 use crate::lock::lock;
 use crate::port::{Port, RETRY};
 use crate::types::io::{IoPoint, IoSet, IoValue};
@@ -48,22 +49,34 @@ enum Level {
 }
 
 /// What sets it, as this handler.
-fn request(place: &Place, level: Level, handler_id: Option<String>) -> Option<Request> {
+fn request(place: &Place, level: Level, owner: Option<&Identity>) -> Option<Request> {
+    let handler_id = owner.map(Identity::id);
+    let instance = owner.map(Identity::instance);
     match (place, level) {
         (Place::Lock(cs, kind, _), Level::Lock(set)) => {
-            Some(Request::Input(*cs, kind.input(LockSet { handler_id, ..set })))
+            let set = LockSet {
+                handler_id,
+                instance,
+                ..set
+            };
+            Some(Request::Input(*cs, kind.input(set)))
         }
         (Place::Io(point), Level::Io(value)) => {
-            Some(Request::WriteIo(point.clone(), IoSet { value, handler_id }))
+            let set = IoSet {
+                value,
+                handler_id,
+                instance,
+            };
+            Some(Request::WriteIo(point.clone(), set))
         }
         _ => None,
     }
 }
 
 /// The handler of a program that serves the machine.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 struct Owner {
-    handler_id: Arc<str>,
+    by: Identity,
     /// The start of the machine that knows it.
     known_in: Option<BootId>,
 }
@@ -86,9 +99,9 @@ impl Levels {
     }
 
     /// A handler begins to serve the machine, and owns what is set from now on.
-    pub(crate) fn begin(&self, handler_id: &Arc<str>) {
+    pub(crate) fn begin(&self, by: &Identity) {
         self.owner.send_replace(Some(Owner {
-            handler_id: Arc::clone(handler_id),
+            by: by.clone(),
             known_in: None,
         }));
     }
@@ -111,10 +124,10 @@ impl Levels {
     }
 
     /// The handler that owns a source, once the machine knows it.
-    pub(crate) fn owner(&self) -> Option<Arc<str>> {
+    pub(crate) fn owner(&self) -> Option<Identity> {
         let owner = self.owner.borrow();
         let known = owner.as_ref().filter(|owner| owner.known_in.is_some());
-        known.map(|owner| Arc::clone(&owner.handler_id))
+        known.map(|owner| owner.by.clone())
     }
 
     /// This start of the machine has been told who is there: it is told the levels, too.
@@ -189,8 +202,8 @@ impl Levels {
             let owner = ready.await.ok().and_then(|owner| owner.clone());
             let turn = self.turn.lock().await;
             let level = lock(&self.set).get(place).cloned();
-            let handler_id = owner.as_ref().map(|owner| owner.handler_id.to_string());
-            let Some(request) = level.and_then(|level| request(place, level, handler_id)) else {
+            let by = owner.as_ref().map(|owner| &owner.by);
+            let Some(request) = level.and_then(|level| request(place, level, by)) else {
                 return Ok(());
             };
             let answer = port.request_as(name, request).await;

@@ -1,11 +1,13 @@
 //! An interlock or start lock of one coordinate system. Pure; the runtime and the scripted machine share it.
 //!
-//! The input is on while any of its sources is on. A source that a handler has set belongs to that handler: nobody else can clear it,
-//! and when the handler has gone, the source takes the value of its `on_loss`. Clients without a presence own nothing: any of them may
+//! The input is on while any of its sources is on. A source that a handler has set belongs to that handler: nobody else can clear it.
+//! If the handler leaves, its sources keep their values for the time that it announced, otherwise for the grace time; then they take
+//! the value of their `on_loss`. A source with `on_loss` on has no grace time: an unannounced loss sets it at once. Clients without a presence own nothing: any of them may
 //! clear what another has set. An operator can force a source; the force is shown until the owner writes the source again.
 
 use std::collections::BTreeMap;
 
+use crate::types::handler::Departure;
 use crate::types::lock::{Lock, LockSet, LockSource, OnLoss};
 use crate::types::refusal::{Refusal, RefusalCode};
 
@@ -29,6 +31,8 @@ pub struct LockInput {
     rules: LockRules,
     // by name, each with at most one entry without an owner
     sources: Vec<LockSource>,
+    /// Owners that left, and until when their sources wait for them, seconds since the start.
+    absent: BTreeMap<String, f64>,
 }
 
 impl LockInput {
@@ -48,6 +52,7 @@ impl LockInput {
             name,
             sources: sources.collect(),
             rules,
+            absent: BTreeMap::new(),
         }
     }
 
@@ -75,22 +80,24 @@ impl LockInput {
         }
     }
 
-    /// Sets a source. `is_there` says whether a handler is online.
+    /// Sets a source. `judge_writer` says whether an instance writes for a handler.
     ///
     /// # Errors
-    /// A name or a text that is none; `unavailable`: the handler is not there; `not_allowed`: the source stays on, since it is
-    /// another's; there are too many sources.
-    pub fn set(&mut self, set: LockSet, is_there: impl Fn(&str) -> bool) -> Result<(), Refusal> {
+    /// A name or a text that is none; `unavailable`: the handler is not there; `not_allowed`: another instance of it is there, or
+    /// the source stays on, since it is another's; there are too many sources.
+    pub fn set(
+        &mut self,
+        set: LockSet,
+        judge_writer: impl Fn(&str, Option<&String>) -> Result<(), Refusal>,
+    ) -> Result<(), Refusal> {
         set.check()?;
         if set.is_forced() {
             return self.force(set);
         }
-        if let Some(id) = set.handler_id.as_deref().filter(|id| !is_there(id)) {
-            let text = format!(
-                "handler {id} is not online: announce its presence before it sets the {}",
-                self.name
-            );
-            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        if let Some(id) = &set.handler_id {
+            let judged = judge_writer(id, set.instance.as_ref());
+            judged
+                .map_err(|refusal| Refusal::new(refusal.code, format!("{}: {}", self.name, refusal.text)))?;
         }
         let place = self.place_of(&set);
         if place.is_none() && set.handler_id.is_none() && !set.value {
@@ -111,17 +118,53 @@ impl LockInput {
         Ok(())
     }
 
-    /// A handler is not there any more. True if something has changed.
-    pub fn lose(&mut self, handler_id: &str) -> bool {
+    /// A handler has left. True if a source has changed.
+    pub fn leave(&mut self, handler_id: &str, departure: Departure) -> bool {
+        if let Some(until_s) = departure.until_s().filter(|_| self.owns(handler_id)) {
+            self.absent.insert(handler_id.to_owned(), until_s);
+        }
+        let is_sudden = matches!(departure, Departure::Unannounced { .. });
+        is_sudden && self.lose(handler_id, |on_loss| on_loss == OnLoss::On)
+    }
+
+    /// A handler is online: what it left waits no longer.
+    pub fn come(&mut self, handler_id: &str) {
+        self.absent.remove(handler_id);
+    }
+
+    /// Ends the time of handlers that left and did not come back. `is_there` says whether a handler is online. True if a source has
+    /// changed.
+    pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> bool {
+        let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
+        let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
+        due.iter().fold(false, |any, id| self.lose(id, |_| true) | any)
+    }
+
+    /// When the time of the next handler that left ends, seconds since the start.
+    pub fn next_deadline_s(&self) -> Option<f64> {
+        self.absent.values().copied().reduce(f64::min)
+    }
+
+    fn owns(&self, handler_id: &str) -> bool {
+        let mut owned = self.sources.iter().filter(|source| !source.lost);
+        owned.any(|source| source.handler_id.as_deref() == Some(handler_id))
+    }
+
+    /// The sources of a handler whose `on_loss` is named take its value. True if there are any.
+    fn lose(&mut self, handler_id: &str, which: impl Fn(OnLoss) -> bool) -> bool {
         let Self { sources, rules, .. } = self;
         let mut any = false;
         let of_handler =
             |source: &&mut LockSource| !source.lost && source.handler_id.as_deref() == Some(handler_id);
         for source in sources.iter_mut().filter(of_handler) {
+            let on_loss = *rules.sources.get(&source.source).unwrap_or(&rules.on_loss);
+            if !which(on_loss) {
+                continue;
+            }
             any = true;
             source.lost = true;
             source.forced_by = None;
-            match rules.sources.get(&source.source).unwrap_or(&rules.on_loss) {
+            match on_loss {
                 OnLoss::Keep => {}
                 OnLoss::Off => source.value = false,
                 OnLoss::On => {
@@ -247,8 +290,75 @@ mod tests {
         LockSet::new(value, "by hand").of_source(source)
     }
 
-    fn there(_: &str) -> bool {
-        true
+    #[allow(clippy::unnecessary_wraps, reason = "it judges as the machine does")]
+    fn there(_: &str, _: Option<&String>) -> Result<(), Refusal> {
+        Ok(())
+    }
+
+    fn nobody(_: &str, _: Option<&String>) -> Result<(), Refusal> {
+        Err(Refusal::new(RefusalCode::Unavailable, "it is not online"))
+    }
+
+    /// A handler is lost, and its grace time has ended.
+    fn lose(lock: &mut LockInput, handler_id: &str) -> bool {
+        lock.leave(handler_id, Departure::Unannounced { until_s: 0.0 }) | lock.expire(0.0, |_| false)
+    }
+
+    /// A source of handler `a` for each `on_loss`: on where its loss clears it, and off elsewhere.
+    fn of_each_on_loss() -> LockInput {
+        let declared = [("door", OnLoss::On), ("air", OnLoss::Off), ("oil", OnLoss::Keep)];
+        let mut lock = input(OnLoss::Keep, &declared);
+        for (source, value) in [("door", false), ("air", true), ("oil", false)] {
+            lock.set(by("a", source, value), there).unwrap();
+        }
+        lock
+    }
+
+    /// Value and loss of `air`, `door` and `oil`.
+    fn shown(lock: &LockInput) -> Vec<(bool, bool)> {
+        let sources = lock.state().sources;
+        sources.iter().map(|source| (source.value, source.lost)).collect()
+    }
+
+    const AS_SET: [(bool, bool); 3] = [(true, false), (false, false), (false, false)];
+
+    #[test]
+    fn an_unannounced_loss_sets_on_sources_at_once_and_others_after_the_grace() {
+        let mut lock = of_each_on_loss();
+        assert!(lock.leave("a", Departure::Unannounced { until_s: 12.0 }));
+        let at_once = [(true, false), (true, true), (false, false)];
+        assert_eq!(shown(&lock), at_once);
+        assert_eq!(lock.next_deadline_s(), Some(12.0));
+        assert!(!lock.expire(11.9, |_| false));
+        assert!(lock.expire(12.0, |_| false));
+        assert_eq!(shown(&lock), [(false, true), (true, true), (false, true)]);
+        assert_eq!(lock.next_deadline_s(), None);
+    }
+
+    #[test]
+    fn a_handler_that_is_back_within_the_grace_keeps_its_sources() {
+        let mut lock = of_each_on_loss();
+        lock.leave("a", Departure::Unannounced { until_s: 12.0 });
+        lock.come("a");
+        assert!(!lock.expire(20.0, |_| false));
+        lock.set(by("a", "door", false), there).unwrap();
+        assert_eq!(shown(&lock), AS_SET);
+        lock.leave("a", Departure::Unannounced { until_s: 32.0 });
+        assert!(!lock.expire(32.0, |_| true), "it is online, and will say so");
+    }
+
+    #[test]
+    fn an_announced_end_keeps_every_source_until_its_time_and_a_take_over_for_good() {
+        let mut lock = of_each_on_loss();
+        assert!(!lock.leave("a", Departure::Announced { until_s: 60.0 }));
+        assert!(!lock.expire(59.9, |_| false));
+        assert_eq!(shown(&lock), AS_SET);
+        assert!(lock.expire(60.0, |_| false));
+        assert_eq!(shown(&lock), [(false, true), (true, true), (false, true)]);
+        let mut lock = of_each_on_loss();
+        assert!(!lock.leave("a", Departure::TakenOver));
+        assert!(!lock.expire(f64::MAX, |_| false));
+        assert_eq!(shown(&lock), AS_SET);
     }
 
     #[test]
@@ -300,7 +410,7 @@ mod tests {
             force: Some(true),
             ..anyone("door", value)
         };
-        lock.set(force(false), |_| false).unwrap();
+        lock.set(force(false), nobody).unwrap();
         assert!(!lock.is_on());
         assert_eq!(lock.state().sources[0].forced_by.as_deref(), Some("panel"));
         lock.set(by("a", "door", true), there).unwrap();
@@ -320,8 +430,8 @@ mod tests {
         ] {
             let mut lock = input(on_loss, &[]);
             lock.set(by("a", "door", was), there).unwrap();
-            assert!(!lock.lose("b"));
-            assert!(lock.lose("a"));
+            assert!(!lose(&mut lock, "b"));
+            assert!(lose(&mut lock, "a"));
             assert_eq!(lock.is_on(), is, "{on_loss:?} {was}");
             lock.set(by("c", "door", false), there).unwrap();
             assert!(!lock.is_on(), "whoever watches it now owns it");
@@ -338,11 +448,11 @@ mod tests {
         assert_eq!(lock.state().sources.len(), 2);
         let refusal = lock.set(anyone("door", false), there).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::NotAllowed);
-        let refusal = lock.set(by("a", "door", false), |_| false).unwrap_err();
+        let refusal = lock.set(by("a", "door", false), nobody).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Unavailable);
         lock.set(by("a", "door", false), there).unwrap();
         assert!(!lock.is_on());
-        lock.lose("a");
+        lose(&mut lock, "a");
         assert!(lock.is_on());
         assert_eq!(lock.state().sources.len(), 2);
     }

@@ -9,6 +9,7 @@ use futures_util::FutureExt;
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::levels::{Levels, LockKind};
+use crate::limited_port::LimitedPort;
 use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 #[cfg(any(feature = "mqtt", feature = "rest"))]
@@ -21,6 +22,7 @@ use crate::types::io::{IoPoint, IoValue};
 use crate::types::lock::LockSet;
 use crate::types::machine::{AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
+use crate::types::not_after::{NOT_AFTER_MS, NotAfter};
 use crate::types::program::ProgramInfo;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed::{Journal, Programs, RaiseAlarm, SkipInput};
@@ -144,6 +146,61 @@ impl Plc {
     /// The port of this machine, for requests that have no method here.
     pub fn port(&self) -> &Arc<dyn Port> {
         &self.port
+    }
+
+    /// Returns a handle for what a person has requested just now. Its requests expire 1 s after the newest heartbeat that this
+    /// program has received: the machine then rejects them as `expired`, however long they were under way. Take a new
+    /// handle for each press of a button. Sequence programs need none: what a handler does follows from an output.
+    ///
+    /// ```
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # let fake = plc_api::fake::FakePort::new([1]);
+    /// # let plc = fake.plc();
+    /// use plc_api::types::request::RefusalCode;
+    /// let pressed = plc.for_person().await?;
+    /// fake.advance(std::time::Duration::from_millis(1001)).await;
+    /// let late = pressed.coordinate_system(1).reset().await;
+    /// assert!(matches!(late, Err(plc_api::Error::Refused(refusal)) if refusal.code == RefusalCode::Expired));
+    /// plc.for_person().await?.coordinate_system(1).reset().await?;
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// No heartbeat has been received.
+    pub async fn for_person(&self) -> Result<Self> {
+        self.within(Duration::from_millis(NOT_AFTER_MS)).await
+    }
+
+    /// The same with another time limit, at most 60 s.
+    ///
+    /// # Errors
+    /// As [`Plc::for_person`].
+    pub async fn within(&self, limit: Duration) -> Result<Self> {
+        let message = self.port.read(&Topic::Heartbeat).await;
+        let Some((boot_id, Payload::Heartbeat(heartbeat))) = message
+            .as_deref()
+            .map(|message| (message.boot_id.clone(), &message.payload))
+        else {
+            let text = "no heartbeat of the machine has been received, so the request cannot be limited in age; try again";
+            return Err(Refusal::new(RefusalCode::Unavailable, text).into());
+        };
+        Ok(self.not_after(NotAfter {
+            boot_id,
+            heartbeat: heartbeat.cycle,
+            within_ms: u64::try_from(limit.as_millis()).unwrap_or(u64::MAX),
+        }))
+    }
+
+    /// Returns a handle whose requests carry this age limit, for a program that passes on the heartbeat that its user has seen.
+    #[must_use]
+    pub fn not_after(&self, not_after: NotAfter) -> Self {
+        Self {
+            port: Arc::new(LimitedPort {
+                port: Arc::clone(&self.port),
+                not_after,
+            }),
+            ..self.clone()
+        }
     }
 
     /// Programs in the store, ascending.

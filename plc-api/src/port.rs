@@ -11,6 +11,7 @@ use std::time::Duration;
 use crate::hub::{Filter, Subscription};
 use crate::types::BootId;
 use crate::types::message::Message;
+use crate::types::not_after::NotAfter;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Answer, Request, TypedRequest};
 use crate::types::topic::Topic;
@@ -43,6 +44,21 @@ pub trait Port: Send + Sync + 'static {
         request: Request,
     ) -> BoxFuture<'a, Result<Answer, Refusal>> {
         self.request(request)
+    }
+
+    /// The same with an age limit: the machine rejects it as `expired` if it would take effect later. A request after which
+    /// nothing can move is sent without it.
+    fn request_not_after<'a>(
+        &'a self,
+        _not_after: &'a NotAfter,
+        _client: Option<&'a str>,
+        _request: Request,
+    ) -> BoxFuture<'a, Result<Answer, Refusal>> {
+        let text = "this connection carries no not_after; send the request without it";
+        Box::pin(std::future::ready(Err(Refusal::new(
+            RefusalCode::NotSupported,
+            text,
+        ))))
     }
 
     /// Sleeps on the port's clock, which is simulated time in a simulation.

@@ -12,9 +12,10 @@ use std::time::Duration;
 use futures_util::StreamExt;
 use futures_util::stream::FuturesUnordered;
 
-use crate::claim::{Identity, OutputId, RETRY, until_answered};
+use crate::claim::{Asked, OutputId, RETRY, ask_once};
 use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
+use crate::identity::Identity;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::types::alarm_text::AlarmText;
@@ -24,7 +25,7 @@ use crate::types::message::{Message, Payload};
 use crate::types::output::{
     HandledCode, HandlerPresence, HandshakeStatus, OutputState, PendingOutput, Redelivery,
 };
-use crate::types::request::{Refusal, Request};
+use crate::types::request::{Refusal, Request, typed};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
@@ -193,10 +194,11 @@ pub(crate) struct Presence {
 impl Presence {
     /// A new instance of a handler.
     pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, said: Announced) -> Self {
-        plc.levels().begin(&handler_id);
+        let by = Identity::new(handler_id);
+        plc.levels().begin(&by);
         Self {
             plc: plc.clone(),
-            by: Identity::new(handler_id),
+            by,
             said,
             messages: plc.port().subscribe(Filter::Handshake),
             open: OpenOutputs::default(),
@@ -369,12 +371,21 @@ impl Presence {
         if !self.reclaiming.insert(id.clone()) {
             return;
         }
-        let (plc, claim) = (self.plc.clone(), id.claim(m, &self.by));
+        let (claim, registration) = (id.claim(m, &self.by), self.registration());
         self.requests.push(Box::pin(async move {
-            let status = until_answered(&plc, claim).await;
+            let status = registration.claim_lost(claim).await?;
             let is_ours = status == Some(HandshakeStatus::Accepted);
             Ok(Some(Event::Reclaimed(id, is_ours)))
         }));
+    }
+
+    /// The registration as it is announced now.
+    pub(crate) fn registration(&self) -> Registration {
+        Registration {
+            plc: self.plc.clone(),
+            by: self.by.clone(),
+            presence: self.announcement(),
+        }
     }
 
     /// Sends a request without waiting for its answer.
@@ -386,6 +397,50 @@ impl Presence {
             }
             Ok(None)
         }));
+    }
+}
+
+/// The registration of a handler, without which the machine accepts no claim. The machine drops it when the connection is lost.
+#[derive(Debug)]
+pub(crate) struct Registration {
+    plc: Plc,
+    by: Identity,
+    presence: HandlerPresence,
+}
+
+impl Registration {
+    /// Claims an output until the machine answers; `None`: the machine refuses the claim for good. Before each repetition the
+    /// handler registers again, because the connection may have been lost meanwhile.
+    ///
+    /// # Errors
+    /// The machine refuses the registration for good.
+    pub(crate) async fn claim(
+        &self,
+        claim: typed::Claim,
+    ) -> std::result::Result<Option<HandshakeStatus>, Refusal> {
+        match ask_once(&self.plc, claim.clone()).await {
+            Asked::Answered(status) => Ok(Some(status)),
+            Asked::Refused => Ok(None),
+            Asked::NotYet => self.claim_lost(claim).await,
+        }
+    }
+
+    /// The same for an output that was lost with the connection: the handler registers before it claims.
+    ///
+    /// # Errors
+    /// The machine refuses the registration for good.
+    pub(crate) async fn claim_lost(
+        &self,
+        claim: typed::Claim,
+    ) -> std::result::Result<Option<HandshakeStatus>, Refusal> {
+        loop {
+            send_presence(&self.plc, &self.by.handler_id, self.presence.clone()).await?;
+            match ask_once(&self.plc, claim.clone()).await {
+                Asked::Answered(status) => return Ok(Some(status)),
+                Asked::Refused => return Ok(None),
+                Asked::NotYet => {}
+            }
+        }
     }
 }
 

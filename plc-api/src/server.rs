@@ -4,7 +4,9 @@ use std::net::IpAddr;
 use std::time::SystemTime;
 
 use crate::port::{BoxFuture, Port};
+use crate::supervisor::Supervisor;
 use crate::types::machine::BrokerInUse;
+use crate::types::not_after::NotAfter;
 use crate::types::request::{Answer, Refusal, Request};
 use crate::wire::right::Right;
 
@@ -16,6 +18,10 @@ pub trait ServedPort: Port {
     /// Receives an event of a server; does not block.
     fn notice(&self, notice: ServerNotice);
 
+    /// The connection to the broker is new, and notices may be lost: open outputs that nobody owns are published again, as redelivered.
+    /// Ends when that is done.
+    fn republish(&self) -> BoxFuture<'_, ()>;
+
     /// The time of day, as the machine's own messages have it.
     fn time(&self) -> SystemTime {
         SystemTime::now()
@@ -23,6 +29,11 @@ pub trait ServedPort: Port {
 
     /// Timing of the servo thread; `None` in simulated time, which has none.
     fn servo_timing(&self) -> Option<ServoTiming>;
+
+    /// Supervises the tasks of a server of this machine.
+    fn supervisor(&self) -> Supervisor {
+        Supervisor::default()
+    }
 }
 
 /// Who has made a request, and how it came in.
@@ -36,6 +47,8 @@ pub struct Origin {
     pub over: ServerTransport,
     /// The right that it needed.
     pub right: Right,
+    /// Its age limit.
+    pub not_after: Option<NotAfter>,
 }
 
 /// How a request came in.
@@ -91,8 +104,6 @@ pub enum ServerNotice {
         /// To which external broker.
         broker: Option<BrokerInUse>,
     },
-    /// It has reconnected, and notices may be lost: unclaimed outputs are published again.
-    Reconnected,
     /// It refused something, which is raised as a warning for the operator. At most 500 characters.
     Warning(String),
     /// Somebody was let in, or was not; the journal tells a bounded number of them.

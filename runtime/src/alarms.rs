@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
-use tandem_model::alarm::{ALARMS, AlarmEntry};
+use tandem_model::alarm::{ALARMS, After, AlarmEntry};
 
 /// Alarms kept after they were cleared. The oldest are forgotten.
 pub const ALARM_HISTORY_MAX: usize = 1000;
@@ -52,7 +52,7 @@ impl Alarms {
             self.history.pop_front();
         }
         let of_same = self.active.iter().filter(|active| active.cs == record.cs);
-        if is_active && of_same.count() < ALARMS_ACTIVE_MAX {
+        if is_active && (of_same.count() < ALARMS_ACTIVE_MAX || is_until_restart(&record)) {
             self.active.push(record.clone());
         }
         Raised::New(record)
@@ -93,10 +93,13 @@ impl Alarms {
         changed
     }
 
-    /// Clears the alarms of a coordinate system and those of the whole machine, and returns them.
+    /// Clears the alarms of a coordinate system and those of the whole machine, and returns them. Those that only a restart
+    /// of the runtime clears stay.
     pub fn clear(&mut self, cs: CoordinateSystemNumber, at: &Timestamp) -> Vec<AlarmRecord> {
         let stands = |id| self.conditions.values().any(|standing| *standing == id);
-        let is_cleared = |alarm: &mut AlarmRecord| alarm.cs.is_none_or(|of| of == cs) && !stands(alarm.id);
+        let is_cleared = |alarm: &mut AlarmRecord| {
+            alarm.cs.is_none_or(|of| of == cs) && !stands(alarm.id) && !is_until_restart(alarm)
+        };
         let mut cleared: Vec<_> = self.active.extract_if(.., is_cleared).collect();
         for record in &mut cleared {
             record.cleared_at = Some(at.clone());
@@ -121,6 +124,12 @@ impl Alarms {
         }
     }
 
+    /// True while an alarm of this number is active in a coordinate system.
+    pub fn is_active(&self, number: u16, cs: CoordinateSystemNumber) -> bool {
+        let mut active = self.active.iter();
+        active.any(|alarm| alarm.number == number && alarm.cs == Some(cs))
+    }
+
     /// Active alarms of a coordinate system and of the whole machine; warnings do not count.
     pub fn count(&self, cs: CoordinateSystemNumber) -> u32 {
         let of_cs = |alarm: &&AlarmRecord| {
@@ -139,6 +148,12 @@ impl Alarms {
             *place = record.clone();
         }
     }
+}
+
+/// True for an alarm that only a restart of the runtime clears.
+fn is_until_restart(record: &AlarmRecord) -> bool {
+    let mut entries = ALARMS.iter();
+    entries.any(|entry| entry.number == record.number && entry.after == After::Restart)
 }
 
 fn says_the_same(a: &AlarmRecord, b: &AlarmRecord) -> bool {

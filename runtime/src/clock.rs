@@ -56,6 +56,7 @@ impl PausedTime {
 /// What each servo cycle reads is outside the lock.
 #[derive(Debug)]
 struct SimulatedTime {
+    started: Instant,
     now_ns: AtomicU64,
     /// When the first timer is due; [`NEVER_NS`]: there is none.
     next_due_ns: AtomicU64,
@@ -130,6 +131,7 @@ impl Clock {
     /// Simulated time, at 0.
     pub fn simulated() -> Self {
         Self(Kind::Simulated(Arc::new(SimulatedTime {
+            started: Instant::now(),
             now_ns: AtomicU64::new(0),
             next_due_ns: AtomicU64::new(NEVER_NS),
             timers: Mutex::default(),
@@ -169,6 +171,16 @@ impl Clock {
                     time: epoch + Duration::from_nanos(now_ns),
                 }
             }
+        }
+    }
+
+    /// Real time since the start, also where time is simulated: it never stands still and never jumps.
+    pub fn real_time(&self) -> Duration {
+        match &self.0 {
+            Kind::Real { start, .. } => start.elapsed(),
+            #[cfg(test)]
+            Kind::Paused(time) => time.elapsed(),
+            Kind::Simulated(time) => time.started.elapsed(),
         }
     }
 

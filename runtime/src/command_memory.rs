@@ -1,4 +1,7 @@
 //! Memory of the commands of the last minutes: a repeated command gets its stored reply, and nothing is done twice.
+//!
+//! Each user has memory of its own, so that none evicts what another has commanded. What can move the machine is never
+//! forgotten early: if it does not fit, a new command is rejected.
 
 use std::collections::hash_map::DefaultHasher;
 use std::collections::{BTreeMap, VecDeque};
@@ -8,27 +11,66 @@ use std::time::{Duration, SystemTime};
 
 use plc_api::execution::wire_name;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{Command, CommandReply};
+use plc_api::types::command::{Command, CommandReply, CommandStatus, MemoryKey, Verb};
+use plc_api::types::request::{Refusal, RefusalCode};
 
 /// How long a command's reply is kept: a command with the same id gets it again instead of being carried out twice.
 pub const COMMAND_MEMORY: Duration = Duration::from_mins(10);
 
-/// Commands kept at the most, whatever their age. Reason: at 16 commands a second 10 minutes fit.
-pub const COMMANDS_MAX: usize = 10_000;
+/// Bytes of one kind of commands of one user. Reason: 9,000 commands, which is 15 per second for 10 minutes.
+pub const USER_BYTES_MAX: usize = 4 << 20;
 
-/// Commands by their ids.
+/// Bytes of all commands of all users. Reason: eight users at their limits of motion commands.
+pub const MEMORY_BYTES_MAX: usize = 32 << 20;
+
+/// Bytes of one command at most, which are set aside until its last reply.
+const ENTRY_BYTES_MAX: usize = 2048;
+
+/// Bytes of a command besides its texts: its nodes in two collections.
+const ENTRY_BYTES: usize = 256;
+
+/// Bytes of a reply's text that are kept. Reason: with them, every command fits in [`ENTRY_BYTES_MAX`].
+const TEXT_BYTES_MAX: usize = 512;
+
+/// Commands by users and ids.
 #[derive(Debug, Default)]
 pub(crate) struct CommandMemory {
+    users: BTreeMap<String, UserMemory>,
+    bytes: usize,
+}
+
+/// Commands of one user.
+#[derive(Debug, Default)]
+struct UserMemory {
     known: BTreeMap<String, Known>,
+    lanes: BTreeMap<CommandKind, Lane>,
+}
+
+/// Commands of one kind, in the order in which they came.
+#[derive(Debug, Default)]
+struct Lane {
     order: VecDeque<String>,
+    bytes: usize,
 }
 
 #[derive(Debug)]
 struct Known {
     at: SystemTime,
     asked: Asked,
+    bytes: usize,
     /// `None` until it has been answered.
     reply: Option<CommandReply>,
+}
+
+/// What happens when the memory of a user is full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum CommandKind {
+    /// Start, run, resume, back trace, MDI, jog, home, load and reset: a new one is rejected.
+    Motion,
+    /// The user's oldest of these is forgotten.
+    Other,
+    /// Hold, stop and abort: the same. They are executed in any case.
+    Urgent,
 }
 
 /// What a command asks for, to tell the same command sent again from another one with its id.
@@ -37,17 +79,20 @@ pub(crate) struct Asked {
     /// For people.
     words: String,
     content: u64,
+    kind: CommandKind,
     /// Of hold, stop and abort: they are carried out whatever their id was used for before.
     urgent_of: Option<String>,
 }
 
 impl Asked {
+    /// A request that moves nothing.
     pub fn new(words: String, content: &impl Debug) -> Self {
         let mut hasher = DefaultHasher::new();
         format!("{content:?}").hash(&mut hasher);
         Self {
             words,
             content: hasher.finish(),
+            kind: CommandKind::Other,
             urgent_of: None,
         }
     }
@@ -55,14 +100,33 @@ impl Asked {
     pub fn command(cs: CoordinateSystemNumber, command: &Command, client_id: &str) -> Self {
         let verb = command.verb();
         let words = format!("{} of coordinate system {cs}", wire_name(&verb));
+        let kind = match verb {
+            Verb::Hold | Verb::Stop | Verb::Abort => CommandKind::Urgent,
+            Verb::AlarmAcknowledge => CommandKind::Other,
+            _ => CommandKind::Motion,
+        };
         Self {
             urgent_of: verb.is_urgent().then(|| client_id.to_owned()),
+            kind,
             ..Self::new(words, &(cs, command))
+        }
+    }
+
+    /// Where it is remembered: hold, stop and abort replace no command of the same id.
+    pub fn key(&self, user: impl Into<String>, command_id: &str) -> MemoryKey {
+        let client_id = self.urgent_of.as_deref().unwrap_or_default();
+        MemoryKey {
+            user: user.into(),
+            command: format!("{client_id}/{command_id}"),
         }
     }
 }
 
 /// What is known of a command.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "it lives while one command is looked up"
+)]
 #[derive(Debug, PartialEq)]
 pub(crate) enum Recalled {
     /// Nothing.
@@ -71,108 +135,352 @@ pub(crate) enum Recalled {
     Again(Option<CommandReply>),
     /// Its id is that of another command: of which.
     OtherCommand(String),
+    /// Nothing, and it cannot be remembered.
+    Full,
+}
+
+/// The refusal of a command that cannot be remembered.
+pub(crate) fn memory_is_full() -> Refusal {
+    let text = format!(
+        "this user has sent as many commands in the last {} minutes as are remembered ({} MiB), so a repetition could not be \
+         detected: wait a few minutes, or send fewer; hold, stop and abort are accepted",
+        COMMAND_MEMORY.as_secs() / 60,
+        USER_BYTES_MAX >> 20
+    );
+    Refusal::new(RefusalCode::Unavailable, text)
 }
 
 impl CommandMemory {
-    /// Looks a command up by its id, and notes it when it is new.
-    pub fn recall(&mut self, command_id: &str, asked: Asked, now: SystemTime) -> Recalled {
-        self.forget(now);
-        match self.known.get(command_id) {
-            Some(known) if known.asked == asked => return Recalled::Again(known.reply.clone()),
-            Some(known) if asked.urgent_of.is_none() => {
-                return Recalled::OtherCommand(known.asked.words.clone());
-            }
-            Some(_) => {}
-            None => self.order.push_back(command_id.to_owned()),
+    /// Looks a command up.
+    pub fn look_up(&mut self, key: &MemoryKey, asked: &Asked, now: SystemTime) -> Recalled {
+        self.forget_expired(now);
+        match self.known(key) {
+            Some(known) if known.asked == *asked => Recalled::Again(known.reply.clone()),
+            Some(known) if asked.urgent_of.is_none() => Recalled::OtherCommand(known.asked.words.clone()),
+            _ => Recalled::New,
         }
+    }
+
+    /// The same, and remembers it when it is new.
+    pub fn recall(&mut self, key: &MemoryKey, asked: Asked, now: SystemTime) -> Recalled {
+        match self.look_up(key, &asked, now) {
+            Recalled::New => self.remember(key, asked, now),
+            known => known,
+        }
+    }
+
+    fn known(&self, key: &MemoryKey) -> Option<&Known> {
+        self.users.get(&key.user)?.known.get(&key.command)
+    }
+
+    fn remember(&mut self, key: &MemoryKey, asked: Asked, now: SystemTime) -> Recalled {
+        let kind = asked.kind;
+        self.replace(key);
+        while !self.has_room(&key.user, kind) {
+            if kind == CommandKind::Motion {
+                return Recalled::Full;
+            }
+            if !self.forget_oldest(&key.user, kind) {
+                // other users have filled it: the command is executed, and not remembered
+                return Recalled::New;
+            }
+        }
+        let memory = self.users.entry(key.user.clone()).or_default();
+        let lane = memory.lanes.entry(kind).or_default();
+        lane.order.push_back(key.command.clone());
+        lane.bytes += ENTRY_BYTES_MAX;
+        self.bytes += ENTRY_BYTES_MAX;
         let known = Known {
             at: now,
             asked,
+            bytes: ENTRY_BYTES_MAX,
             reply: None,
         };
-        self.known.insert(command_id.to_owned(), known);
+        memory.known.insert(key.command.clone(), known);
         Recalled::New
     }
 
-    /// Keeps the last reply to a command.
-    pub fn on_reply(&mut self, reply: &CommandReply, now: SystemTime) {
-        if let Some(known) = self.known.get_mut(&reply.command_id) {
-            (known.at, known.reply) = (now, Some(reply.clone()));
+    /// Removes the hold, stop or abort of which another one has the key now.
+    fn replace(&mut self, key: &MemoryKey) {
+        let Some(memory) = self.users.get_mut(&key.user) else {
+            return;
+        };
+        let Some(known) = memory.known.remove(&key.command) else {
+            return;
+        };
+        if let Some(lane) = memory.lanes.get_mut(&known.asked.kind) {
+            lane.order.retain(|kept| *kept != key.command);
+            lane.bytes -= known.bytes;
         }
+        self.bytes -= known.bytes;
+    }
+
+    fn has_room(&self, user: &str, kind: CommandKind) -> bool {
+        let lane = self.users.get(user).and_then(|memory| memory.lanes.get(&kind));
+        let bytes = lane.map_or(0, |lane| lane.bytes);
+        bytes + ENTRY_BYTES_MAX <= USER_BYTES_MAX && self.bytes + ENTRY_BYTES_MAX <= MEMORY_BYTES_MAX
+    }
+
+    /// Keeps the last reply to a command.
+    pub fn on_reply(&mut self, key: &MemoryKey, reply: &CommandReply, now: SystemTime) {
+        let Some(memory) = self.users.get_mut(&key.user) else {
+            return;
+        };
+        let Some(known) = memory.known.get_mut(&key.command) else {
+            return;
+        };
+        let mut kept = reply.clone();
+        kept.text.truncate(kept.text.floor_char_boundary(TEXT_BYTES_MAX));
+        let before = known.bytes;
+        if kept.status != CommandStatus::Accepted {
+            known.bytes = bytes_of(&key.command, &known.asked, &kept).min(before);
+        }
+        let freed = before - known.bytes;
+        (known.at, known.reply) = (now, Some(kept));
+        if let Some(lane) = memory.lanes.get_mut(&known.asked.kind) {
+            lane.bytes -= freed;
+        }
+        self.bytes -= freed;
     }
 
     /// The last reply to a command.
-    pub fn reply(&self, command_id: &str) -> Option<&CommandReply> {
-        self.known.get(command_id)?.reply.as_ref()
+    pub fn reply(&self, key: &MemoryKey) -> Option<&CommandReply> {
+        self.known(key)?.reply.as_ref()
     }
 
-    fn forget(&mut self, now: SystemTime) {
-        while let Some(oldest) = self.order.front() {
-            let expired = self
-                .known
-                .get(oldest)
-                .is_none_or(|known| now.duration_since(known.at).is_ok_and(|age| age > COMMAND_MEMORY));
-            if !expired && self.order.len() < COMMANDS_MAX {
-                return;
-            }
-            if let Some(oldest) = self.order.pop_front() {
-                self.known.remove(&oldest);
+    /// The last reply to a command by its id: of this user, else of any other.
+    pub fn find_reply(&self, user: &str, command_id: &str) -> Option<&CommandReply> {
+        let own = self.users.get(user).into_iter();
+        let mut all = own.chain(self.users.values());
+        all.find_map(|memory| memory.reply(command_id))
+    }
+
+    /// False when there is none of this kind.
+    fn forget_oldest(&mut self, user: &str, kind: CommandKind) -> bool {
+        let Some(memory) = self.users.get_mut(user) else {
+            return false;
+        };
+        let Some(lane) = memory.lanes.get_mut(&kind) else {
+            return false;
+        };
+        let Some(known) = lane.order.pop_front().and_then(|key| memory.known.remove(&key)) else {
+            return false;
+        };
+        lane.bytes -= known.bytes;
+        self.bytes -= known.bytes;
+        true
+    }
+
+    fn forget_expired(&mut self, now: SystemTime) {
+        // a clock that goes back makes nothing older
+        let is_fresh = |known: &Known| {
+            now.duration_since(known.at)
+                .is_ok_and(|age| age <= COMMAND_MEMORY)
+                || now < known.at
+        };
+        for memory in self.users.values_mut() {
+            for lane in memory.lanes.values_mut() {
+                while let Some(oldest) = lane.order.pop_front() {
+                    if memory.known.get(&oldest).is_some_and(is_fresh) {
+                        lane.order.push_front(oldest);
+                        break;
+                    }
+                    let bytes = memory.known.remove(&oldest).map_or(0, |known| known.bytes);
+                    lane.bytes -= bytes;
+                    self.bytes -= bytes;
+                }
             }
         }
+        self.users.retain(|_, memory| !memory.known.is_empty());
     }
+}
+
+impl UserMemory {
+    fn reply(&self, command_id: &str) -> Option<&CommandReply> {
+        let plain = self.known.get(&format!("/{command_id}"));
+        let mut urgent = self.known.iter().filter(|(key, known)| {
+            known.asked.urgent_of.is_some() && key.split_once('/').is_some_and(|(_, id)| id == command_id)
+        });
+        let found = plain.or_else(|| urgent.next().map(|(_, known)| known));
+        found?.reply.as_ref()
+    }
+}
+
+/// Bytes of a command with its last reply.
+fn bytes_of(key: &str, asked: &Asked, reply: &CommandReply) -> usize {
+    let texts = [
+        Some(&reply.command_id),
+        Some(&reply.code),
+        Some(&reply.text),
+        reply.hash.as_ref(),
+        reply.run_id.as_ref(),
+        asked.urgent_of.as_ref(),
+        Some(&asked.words),
+    ];
+    let texts: usize = texts.into_iter().flatten().map(String::len).sum();
+    ENTRY_BYTES + size_of::<Known>() + 2 * key.len() + texts
 }
 
 #[cfg(test)]
 mod tests {
-    use plc_api::types::command::CommandStatus;
-
     use super::*;
 
-    fn start(memory: &mut CommandMemory, id: &str, at_s: u64) -> Recalled {
-        let asked = Asked::command(1, &Command::Start, "hmi");
-        memory.recall(id, asked, SystemTime::UNIX_EPOCH + Duration::from_secs(at_s))
+    fn at(s: u64) -> SystemTime {
+        SystemTime::UNIX_EPOCH + Duration::from_secs(s)
     }
 
-    #[test]
-    fn a_command_is_known_for_ten_minutes_and_not_longer() {
-        let mut memory = CommandMemory::default();
-        assert_eq!(start(&mut memory, "a", 0), Recalled::New);
-        assert_eq!(start(&mut memory, "a", 600), Recalled::Again(None));
-        assert_eq!(start(&mut memory, "a", 601), Recalled::New);
+    fn ask(memory: &mut CommandMemory, user: &str, id: &str, command: &Command, at_s: u64) -> Recalled {
+        let asked = Asked::command(1, command, "hmi");
+        let key = asked.key(user, id);
+        memory.recall(&key, asked, at(at_s))
     }
 
-    #[test]
-    fn at_most_ten_thousand_commands_are_known_and_the_oldest_are_forgotten() {
-        let mut memory = CommandMemory::default();
-        for id in 0..=COMMANDS_MAX {
-            assert_eq!(start(&mut memory, &id.to_string(), 0), Recalled::New);
-        }
-        assert_eq!(memory.known.len(), COMMANDS_MAX);
-        assert_eq!(
-            start(&mut memory, &COMMANDS_MAX.to_string(), 0),
-            Recalled::Again(None)
-        );
-        assert_eq!(start(&mut memory, "0", 0), Recalled::New);
+    fn start(memory: &mut CommandMemory, user: &str, id: &str, at_s: u64) -> Recalled {
+        ask(memory, user, id, &Command::Start, at_s)
     }
 
-    #[test]
-    fn a_reply_to_a_command_that_nobody_sent_is_not_kept() {
-        let mut memory = CommandMemory::default();
-        let reply = CommandReply {
-            command_id: "a".into(),
+    fn done(command_id: &str, text: &str) -> CommandReply {
+        CommandReply {
+            command_id: command_id.into(),
             status: CommandStatus::Done,
             code: "ok".into(),
-            text: String::new(),
+            text: text.into(),
             state_rev: 1,
             variables: None,
             lease: None,
             hash: None,
             run_id: None,
+            moved: BTreeMap::new(),
+        }
+    }
+
+    /// Commands until one is rejected or `most` are remembered, each answered.
+    fn fill(memory: &mut CommandMemory, user: &str, command: &Command, most: usize) -> usize {
+        for n in 0..most {
+            let id = format!("fill-{n}");
+            if ask(memory, user, &id, command, 0) == Recalled::Full {
+                return n;
+            }
+            let key = Asked::command(1, command, "hmi").key(user, &id);
+            memory.on_reply(&key, &done(&id, ""), at(0));
+        }
+        most
+    }
+
+    #[test]
+    fn a_command_is_known_for_ten_minutes_and_not_longer() {
+        let mut memory = CommandMemory::default();
+        assert_eq!(start(&mut memory, "u", "a", 0), Recalled::New);
+        assert_eq!(start(&mut memory, "u", "a", 600), Recalled::Again(None));
+        assert_eq!(start(&mut memory, "u", "a", 601), Recalled::New);
+    }
+
+    #[test]
+    fn motion_that_does_not_fit_is_rejected_and_nothing_is_forgotten_early() {
+        let mut memory = CommandMemory::default();
+        assert_eq!(start(&mut memory, "u", "first", 0), Recalled::New);
+        let filled = fill(&mut memory, "u", &Command::Start, 100_000);
+        assert!((5_000..100_000).contains(&filled), "{filled}");
+        assert_eq!(start(&mut memory, "u", "first", 600), Recalled::Again(None));
+        assert_eq!(start(&mut memory, "u", "new", 600), Recalled::Full);
+        assert!(memory.bytes <= USER_BYTES_MAX, "{}", memory.bytes);
+        assert_eq!(start(&mut memory, "u", "new", 601), Recalled::New);
+    }
+
+    #[test]
+    fn a_start_is_remembered_whatever_other_commands_come_after_it() {
+        let mut memory = CommandMemory::default();
+        start(&mut memory, "u", "first", 0);
+        for command in [Command::AlarmAcknowledge { id: 1 }, Command::Stop] {
+            assert_eq!(fill(&mut memory, "u", &command, 24_000), 24_000, "{command:?}");
+        }
+        assert_eq!(start(&mut memory, "u", "first", 0), Recalled::Again(None));
+        assert!(memory.bytes <= 3 * USER_BYTES_MAX, "{}", memory.bytes);
+    }
+
+    #[test]
+    fn a_user_whose_memory_is_full_takes_nothing_from_another() {
+        let mut memory = CommandMemory::default();
+        start(&mut memory, "anna", "1", 0);
+        fill(&mut memory, "bert", &Command::Start, 100_000);
+        assert_eq!(start(&mut memory, "bert", "new", 0), Recalled::Full);
+        assert_eq!(start(&mut memory, "anna", "1", 0), Recalled::Again(None));
+        assert_eq!(start(&mut memory, "anna", "2", 0), Recalled::New);
+        assert_eq!(
+            start(&mut memory, "bert", "1", 0),
+            Recalled::Full,
+            "an id of another user"
+        );
+    }
+
+    #[test]
+    fn all_users_together_stay_within_the_documented_bytes() {
+        let mut memory = CommandMemory::default();
+        for user in 0..20 {
+            fill(&mut memory, &user.to_string(), &Command::Start, 100_000);
+        }
+        assert!(memory.bytes <= MEMORY_BYTES_MAX, "{}", memory.bytes);
+        assert_eq!(start(&mut memory, "late", "1", 0), Recalled::Full);
+        assert_eq!(ask(&mut memory, "late", "2", &Command::Stop, 0), Recalled::New);
+        assert_eq!(start(&mut memory, "late", "1", 601), Recalled::New);
+        assert!(memory.bytes <= ENTRY_BYTES_MAX, "all others have expired");
+    }
+
+    #[test]
+    fn the_longest_reply_stays_within_the_bytes_that_were_set_aside_for_it() {
+        let mut memory = CommandMemory::default();
+        let id = "x".repeat(128);
+        start(&mut memory, "u", &id, 0);
+        let reply = CommandReply {
+            hash: Some("h".repeat(64)),
+            run_id: Some("r".repeat(64)),
+            ..done(&id, &"\u{e4}".repeat(10_000))
         };
-        memory.on_reply(&reply, SystemTime::UNIX_EPOCH);
-        assert_eq!(memory.reply("a"), None);
-        start(&mut memory, "a", 0);
-        memory.on_reply(&reply, SystemTime::UNIX_EPOCH);
-        assert_eq!(memory.reply("a"), Some(&reply));
+        let asked = Asked::command(1, &Command::Start, "hmi");
+        let key = asked.key("u", &id);
+        assert!(
+            bytes_of(
+                &key.command,
+                &asked,
+                &CommandReply {
+                    text: "t".repeat(TEXT_BYTES_MAX),
+                    ..reply.clone()
+                }
+            ) <= ENTRY_BYTES_MAX
+        );
+        memory.on_reply(&key, &reply, at(0));
+        assert_eq!(
+            memory.reply(&key).map(|kept| kept.text.len()),
+            Some(TEXT_BYTES_MAX)
+        );
+    }
+
+    #[test]
+    fn a_reply_to_a_command_that_nobody_sent_is_not_kept() {
+        let mut memory = CommandMemory::default();
+        let key = Asked::command(1, &Command::Start, "hmi").key("u", "a");
+        memory.on_reply(&key, &done("a", ""), at(0));
+        assert_eq!(memory.reply(&key), None);
+        start(&mut memory, "u", "a", 0);
+        memory.on_reply(&key, &done("a", ""), at(0));
+        assert_eq!(memory.reply(&key), Some(&done("a", "")));
+        assert_eq!(memory.find_reply("another", "a"), Some(&done("a", "")));
+    }
+
+    #[test]
+    fn a_stop_keeps_the_start_of_the_same_id_in_memory() {
+        let mut memory = CommandMemory::default();
+        start(&mut memory, "u", "1", 0);
+        assert_eq!(ask(&mut memory, "u", "1", &Command::Hold, 0), Recalled::New);
+        assert_eq!(ask(&mut memory, "u", "1", &Command::Stop, 0), Recalled::New);
+        assert_eq!(
+            ask(&mut memory, "u", "1", &Command::Stop, 0),
+            Recalled::Again(None)
+        );
+        assert_eq!(start(&mut memory, "u", "1", 0), Recalled::Again(None));
+        assert_eq!(
+            ask(&mut memory, "u", "1", &Command::Reset, 0),
+            Recalled::OtherCommand("start of coordinate system 1".into())
+        );
     }
 }

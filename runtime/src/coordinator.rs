@@ -6,17 +6,20 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use plc_api::port::Port;
 use plc_api::server::ServedPort;
 use plc_api::types::handler::REFRESHES;
-use plc_api::types::machine::{ActiveAlarms, Presence};
+use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity, Presence};
 use plc_api::types::message::Payload;
 use plc_api::types::planned::PlannedPlace;
 use plc_api::types::run::{Run, TimeLeft};
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
+use serde_json::Value;
 use tandem_model::Variables;
+use tandem_model::alarm::SOFT_LIMIT;
 use tandem_model::flow::Transform;
 use tandem_servo::{Hardware, HardwareFactory, Servo};
 use tokio::task::JoinSet;
@@ -26,11 +29,13 @@ use crate::config::{Config, ConfigError, Machine};
 use crate::coordinate_system::{CoordinateSystem, Mailbox};
 use crate::disk::Health;
 use crate::journal::{Event, Journal};
+use crate::persistence::positions::KeptPositions;
 use crate::persistence::{LastRuns, Restored, cut_short};
 use crate::port::{AccessLines, RuntimePort};
 use crate::preview::Previews;
-use crate::program_store::{PROGRAMS_BYTES_MAX, ProgramStore, Signers};
-use crate::servo_thread::{ServoStatistics, ServoThread};
+use crate::program_store::{HeldBack, PROGRAMS_BYTES_MAX, ProgramStore, Signers};
+use crate::runs::KeptRuns;
+use crate::servo_thread::{ServoStatistics, ServoThread, Told};
 use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
 use crate::tables::Tables;
@@ -117,8 +122,15 @@ impl Runtime {
         let shared = Arc::clone(&runtime.port.shared);
         let (period, missed_max) = (shared.machine.servo_period(), shared.machine.missed_cycles_max());
         let statistics = Arc::clone(&shared.servo);
-        let wake = move || shared.wake_all();
-        let servo = ServoThread::start(servo, period, missed_max, wake, statistics);
+        let of_failure = Arc::clone(&shared);
+        let told = Told {
+            wake: move || {
+                shared.supervisor.fault_point("servo-relay");
+                shared.wake_all();
+            },
+            failed: move |why: &str| of_failure.on_servo_failed(why),
+        };
+        let servo = ServoThread::start(servo, period, missed_max, told, statistics);
         runtime.servo = Some(servo.map_err(StartError::Servo)?);
         Ok(runtime)
     }
@@ -156,9 +168,10 @@ impl Runtime {
         };
         let Programs {
             store, first_state, ..
-        } = Programs::open(&machine, &Health::default())?;
+        } = Programs::open(&machine, &Health::default(), &HeldBack::default())?;
         let factory = options.hardware.take();
-        let hardware = bring_up(factory.unwrap_or_else(Hardware::simulated_factory), &machine)?;
+        let factory = factory.unwrap_or_else(Hardware::simulated_factory);
+        let hardware = bring_up(factory, &machine, &KeptPositions::default())?;
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
         let tables = Tables::new(&machine);
@@ -167,7 +180,7 @@ impl Runtime {
         let shared = Arc::new(shared);
         let parts = Parts::new(&shared, first_state, &Restored::default(), hardware);
         let mailboxes = parts.mailboxes.clone();
-        let simulation = Simulation::new(parts.servo, clock, mailboxes, &shared.machine, options);
+        let simulation = Simulation::new(parts.servo, clock, mailboxes, &shared, options);
         let simulation = Arc::new(simulation);
         slot.set(Arc::clone(&simulation))
             .map_err(|_| StartError::NotInSimulation)?;
@@ -181,6 +194,7 @@ impl Runtime {
                 writer: None,
                 last_runs: LastRuns::new(),
                 access: AccessLines::default(),
+                io_turn: tokio::sync::Mutex::default(),
             }),
             tasks: parts.tasks,
             servo: None,
@@ -192,6 +206,12 @@ impl Runtime {
     /// The whole sequence-control interface of the machine.
     pub fn port(&self) -> Arc<dyn Port> {
         Arc::<RuntimePort>::clone(&self.port)
+    }
+
+    /// What its parts share.
+    #[cfg(test)]
+    pub(crate) fn shared(&self) -> &Arc<crate::shared::Shared> {
+        &self.port.shared
     }
 
     /// The same for server ends.
@@ -217,6 +237,12 @@ impl Runtime {
         let mut mailboxes = self.port.mailboxes.iter();
         let view = Arc::clone(&mailboxes.find(|mailbox| mailbox.number == cs)?.view);
         Some(move || view.transform())
+    }
+
+    /// Resolves when a fault in a task or a thread demands that the runtime stops, with the reason: shut it down then.
+    pub async fn failed(&self) -> String {
+        let supervisor = self.port.shared.supervisor.clone();
+        supervisor.exit().await
     }
 
     /// The program store.
@@ -267,11 +293,14 @@ impl Opened {
             .as_ref()
             .map(|data| Arc::clone(&data.health))
             .unwrap_or_default();
-        let programs = Programs::open(machine, &health)?;
+        let none = HeldBack::default();
+        let held = data.as_ref().map_or(&none, |data| &data.held);
+        let programs = Programs::open(machine, &health, held)?;
+        let kept = data.as_ref().map(Data::positions).unwrap_or_default();
         Ok(Self {
             programs,
             health,
-            hardware: bring_up(hardware, machine)?,
+            hardware: bring_up(hardware, machine, &kept)?,
             data,
         })
     }
@@ -286,7 +315,10 @@ impl Opened {
         let mut data = self.data;
         let tables = Tables::new(&machine);
         let (journal, mut restored) = match &mut data {
-            Some(data) => (Journal::to_disk(data.journal.writer()), data.restore(&tables)),
+            Some(data) => (
+                Journal::to_disk(data.journal.writer()),
+                data.restore(&tables, &machine.io),
+            ),
             None => (Journal::to_log(), Restored::default()),
         };
         let newest = restored.last_runs.values().map(|kept| kept.line).max();
@@ -297,28 +329,27 @@ impl Opened {
             first_state,
         } = self.programs;
         let mut shared = Shared::new(machine, boot_id, clock, store, journal, tables);
+        shared.supervisor = self.health.supervisor.clone();
         shared.health = self.health;
+        shared.restore_outputs(std::mem::take(&mut restored.outputs));
+        if let Some(data) = &mut data {
+            shared.stored_data = Mutex::new(std::mem::take(&mut data.question));
+        }
         let kept_runs = std::mem::take(&mut restored.runs);
-        let place_of = |run: &Run| {
-            let last = &restored.last_runs.get(&run.cs)?.run;
-            let line = Some(last.line).filter(|line| *line > 0 && last.run_id == run.id)?;
-            let program = last.running?;
-            Some(PlannedPlace { program, line })
-        };
-        let now = shared.clock.wall();
-        shared.runs.lock().restore(kept_runs, place_of, now);
+        let lines = data.as_ref().map(|data| data.newest.lines.as_slice());
+        restore_runs(&shared, kept_runs, &restored.last_runs, lines.unwrap_or_default());
         let shared = Arc::new(shared);
         let mut parts = Parts::new(&shared, first_state, &restored, self.hardware);
         findings.report(&shared);
         let last_runs = restored.last_runs;
+        let positions = data.as_ref().map(Data::positions).unwrap_or_default();
         let kept = data.map(|data| data.keep(&shared, &parts.mailboxes, last_runs.clone()));
         let kept = kept.transpose()?;
         report_last_runs(&shared, &last_runs);
-        let positions = publish_positions(Arc::clone(&shared), parts.mailboxes.clone());
-        parts.tasks.spawn(positions);
-        if !shared.clock.is_simulated() {
-            parts.tasks.spawn(publish_presence(Arc::clone(&shared)));
-        }
+        report_positions(&shared, &positions);
+        shared.report_question();
+        shared.warn_of_faults();
+        parts.start_publishers(&shared);
         let views = parts.mailboxes.iter().map(|mailbox| Arc::clone(&mailbox.view));
         let mut previews = Previews::on_demand(&shared, views);
         if !shared.clock.is_simulated() {
@@ -333,6 +364,7 @@ impl Opened {
                 writer: kept.as_ref().map(|kept| kept.state.writer()),
                 last_runs,
                 access: AccessLines::default(),
+                io_turn: tokio::sync::Mutex::default(),
             }),
             tasks: parts.tasks,
             servo: None,
@@ -351,6 +383,21 @@ struct Parts {
 }
 
 impl Parts {
+    /// Starts the tasks that publish at an interval.
+    fn start_publishers(&mut self, shared: &Arc<Shared>) {
+        let supervisor = &shared.supervisor;
+        let (of_positions, mailboxes) = (Arc::clone(shared), self.mailboxes.clone());
+        let positions = move || publish_positions(Arc::clone(&of_positions), mailboxes.clone());
+        self.tasks
+            .spawn(supervisor.restarted("publisher of positions", positions));
+        if !shared.clock.is_simulated() {
+            let of_presence = Arc::clone(shared);
+            let presence = move || publish_presence(Arc::clone(&of_presence));
+            self.tasks
+                .spawn(supervisor.restarted("publisher of presence", presence));
+        }
+    }
+
     fn new(
         shared: &Arc<Shared>,
         first_state: (Execution, Option<Reason>),
@@ -370,9 +417,20 @@ impl Parts {
             let system = CoordinateSystem::new(Arc::clone(shared), configured, task_end, first_state, tool);
             let mailbox = Arc::new(Mailbox::new(Arc::clone(shared), system));
             let of_task = Arc::clone(&mailbox);
-            tasks.spawn(async move { of_task.run().await });
+            let task = async move { of_task.run().await };
+            tasks.spawn(shared.supervisor.essential("task of a coordinate system", task));
             mailboxes.push(mailbox);
         }
+        let of_io = Arc::clone(shared);
+        let watching = move || {
+            let of_io = Arc::clone(&of_io);
+            async move { of_io.watch_io().await }
+        };
+        tasks.spawn(
+            shared
+                .supervisor
+                .restarted("watch over outputs of the plant", watching),
+        );
         for mailbox in &mailboxes {
             let run = shared.runs.lock().state(mailbox.number);
             shared.publish(Topic::cs(mailbox.number, CsTopic::Run), Payload::Run(run));
@@ -383,6 +441,7 @@ impl Parts {
         shared.publish_io();
         shared.publish_areas();
         shared.publish_tables();
+        shared.publish_stored_data();
         shared.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms::default()));
         shared.publish(Topic::Presence, Payload::Presence(presence(shared, true)));
         Self {
@@ -415,7 +474,8 @@ async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
         }
         odd = !odd;
         if let Some(first) = mailboxes.first() {
-            shared.publish(Topic::Heartbeat, Payload::Heartbeat(first.view.heartbeat()));
+            let heartbeat = shared.note_heartbeat(first.view.heartbeat());
+            shared.publish(Topic::Heartbeat, Payload::Heartbeat(heartbeat));
         }
         shared.publish_variables();
         for mailbox in &mailboxes {
@@ -455,6 +515,33 @@ fn report_last_runs(shared: &Shared, last_runs: &LastRuns) {
         if let Some(last_run) = last_run.filter(|last_run| last_run.is_under_way()) {
             shared.record(cs, Event::Interrupted(Box::new(last_run.clone())));
             shared.raise_standing(cut_short(cs, last_run));
+        }
+    }
+}
+
+/// Runs and counters continue where the store and the journal have ended.
+fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[Value]) {
+    let place_of = |run: &Run| {
+        let last = &last_runs.get(&run.cs)?.run;
+        let line = Some(last.line).filter(|line| *line > 0 && last.run_id == run.id)?;
+        let program = last.running?;
+        Some(PlannedPlace { program, line })
+    };
+    let now = shared.clock.wall();
+    shared.runs.lock().restore(kept, lines, place_of, now);
+}
+
+/// The operator is warned of motors that stand outside soft limits which have changed.
+fn report_positions(shared: &Shared, kept: &KeptPositions) {
+    for system in &shared.machine.coordinate_systems {
+        for text in kept.outside(&system.settings) {
+            shared.raise_standing(AlarmRecord {
+                severity: AlarmSeverity::Warning,
+                number: SOFT_LIMIT.number,
+                text: format!("{text}; jog it back, or correct the limits"),
+                cs: Some(system.settings.number),
+                ..AlarmRecord::default()
+            });
         }
     }
 }

@@ -3,23 +3,30 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use plc_api::server::ServerTransport;
-use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::program::SignatureState;
+use plc_api::types::stored_data::StoredDataPart;
+use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use tandem_model::lost::is_lost;
 
+use crate::clock::time_of_day;
 use crate::config::Machine;
 use crate::coordinator::everything;
-use crate::disk::Lock;
+use crate::disk::{Generations, Lock};
 use crate::journal::{Event, Line};
 use crate::persistence::journal_file::append_line;
-use crate::persistence::journal_folder::JOURNAL_FOLDER;
+use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::persistence::journal_reader::damage;
+use crate::persistence::positions::POSITION;
 use crate::persistence::{
     Condition, Generation, Image, Judged, PAGE_VARIABLES, STORE_FILE, Store, judge, restore,
 };
-use crate::program_store::folder::{Found, ProgramFolder, look};
+use crate::program_store::folder::{Found, Opening, ProgramFolder, look};
+use crate::program_store::places::{PLACES_FILE, PlacesRead};
+use crate::stored_data::OpenQuestion;
+use crate::stored_data::inspection::Inspection;
 use crate::tables::{LOST_VALUE, Tables};
 
 /// An opened data folder, which no runtime works with meanwhile.
@@ -28,6 +35,7 @@ pub struct DataFolder {
     path: PathBuf,
     machine: Machine,
     judged: Judged,
+    inspection: Inspection,
     _lock: Option<Lock>,
 }
 
@@ -65,14 +73,16 @@ impl DataFolder {
         let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
         std::fs::metadata(&path).map_err(named)?;
         let lock = Lock::take(&path).map_err(named)?;
-        let mut judged = judge(&path);
-        if judged.is_all_lost {
+        let inspection = Inspection::new(&path, &machine.name);
+        let mut judged = inspection.judged.clone();
+        if judged.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
             judged.lose(everything(&machine));
         }
         Ok(Self {
             path,
             machine,
             judged,
+            inspection,
             _lock: lock,
         })
     }
@@ -82,7 +92,15 @@ impl DataFolder {
     /// # Errors
     /// The disk refuses.
     pub fn record(&self, user: Option<String>, command: &str) -> io::Result<()> {
-        append(&self.path, user, command).map(drop)
+        self.ask();
+        append(&self.path, &self.inspection.generations, user, command).map(drop)
+    }
+
+    /// What is about to be written hides that files do not fit together: the question about them is noted before.
+    fn ask(&self) -> OpenQuestion {
+        let newest = newest(&self.path.join(JOURNAL_FOLDER), 0, 1).time();
+        let since = Timestamp::from_system_time(time_of_day());
+        self.inspection.ask(&self.path, since, newest)
     }
 
     /// The same in the data folder of a machine. False where there is no journal.
@@ -94,7 +112,15 @@ impl DataFolder {
             return Ok(false);
         };
         let _lock = Lock::take(path)?;
-        append(path, user, command)
+        let folder = Self {
+            inspection: Inspection::new(path, &machine.name),
+            judged: judge(path),
+            path: path.clone(),
+            machine: machine.clone(),
+            _lock: None,
+        };
+        folder.ask();
+        append(path, &folder.inspection.generations, user, command)
     }
 
     /// Looks at all that is kept. It changes nothing.
@@ -114,9 +140,22 @@ impl DataFolder {
         }
         if let Some(fault) = &self.judged.sums_fault {
             findings.damaged.push(format!(
-                "the sums beside {}: {fault}; nothing is lost",
+                "the checksums beside {}: {fault}; the values are kept, and are not verified",
                 store.display()
             ));
+        }
+        let others = self.inspection.findings.iter();
+        let others = others.filter(|finding| finding.part != StoredDataPart::Store);
+        findings
+            .damaged
+            .extend(others.map(|finding| finding.text.clone()));
+        if let Some(text) = OpenQuestion::read(&self.path).text() {
+            findings.damaged.push(format!("a question is open: {text}"));
+        }
+        let places = PlacesRead::read(&self.programs());
+        let folders = self.inspection.lacks_folders.then(|| "it is missing".to_owned());
+        if let Some(fault) = places.fault.or(folders) {
+            findings.damaged.push(format!("programs/{PLACES_FILE}: {fault}"));
         }
         let lost = lost_in(&self.judged.image);
         findings
@@ -227,7 +266,9 @@ impl DataFolder {
     /// # Errors
     /// It is no such document, or the disk refuses; nothing has changed then.
     pub fn import(&mut self, text: &str) -> io::Result<usize> {
-        let Image { pages, values } = Generation::of_text(text, false)?.image;
+        let Image { pages, mut values } = Generation::of_text(text, false)?.image;
+        // where motors stand is true of the machine that exported it alone
+        values.retain(|name, _| !name.starts_with(&format!("{POSITION}/")));
         let (tables, count) = (Tables::new(&self.machine), pages.len() + values.len());
         let mut change = Image {
             values,
@@ -262,17 +303,21 @@ impl DataFolder {
     /// # Errors
     /// There is none, or the disk refuses.
     pub fn accept_program(&self, number: u16) -> io::Result<()> {
-        let (mut folder, _) = ProgramFolder::open(
-            &self.programs(),
-            self.machine.dialect().name,
-            self.machine.is_mixed(),
-            self.machine.programs_bytes_max,
-        )?;
+        self.ask();
+        let opening = Opening {
+            dialect: self.machine.dialect().name,
+            is_mixed: self.machine.is_mixed(),
+            bytes_max: self.machine.programs_bytes_max,
+            generations: Arc::clone(&self.inspection.generations),
+            holds_back: self.inspection.holds_back(StoredDataPart::Programs),
+        };
+        let (mut folder, _) = ProgramFolder::open(&self.programs(), &opening)?;
         folder.accept(number).map(drop)
     }
 
     fn write(&mut self, change: Image) -> io::Result<()> {
-        let (mut store, _) = Store::open(&self.path, &self.judged)?;
+        self.ask();
+        let (mut store, _) = Store::open(&self.path, &self.judged, &self.inspection.generations)?;
         store.commit(&change)?;
         self.judged.image.take_over(change);
         drop(store);
@@ -287,7 +332,12 @@ impl DataFolder {
     }
 }
 
-fn append(folder: &Path, user: Option<String>, command: &str) -> io::Result<bool> {
+fn append(
+    folder: &Path,
+    generations: &Arc<Generations>,
+    user: Option<String>,
+    command: &str,
+) -> io::Result<bool> {
     let journal = folder.join(JOURNAL_FOLDER);
     if !journal.is_dir() {
         return Ok(false);
@@ -302,6 +352,7 @@ fn append(folder: &Path, user: Option<String>, command: &str) -> io::Result<bool
     };
     append_line(
         &journal,
+        Arc::clone(generations),
         &Line {
             t_s: 0.0,
             cs: 0,
@@ -382,6 +433,7 @@ fn in_words(name: &str) -> String {
         ["tool_data", id] => format!("tool {id}"),
         ["work_offset", cs, offset] => format!("{offset}{}", of(cs)),
         ["tool", cs] => format!("the tool in the spindle{}", of(cs)),
+        ["position", cs] => format!("where the motors stand{}", of(cs)),
         ["last_run", cs] => format!("the last run{}", of(cs)),
         _ => name.to_owned(),
     }

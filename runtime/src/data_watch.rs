@@ -9,7 +9,9 @@ use std::time::Duration;
 
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use rustix::fs::{Access, StatVfsMountFlags};
-use tandem_model::alarm::{AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED, VALUES_LOST};
+use tandem_model::alarm::{
+    AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED, STORED_DATA_QUESTION, VALUES_LOST,
+};
 
 use crate::disk::Part;
 use crate::disk::fs::{self, access, statvfs};
@@ -43,13 +45,14 @@ impl DataWatch {
     /// The operating system gives no thread.
     pub fn start(folder: &Path, shared: Arc<Shared>) -> io::Result<Self> {
         let (stop, stopped) = channel();
+        let supervisor = shared.supervisor.clone();
         let watch = Watch {
             folder: folder.to_owned(),
             shared,
             stopped,
             looks: 0,
         };
-        let thread = Thread::start("data-watch", watch)?;
+        let thread = Thread::start("data-watch", &supervisor, watch)?;
         Ok(Self {
             stop: Some(stop),
             thread: Some(thread),
@@ -118,6 +121,8 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
         .collect();
     shared.stand(&PROGRAM_DAMAGED, list(&damaged).as_deref());
     shared.stand(&VALUES_LOST, list(&shared.tables.lost()).as_deref());
+    let question = shared.stored_data.lock().text();
+    shared.stand(&STORED_DATA_QUESTION, question.as_deref());
 }
 
 /// What is wrong with a folder; `None`: nothing is.

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use plc_api::types::m_code::{GivenParam, MCodeDeclaration};
 use tandem_interp::{Dialect, programmed_outputs};
-use tandem_model::Diagnostic;
+use tandem_model::alarm::VALUE_OUT_OF_RANGE;
+use tandem_model::flow::Output;
+use tandem_model::{Alarm, Diagnostic};
 use tandem_syntax::NcProgram;
 use tandem_syntax::diagnostics::{NOT_SERVED, PARAMS_REFUSED};
 
@@ -73,6 +75,19 @@ pub fn wrong_params(program: &NcProgram, dialect: &Dialect, declared: &[Declared
         }
     }
     found
+}
+
+/// Returns alarm 11 if a declaration does not take the parameters of an output, computed values included. An output without
+/// parameters has nothing that a calculation could change: its program was checked at the load.
+pub fn refused_output(output: &Output, declared: &[Declared]) -> Option<Alarm> {
+    let given = output
+        .params
+        .map(|value| value.map_or(GivenParam::Absent, GivenParam::Number));
+    let mut faults = declared.iter().flat_map(|one| {
+        let faults = one.declaration.faults(given).into_iter();
+        faults.map(move |fault| format!("{} (declared by {})", fault.text, one.by))
+    });
+    Some(Alarm::new(&VALUE_OUT_OF_RANGE, faults.next()?).at(output.origin))
 }
 
 /// M codes of a program that nobody serves, each at its first place.

@@ -3,6 +3,7 @@
 
 mod files;
 pub(crate) mod fs;
+mod generations;
 mod health;
 mod line;
 #[cfg(test)]
@@ -13,6 +14,7 @@ pub(crate) use files::{
     Identity, Lock, UNFINISHED, Unfinished, in_use, make_folder, make_folder_in, open_regular, read_regular,
     sync_folder, tighten, write_whole,
 };
+pub(crate) use generations::{Generations, Kind, PartGenerations, Seal, StoredPart};
 pub(crate) use health::{Health, Part};
-pub(crate) use line::{Read, number, read, seal, seal_in_place};
-pub(crate) use sums::{SumChange, SumFile, Sums, sum_of};
+pub(crate) use line::{Read, Unusable, number, read, read_sealed, seal, seal_in_place};
+pub(crate) use sums::{Sealer, SumChange, SumFile, SumOfParts, Sums, sum_of};

@@ -20,10 +20,12 @@ use plc_api::types::output::OutputNotice;
 use plc_api::types::request::RefusalCode;
 use plc_api::types::run::RunEndedHow;
 use plc_api::types::state::{Captured, Execution, Reason};
+use plc_api::types::stored_data::StoredDataDecision;
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+pub use crate::order_key::OrderKey;
 use crate::program_store::Edit;
 
 pub use filter::LineFilter;
@@ -152,6 +154,9 @@ pub enum Event {
         /// The line that it begins at, if not at the head.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         from_line: Option<u32>,
+        /// The order that begins it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        order: Option<OrderKey>,
         /// How many parts are ordered, if more than one. Each part begins with a line of this run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         parts: Option<u32>,
@@ -288,6 +293,15 @@ pub enum Event {
         /// Who.
         user: Option<String>,
     },
+    /// An output of the plant was written, and has another value or owner than before.
+    IoWrite {
+        /// Which, such as `io/out/clamp`.
+        io: String,
+        /// The value.
+        value: IoValue,
+        /// Its owner; null: a client without presence.
+        handler_id: Option<String>,
+    },
     /// The owner of an input or output of the plant has gone.
     IoLost {
         /// Which, such as `io/in/door_closed`.
@@ -297,14 +311,27 @@ pub enum Event {
         /// The owner.
         handler_id: String,
     },
+    /// Stored files do not fit together, or a person has decided about them.
+    StoredData {
+        /// The decision; `None`: a start has found them.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        decision: Option<StoredDataDecision>,
+        /// What does not fit, in words.
+        findings: Vec<String>,
+    },
     /// The run has ended.
     End(RunEnd),
 }
 
 impl Event {
-    /// True for an event of which a handler may hear.
+    /// True for an event that clients learn of before the journal has written its line.
     fn is_heard_of(&self) -> bool {
-        matches!(self, Event::Start { .. } | Event::Output(_))
+        matches!(self, Event::Start { .. } | Event::Output(_)) || self.is_counted()
+    }
+
+    /// True for an event that changes the counters of produced parts.
+    fn is_counted(&self) -> bool {
+        matches!(self, Event::End(_) | Event::PartsEnded { .. })
     }
 
     /// True for an event that closes outputs.
@@ -350,6 +377,15 @@ impl RaisedAlarm {
             RaisedAlarm::OfThis(record) => record.number,
             RaisedAlarm::OfAll { number, .. } => *number,
         }
+    }
+
+    /// Number and text, for people.
+    pub(crate) fn said(&self) -> String {
+        let (number, text) = match self {
+            RaisedAlarm::OfThis(record) => (record.number, &record.text),
+            RaisedAlarm::OfAll { number, text } => (*number, text),
+        };
+        format!("{number}, {text}")
     }
 }
 
@@ -442,13 +478,25 @@ pub(crate) struct JournalWriter {
 }
 
 impl JournalWriter {
-    /// Hands a line over, without waiting. One of which a handler may hear is safe from a kill when this returns.
+    /// The number of the next line.
+    pub fn reserve(&self) -> u64 {
+        self.last.fetch_add(1, Ordering::Relaxed) + 1
+    }
+
+    /// As [`JournalWriter::write_as`], with the next number.
+    #[cfg(test)]
     pub fn write(&self, line: Line, time: SystemTime) {
-        let n = self.last.fetch_add(1, Ordering::Relaxed) + 1;
+        self.write_as(self.reserve(), line, time);
+    }
+
+    /// Hands a line of this number over, without waiting. One that clients learn of earlier is safe from a kill when this
+    /// returns.
+    pub fn write_as(&self, n: u64, line: Line, time: SystemTime) {
         if let Some(ahead) = &self.ahead {
             if line.event.closes_outputs() {
                 ahead.close(&line);
-            } else if line.event.is_heard_of()
+            }
+            if line.event.is_heard_of()
                 && let Err(error) = ahead.write(n, &line, time)
             {
                 tracing::debug!("line {n} of the journal is not written ahead: {error}");
@@ -515,8 +563,13 @@ impl Journal {
         }
     }
 
-    /// Writes a line. True when that has woken a task.
-    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, event: Event) -> bool {
+    /// The number of the next line that goes to disk; 0 if none does.
+    pub(crate) fn reserve(&self) -> u64 {
+        self.disk.as_ref().map_or(0, JournalWriter::reserve)
+    }
+
+    /// Writes a line of this number. True when that has woken a task.
+    pub(crate) fn record(&self, n: u64, now: Now, cs: CoordinateSystemNumber, event: Event) -> bool {
         let is_block = matches!(event, Event::Block { .. });
         let line = Line {
             t_s: now.monotonic_s,
@@ -531,7 +584,7 @@ impl Journal {
         }
         // Its text is made on the journal's thread: a handshake does not wait for it.
         if let Some(disk) = self.disk.as_ref().filter(|_| !is_block) {
-            disk.write(line, now.time);
+            disk.write_as(n, line, now.time);
         }
         has_woken
     }

@@ -15,8 +15,10 @@ mod data_watch;
 pub mod declared;
 mod disk;
 pub mod explain;
+mod heartbeat_times;
 mod io;
 pub mod journal;
+mod order_key;
 mod persistence;
 mod planned;
 mod port;
@@ -28,6 +30,8 @@ mod sequence;
 mod servo_thread;
 mod shared;
 pub mod simulation;
+pub mod stops;
+mod stored_data;
 mod tables;
 pub mod test;
 mod threads;
@@ -45,8 +49,8 @@ pub use coordinator::{Runtime, StartError};
 pub mod hardware {
     pub use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
     pub use tandem_servo::{
-        BusCounts, Command, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory, Orientation, Spindle,
-        SpindleDirection, SpindleState, ThreadStep,
+        BusCounts, Command, Cutoff, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory, Orientation,
+        Spindle, SpindleDirection, SpindleState, ThreadStep,
     };
 }
 pub use sequence::demo::{demo_sequence_program, open_demo};

@@ -5,25 +5,28 @@ mod access;
 mod audit;
 mod commands;
 mod data;
+mod handlers;
 mod programs;
+mod sender;
+mod stored_data;
 
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
-use plc_api::handler_registry::Registered;
+use plc_api::handler_registry::Reach;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
-use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
+use plc_api::server::{Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming};
+use plc_api::supervisor::Supervisor;
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::explained::Explanation;
-use plc_api::types::handler::HandlerResult;
 use plc_api::types::heartbeat::ClientHeartbeat;
 use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::HandlerPresence;
+use plc_api::types::not_after::NotAfter;
 use plc_api::types::planned::PathQuery;
 use plc_api::types::request::{
     Answer, CoordinateSystemRequest, Destination, MachineRequest, ProgramRequest, Refusal, RefusalCode,
@@ -35,9 +38,11 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::trace::{Trace, TraceQuery};
 use plc_api::types::upload::{ProgramCondition, ProgramUpload};
 use plc_api::types::{BootId, CoordinateSystemNumber};
+use plc_api::wire::takes_not_after;
 use tandem_model::alarm::{MESSAGES_NOT_KEPT, REQUEST_REFUSED};
 
 pub(crate) use access::AccessLines;
+use sender::Sender;
 
 use crate::coordinate_system::Mailbox;
 use crate::explain::{explain_here, nearest, picture};
@@ -61,6 +66,8 @@ pub(crate) struct RuntimePort {
     pub access: AccessLines,
     /// Programs, planned ahead.
     pub previews: Previews,
+    /// One output is kept at a time, so that the last value on disk is the one that was written last.
+    pub io_turn: tokio::sync::Mutex<()>,
 }
 
 impl RuntimePort {
@@ -84,7 +91,7 @@ impl RuntimePort {
             // Whatever the answer is, the task ends next.
             let clock = &self.shared.clock;
             let _ = clock
-                .within_real(Duration::from_secs(2), self.carry_out(stop))
+                .within_real(Duration::from_secs(2), self.carry_out(stop, Sender::in_process()))
                 .await;
         }
     }
@@ -100,52 +107,10 @@ impl RuntimePort {
         })
     }
 
-    /// A handler comes, takes the place of another instance, or goes.
-    async fn handler(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
-        let changed = match self.shared.set_handler(&id, &presence) {
-            Ok(changed) => changed,
-            Err(refusal) => {
-                if let Some(asked) = self.shared.asked_handler(&id) {
-                    self.shared.tell_handler(&id, HandlerResult::confirm(Some(asked)));
-                }
-                let result = HandlerResult::refused(presence.instance, &refusal);
-                self.shared.tell_handler(&id, result);
-                return Err(refusal);
-            }
-        };
-        match changed {
-            Registered::Nothing => return Ok(Answer::Done),
-            Registered::Refreshed => {
-                let result = HandlerResult::accepted(presence.instance);
-                self.shared.tell_handler(&id, result);
-                return Ok(Answer::Done);
-            }
-            Registered::Offline => {}
-            Registered::Online { took_over, .. } => {
-                if let Some((old, text)) = took_over {
-                    let gone = HandlerPresence::gone(old.instance.clone());
-                    self.tell_all(&id, gone).await?;
-                    let result = HandlerResult::taken_over(old.instance, text);
-                    self.shared.tell_handler(&id, result);
-                }
-            }
-        }
-        let (online, instance) = (presence.online, presence.instance.clone());
-        self.tell_all(&id, presence).await?;
-        if online {
-            self.shared.tell_handler(&id, HandlerResult::accepted(instance));
-        }
-        Ok(Answer::Done)
-    }
-
-    /// Each coordinate system does its part of a presence; what a handler that has gone owned of the plant has its safe value.
-    async fn tell_all(&self, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
-        if !presence.online {
-            self.shared.lose_io(id);
-        }
+    /// Each coordinate system does its part.
+    async fn pass_to_all(&self, request: CoordinateSystemRequest) -> Result<(), Refusal> {
         for mailbox in &self.mailboxes {
-            let request = CoordinateSystemRequest::Handler(id.to_owned(), presence.clone());
-            mailbox.ask(request, false).await?;
+            mailbox.ask(request.clone(), false).await?;
         }
         Ok(())
     }
@@ -166,7 +131,7 @@ impl RuntimePort {
     }
 
     /// A motor's skip input, in each coordinate system that has the motor as an axis.
-    async fn skip_input(&self, motor: u16, value: bool) -> Result<Answer, Refusal> {
+    async fn skip_input(&self, motor: u16, value: bool, sender: &Sender) -> Result<Answer, Refusal> {
         let mut found = false;
         for system in &self.shared.machine.coordinate_systems {
             let mut motors = system.settings.motors.iter().flatten();
@@ -174,7 +139,10 @@ impl RuntimePort {
                 found = true;
                 let mailbox = self.mailbox(system.settings.number)?;
                 mailbox
-                    .ask(CoordinateSystemRequest::SkipInput(motor, value), false)
+                    .ask_not_after(
+                        CoordinateSystemRequest::SkipInput(motor, value),
+                        sender.not_after.clone(),
+                    )
                     .await?;
             }
         }
@@ -229,7 +197,9 @@ impl RuntimePort {
         let (cs, topic) = match topic {
             Topic::CoordinateSystem(cs, topic) => (cs, topic),
             Topic::Heartbeat => {
-                let heartbeat = self.mailboxes.first()?.view.heartbeat();
+                let heartbeat = self
+                    .shared
+                    .note_heartbeat(self.mailboxes.first()?.view.heartbeat());
                 return Some(Payload::Heartbeat(heartbeat));
             }
             _ => return None,
@@ -279,18 +249,20 @@ impl RuntimePort {
         answer
     }
 
-    fn carry_out(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+    /// Executes a request, unless it is older than its age limit when it would take effect.
+    fn carry_out(&self, request: Request, sender: Sender) -> BoxFuture<'_, Result<Answer, Refusal>> {
         match request.into() {
-            Destination::CoordinateSystem(cs, request) => self.pass_on(cs, request),
+            Destination::CoordinateSystem(cs, request) => self.pass_on(cs, request, sender),
             Destination::Program(request) => Box::pin(self.of_program(request)),
-            Destination::Machine(request) => Box::pin(self.of_machine(request)),
+            Destination::Machine(request) => Box::pin(self.of_machine(request, sender)),
         }
     }
 
-    async fn of_machine(&self, request: MachineRequest) -> Result<Answer, Refusal> {
+    async fn of_machine(&self, request: MachineRequest, sender: Sender) -> Result<Answer, Refusal> {
+        self.check_sender(&request, &sender)?;
         match request {
             MachineRequest::CommandStatus(id) => {
-                let reply = self.shared.replied(&id).map(Answer::Command);
+                let reply = self.shared.find_reply(&sender.user, &id).map(Answer::Command);
                 reply.ok_or_else(|| Refusal::new(RefusalCode::NotFound, format!("no command {id} is known")))
             }
             MachineRequest::ReadVariables {
@@ -304,8 +276,8 @@ impl RuntimePort {
                 from,
                 values,
                 meta,
-            } => self.write_variables(area, from, &values, meta),
-            MachineRequest::WriteIo(point, set) => self.shared.write_io(&point, set).map(|()| Answer::Done),
+            } => self.write_variables(area, from, &values, meta, sender),
+            MachineRequest::WriteIo(point, set) => self.write_io(point, set).await,
             MachineRequest::ForceIo(point, force) => {
                 self.shared.force_io(&point, force).map(|()| Answer::Done)
             }
@@ -318,12 +290,13 @@ impl RuntimePort {
             }
             MachineRequest::LastRun(cs) => self.last_run(cs),
             MachineRequest::Journal { from, count, filter } => self.journal(from, count, filter).await,
-            MachineRequest::Handler(id, presence) => self.handler(id, presence).await,
+            MachineRequest::Handler(id, presence) => self.handler(Reach::Subscribed, id, presence).await,
             MachineRequest::Heartbeat(id, beat) => self.heartbeat(id, beat).await,
             MachineRequest::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
             MachineRequest::Programs => Ok(Answer::Programs(self.shared.store.list())),
             MachineRequest::RaiseAlarm(raise) => self.raise_alarm(raise).await,
-            MachineRequest::SkipInput(motor, value) => self.skip_input(motor, value).await,
+            MachineRequest::AnswerStoredData(answer) => self.answer_stored_data(answer.decision).await,
+            MachineRequest::SkipInput(motor, value) => self.skip_input(motor, value, &sender).await,
             MachineRequest::Run { id, wait_s } => self.run(&id, wait_s).await.map(Answer::Run),
             MachineRequest::Runs(query) => Ok(Answer::Runs(self.shared.runs.lock().runs(query))),
             MachineRequest::Explain(what) => self.explain(what),
@@ -426,11 +399,11 @@ impl RuntimePort {
             ProgramRequest::PutInFolder(number, folder) => self.put_in_folder(number, &folder).await,
             ProgramRequest::IntermediateCode(number) => self.intermediate_code(number).await,
             ProgramRequest::PlannedPath(number, query) => {
-                let program = self.stored(number)?;
+                let program = self.planned(number, query.cs)?;
                 self.previews.path(program, &query).await.map(Answer::Path)
             }
             ProgramRequest::Rehearsal(number, cs) => {
-                let program = self.stored(number)?;
+                let program = self.planned(number, cs)?;
                 self.previews.rehearsal(program, cs).await.map(Answer::Rehearsed)
             }
         }
@@ -441,15 +414,16 @@ impl RuntimePort {
         &self,
         cs: CoordinateSystemNumber,
         request: CoordinateSystemRequest,
+        Sender { user, not_after }: Sender,
     ) -> BoxFuture<'_, Result<Answer, Refusal>> {
         match request {
             CoordinateSystemRequest::Command { command, meta, wait } => {
-                Box::pin(self.command(cs, command, meta, wait))
+                Box::pin(self.command(cs, command, meta.limited(not_after), wait, user))
             }
-            CoordinateSystemRequest::Lease { request, meta } => Box::pin(self.lease(cs, request, meta)),
-            CoordinateSystemRequest::Tool(id) => Box::pin(self.tool(cs, id)),
+            CoordinateSystemRequest::Lease { request, meta } => Box::pin(self.lease(cs, request, meta, user)),
+            CoordinateSystemRequest::Tool(id) => Box::pin(self.tool(cs, id, not_after)),
             request => match self.mailbox(cs) {
-                Ok(mailbox) => Box::pin(mailbox.ask(request, false)),
+                Ok(mailbox) => Box::pin(mailbox.ask_not_after(request, not_after)),
                 Err(refusal) => Box::pin(std::future::ready(Err(refusal))),
             },
         }
@@ -480,12 +454,30 @@ impl Port for RuntimePort {
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
         audit::record_edit(&self.shared, None, &request);
-        self.carry_out(request)
+        self.carry_out(request, Sender::in_process())
     }
 
     fn request_as<'a>(&'a self, client: &'a str, request: Request) -> BoxFuture<'a, Result<Answer, Refusal>> {
         audit::record_edit(&self.shared, Some(client), &request);
-        self.carry_out(request)
+        self.carry_out(request, Sender::in_process())
+    }
+
+    fn request_not_after<'a>(
+        &'a self,
+        not_after: &'a NotAfter,
+        client: Option<&'a str>,
+        request: Request,
+    ) -> BoxFuture<'a, Result<Answer, Refusal>> {
+        if let Err(text) = not_after.check() {
+            return Box::pin(std::future::ready(Err(Refusal::new(RefusalCode::Invalid, text))));
+        }
+        audit::record_edit(&self.shared, client, &request);
+        let not_after = takes_not_after(&request).then(|| not_after.clone());
+        let sender = Sender {
+            not_after,
+            ..Sender::in_process()
+        };
+        self.carry_out(request, sender)
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
@@ -502,10 +494,23 @@ impl ServedPort for RuntimePort {
         if let (Request::ForceIo(_, force), Some(user)) = (&mut request, &origin.user) {
             force.by = Some(user.clone());
         }
+        let sender = Sender::of(&origin);
         if origin.right.is_recorded() && !audit::is_own_level(&request) {
-            audit::record(&self.shared, origin, &request);
+            audit::record(&self.shared, origin.clone(), &request);
         }
-        self.carry_out(request)
+        match request {
+            Request::Handler(id, presence) if origin.over == ServerTransport::Rest => {
+                Box::pin(self.handler(Reach::Polling, id, presence))
+            }
+            request => self.carry_out(request, sender),
+        }
+    }
+
+    fn republish(&self) -> BoxFuture<'_, ()> {
+        Box::pin(async move {
+            // a runtime that stops refuses it
+            let _ = self.pass_to_all(CoordinateSystemRequest::Republish).await;
+        })
     }
 
     fn notice(&self, notice: ServerNotice) {
@@ -513,9 +518,6 @@ impl ServedPort for RuntimePort {
             ServerNotice::BusLink { connected, broker } => {
                 self.shared.bus_connected.store(connected, Ordering::Relaxed);
                 self.shared.tell_broker(broker);
-            }
-            ServerNotice::Reconnected => {
-                self.shared.bus_reconnections.fetch_add(1, Ordering::Relaxed);
             }
             ServerNotice::NotKept(text) => {
                 self.shared.stand(&MESSAGES_NOT_KEPT, text.as_deref());
@@ -544,6 +546,10 @@ impl ServedPort for RuntimePort {
     fn servo_timing(&self) -> Option<ServoTiming> {
         let period = self.shared.machine.servo_period();
         (!self.shared.clock.is_simulated()).then(|| self.shared.servo.timing(period))
+    }
+
+    fn supervisor(&self) -> Supervisor {
+        self.shared.supervisor.clone()
     }
 }
 

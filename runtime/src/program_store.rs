@@ -9,17 +9,18 @@ mod edit;
 mod file;
 pub(crate) mod folder;
 mod on_disk;
-mod places;
+pub(crate) mod places;
 mod program;
+mod run_programs;
 pub(crate) mod signing;
 
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use crate::disk::fs;
+use crate::disk::{Generations, fs};
 use parking_lot::{Mutex, RwLock};
 use plc_api::types::program::{ProgramCheck, ProgramInfo};
 use plc_api::types::request::{Refusal, RefusalCode};
@@ -32,7 +33,7 @@ pub use edit::{Edit, EditKind};
 pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
 use folder::{Outside, ProgramFolder};
-pub(crate) use on_disk::ProgramFindings;
+pub(crate) use on_disk::{HeldBack, ProgramFindings};
 use places::Places;
 pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
@@ -68,6 +69,10 @@ pub struct ProgramStore {
     folder: Mutex<Option<ProgramFolder>>,
     /// In which folder of lists each program lies.
     places: Mutex<Places>,
+    generations: Arc<Generations>,
+    /// No program of the folder is believed when it is opened.
+    holds_back: AtomicBool,
+    run_programs: run_programs::RunPrograms,
     /// Files that a look found changed outside, with their times: one that the next look finds so, too, is read.
     changing: Mutex<BTreeMap<u16, Option<String>>>,
 }
@@ -91,6 +96,9 @@ impl ProgramStore {
             writing: Mutex::default(),
             folder: Mutex::default(),
             places: Mutex::default(),
+            generations: Arc::default(),
+            holds_back: AtomicBool::new(false),
+            run_programs: run_programs::RunPrograms::default(),
             changing: Mutex::default(),
         }
     }
@@ -120,7 +128,7 @@ impl ProgramStore {
     /// The folder cannot be made, read or written.
     pub fn open(folder: &Path, rules: TextRules) -> io::Result<Self> {
         let mut store = Self::in_memory(rules);
-        store.open_folder(folder).1?;
+        store.open_folder(folder, &HeldBack::default()).1?;
         Ok(store)
     }
 
@@ -213,6 +221,10 @@ impl ProgramStore {
         let number = program.number;
         let _one_at_a_time = self.writing.lock();
         let created = self.check_room(number, program.text().len())?;
+        let _writing = match self.run_programs.begin_writing(number) {
+            Ok(writing) => writing,
+            Err(refusal) => return Ok(Err(refusal)),
+        };
         self.with_folder(|folder| {
             let outside = outside(folder.as_deref(), number)?;
             let old = self.hash_now(number, &outside);
@@ -322,6 +334,10 @@ impl ProgramStore {
     /// The disk refuses.
     pub(crate) fn remove(&self, number: u16, condition: &ProgramCondition) -> Changed<Option<Edit>> {
         let _one_at_a_time = self.writing.lock();
+        let _writing = match self.run_programs.begin_writing(number) {
+            Ok(writing) => writing,
+            Err(refusal) => return Ok(Err(refusal)),
+        };
         self.with_folder(|folder| {
             let outside = outside(folder.as_deref(), number)?;
             let old = self.hash_now(number, &outside);

@@ -13,8 +13,11 @@ use plc_api::types::run::{
 use plc_api::types::state::Reason;
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use crate::journal::{Event, RaisedAlarm, RunEnd};
+use crate::disk::number;
+use crate::journal::{Event, Line, RaisedAlarm, RunEnd};
+use crate::order_key::OrderKey;
 
 /// Alarms and M codes that a run tells of.
 const ALARMS_MAX: usize = 10;
@@ -26,6 +29,20 @@ pub(crate) struct EndedRun {
     pub n: u64,
     #[serde(flatten)]
     pub run: Run,
+    /// The order that began it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order: Option<OrderKey>,
+}
+
+/// A run that continues, as it is kept, with the order that began it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BegunRun {
+    #[serde(flatten)]
+    pub run: Run,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order: Option<OrderKey>,
+    /// When its part began that continues, or that ended last.
+    pub part_began: Timestamp,
 }
 
 /// What is kept of runs over starts of the runtime.
@@ -33,9 +50,14 @@ pub(crate) struct EndedRun {
 pub(crate) struct KeptRuns {
     pub ended: Vec<EndedRun>,
     /// Those that went on when the runtime ended.
-    pub open: Vec<Run>,
+    pub open: Vec<BegunRun>,
     pub production: Vec<Production>,
+    /// Number of the newest line of the journal that is included, by coordinate system.
+    pub lines: LinesIncluded,
 }
+
+/// Number of a line of the journal, by coordinate system.
+pub(crate) type LinesIncluded = BTreeMap<CoordinateSystemNumber, u64>;
 
 /// All runs.
 #[derive(Debug, Default)]
@@ -44,24 +66,30 @@ pub(crate) struct RunBook {
     /// The oldest first.
     ended: VecDeque<EndedRun>,
     production: BTreeMap<(CoordinateSystemNumber, u16), Production>,
+    lines: LinesIncluded,
 }
 
 /// A run that goes on.
 #[derive(Debug)]
 struct OpenRun {
     run: Run,
+    order: Option<OrderKey>,
     began_s: f64,
     part_began_s: f64,
+    part_began: Timestamp,
     /// M number of each open output that the program waits for, and since when, by its sequence number.
     waiting: BTreeMap<u64, (u16, f64)>,
     waits: BTreeMap<u16, RunWait>,
 }
 
 impl RunBook {
-    /// Goes on with what was kept. A run that had not ended was ended by the end of the runtime, in the block of `place_of` it.
+    /// Continues with what was kept and what the newest lines of the journal add to it: the store lags behind what was
+    /// published, and the journal does not. A run that had not ended was ended by the end of the runtime, in the block of
+    /// `place_of` it.
     pub fn restore(
         &mut self,
         kept: KeptRuns,
+        journal: &[Value],
         place_of: impl Fn(&Run) -> Option<PlannedPlace>,
         time: SystemTime,
     ) {
@@ -73,13 +101,55 @@ impl RunBook {
             .into_iter()
             .map(|of| ((of.cs, of.program), of))
             .collect();
-        for run in kept.open {
-            let is_known = self.ended.iter().rev().any(|ended| ended.run.id == run.id);
+        self.lines = kept.lines;
+        for open in kept.open {
+            let is_known = self.ended.iter().rev().any(|ended| ended.run.id == open.run.id);
             if !is_known {
-                let end = ended_now(RunEndedHow::Restarted, String::new(), place_of(&run), time);
-                self.close(run, end);
+                self.open.insert(open.run.cs, OpenRun::restore(open));
             }
         }
+        for line in journal {
+            self.replay(line);
+        }
+        let newest = journal.iter().map(number).max().unwrap_or(0);
+        self.lines
+            .values_mut()
+            .for_each(|included| *included = newest.min(*included));
+        for (_, open) in std::mem::take(&mut self.open) {
+            let end = ended_now(RunEndedHow::Restarted, String::new(), place_of(&open.run), time);
+            self.close(open.run, open.order, end);
+        }
+    }
+
+    /// Learns from a line of an earlier start. Its time of day stands for the monotonic clock.
+    fn replay(&mut self, written: &Value) {
+        let (n, line) = (number(written), Line::from_json(written));
+        let ts = Timestamp::deserialize(&written["ts"]).ok();
+        let time = ts.and_then(|ts| ts.to_system_time());
+        let (Some(Line { cs, event, .. }), Some(time)) = (line, time) else {
+            return;
+        };
+        if self.lines.get(&cs).is_some_and(|included| n <= *included) {
+            return;
+        }
+        if matches!(event, Event::Boot { .. }) {
+            self.end(cs, ended_now(RunEndedHow::Restarted, String::new(), None, time));
+        } else if Self::learns_from(&event) {
+            let monotonic_s = unix_s(time);
+            self.on(cs, &event, Now { monotonic_s, time });
+        }
+        self.note_line(cs, n);
+    }
+
+    /// Notes that the line of this number is included.
+    pub fn note_line(&mut self, cs: CoordinateSystemNumber, n: u64) {
+        let included = self.lines.entry(cs).or_default();
+        *included = n.max(*included);
+    }
+
+    /// Number of the newest line that is included, by coordinate system.
+    pub fn lines(&self) -> &LinesIncluded {
+        &self.lines
     }
 
     /// True for an event that it learns from.
@@ -143,12 +213,14 @@ impl RunBook {
             program_hash,
             from_line,
             parts,
+            order,
         } = event
         else {
             return;
         };
         if let Some(open) = self.open.get_mut(&cs).filter(|open| open.run.id == *run_id) {
             open.part_began_s = now.monotonic_s;
+            open.part_began = Timestamp::from_system_time(now.time);
             open.run.waits_for = None;
             return;
         }
@@ -170,8 +242,10 @@ impl RunBook {
         };
         let open = OpenRun {
             run,
+            order: order.clone(),
             began_s: now.monotonic_s,
             part_began_s: now.monotonic_s,
+            part_began: Timestamp::from_system_time(now.time),
             waiting: BTreeMap::new(),
             waits: BTreeMap::new(),
         };
@@ -219,18 +293,18 @@ impl RunBook {
 
     fn end(&mut self, cs: CoordinateSystemNumber, end: RunEnded) {
         if let Some(open) = self.open.remove(&cs) {
-            self.close(open.run, end);
+            self.close(open.run, open.order, end);
         }
     }
 
-    fn close(&mut self, mut run: Run, end: RunEnded) {
+    fn close(&mut self, mut run: Run, order: Option<OrderKey>, end: RunEnded) {
         if end.how != RunEndedHow::Completed {
             self.produced(run.cs, run.program).cut_short += 1;
         }
         run.waits_for = None;
         run.end = Some(end);
         let n = self.ended.back().map_or(0, |last| last.n) + 1;
-        self.ended.push_back(EndedRun { n, run });
+        self.ended.push_back(EndedRun { n, run, order });
         if self.ended.len() > RUNS_KEPT {
             self.ended.pop_front();
         }
@@ -292,8 +366,27 @@ impl RunBook {
     }
 
     /// The run that goes on in a coordinate system.
-    pub fn open(&self, cs: CoordinateSystemNumber) -> Option<&Run> {
-        self.open.get(&cs).map(|open| &open.run)
+    pub fn open(&self, cs: CoordinateSystemNumber) -> Option<BegunRun> {
+        self.open.get(&cs).map(|open| BegunRun {
+            run: open.run.clone(),
+            order: open.order.clone(),
+            part_began: open.part_began.clone(),
+        })
+    }
+
+    /// The run that an order of this user and id has begun, and that order.
+    pub fn ordered(&self, key: &OrderKey) -> Option<(&Run, &OrderKey)> {
+        let open = self.open.values().map(|open| (&open.run, open.order.as_ref()));
+        let ended = self
+            .ended
+            .iter()
+            .rev()
+            .map(|ended| (&ended.run, ended.order.as_ref()));
+        let mut all = open.chain(ended);
+        all.find_map(|(run, order)| {
+            let order = order.filter(|order| (&order.user, &order.id) == (&key.user, &key.id))?;
+            Some((run, order))
+        })
     }
 
     /// Counters of all programs.
@@ -311,7 +404,31 @@ fn ended_now(how: RunEndedHow, text: String, place: Option<PlannedPlace>, time: 
     }
 }
 
+fn unix_s(time: SystemTime) -> f64 {
+    let since = time.duration_since(SystemTime::UNIX_EPOCH);
+    since.unwrap_or_default().as_secs_f64()
+}
+
 impl OpenRun {
+    /// A run of an earlier start, with times of day as seconds.
+    fn restore(kept: BegunRun) -> Self {
+        let BegunRun {
+            run,
+            order,
+            part_began,
+        } = kept;
+        let seconds = |at: &Timestamp| at.to_system_time().map_or(0.0, unix_s);
+        Self {
+            waits: run.waits.iter().map(|wait| (wait.m, wait.clone())).collect(),
+            waiting: BTreeMap::new(),
+            began_s: seconds(&run.began),
+            part_began_s: seconds(&part_began),
+            part_began,
+            order,
+            run,
+        }
+    }
+
     fn end_wait(&mut self, seq: u64, now_s: f64) {
         let Some((m, since_s)) = self.waiting.remove(&seq) else {
             return;

@@ -2,15 +2,25 @@
 //!
 //! The thread itself never allocates, locks or waits for a task. What happened reaches the tasks by way of a relay
 //! thread, which it unparks: waking a task takes locks that a servo cycle must not take. It runs with real-time
-//! priority where the operating system allows it.
+//! priority where the operating system allows it. The relay thread also watches the servo thread: a panic, and a cycle that
+//! does not end, are a failure of the servo, after which nothing moves.
 
-use std::sync::Arc;
+mod stall_watch;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use plc_api::server::{Durations, ServoTiming};
-use tandem_servo::Servo;
+use plc_api::supervisor::panic_text;
+use tandem_servo::{Cutoff, Servo};
+
+use stall_watch::{LOOK_EVERY, STALL_MAX, StallWatch, note_place};
+
+/// Time that a stop waits for the threads. Reason: a servo thread may be caught in a call of the bus.
+const JOIN_MAX: Duration = Duration::from_secs(1);
 
 /// Real-time priority of the servo thread, 0 to 99: above what a desktop or server runs, below the kernel's own work.
 const PRIORITY: u8 = 80;
@@ -36,6 +46,10 @@ pub struct ServoStatistics {
     pub lateness: Measured,
     /// How long each cycle took.
     pub computing: Measured,
+    /// Cycles that have begun; more than `cycles` while one runs.
+    pub begun: AtomicU64,
+    /// Why the servo has failed. Nothing moves from then on.
+    failure: OnceLock<String>,
 }
 
 /// Times that were measured.
@@ -76,6 +90,22 @@ impl Measured {
 }
 
 impl ServoStatistics {
+    /// The servo fails; the first reason counts.
+    pub(crate) fn fail(&self, why: &str) {
+        self.failure.get_or_init(|| why.to_owned());
+    }
+
+    /// Why the servo has failed, if it has.
+    pub(crate) fn failure(&self) -> Option<&str> {
+        self.failure.get().map(String::as_str)
+    }
+
+    /// The number of the cycle that runs; `None` between two.
+    pub(crate) fn running_cycle(&self) -> Option<u64> {
+        let begun = self.begun.load(Ordering::Relaxed);
+        (begun != self.cycles.load(Ordering::Relaxed)).then_some(begun)
+    }
+
     fn count(&self, begin: Begin, computing: Duration, period: Duration) {
         self.cycles.fetch_add(1, Ordering::Relaxed);
         self.lateness.count(begin.late);
@@ -134,13 +164,51 @@ impl Timetable {
     }
 }
 
-/// A servo cycle after so many that were left out: above `missed_max` what moves is held.
-pub(crate) fn cycle_after(servo: &mut Servo, missed: u64, missed_max: u64) -> bool {
-    if missed > missed_max {
-        servo.cycle_after_missed(missed)
-    } else {
-        servo.cycle()
+/// A servo cycle after so many that were left out: above `missed_max` what moves is held. A panic of the servo, the bus or a
+/// spindle is a failure of the servo: from then on each cycle commands no power. True as of [`Servo::cycle`].
+pub(crate) fn cycle_after(
+    servo: &mut Servo,
+    missed: u64,
+    missed_max: u64,
+    statistics: &ServoStatistics,
+) -> bool {
+    if statistics.failure().is_some() {
+        servo.power_off();
+        return false;
     }
+    let cycled = catch_unwind(AssertUnwindSafe(|| {
+        if missed > missed_max {
+            servo.cycle_after_missed(missed)
+        } else {
+            servo.cycle()
+        }
+    }));
+    cycled.unwrap_or_else(|panicked| {
+        let text = panic_text(panicked.as_ref());
+        statistics.fail(&format!(
+            "a servo cycle, the bus to the drives or a spindle panicked: {text}"
+        ));
+        servo.power_off();
+        true
+    })
+}
+
+/// Lets cycles pass at once, as [`Servo::pass`]; a panic is a failure of the servo.
+pub(crate) fn pass(servo: &mut Servo, cycles: u64, statistics: &ServoStatistics) {
+    if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| servo.pass(cycles))) {
+        statistics.fail(&format!(
+            "the bus to the drives or a spindle panicked: {}",
+            panic_text(panicked.as_ref())
+        ));
+    }
+}
+
+/// What the servo thread tells others by the relay thread.
+pub(crate) struct Told<W, F> {
+    /// A cycle has put out an event.
+    pub wake: W,
+    /// The servo has failed, for this reason. Called once.
+    pub failed: F,
 }
 
 /// The running servo thread; dropping it stops it.
@@ -151,32 +219,41 @@ pub struct ServoThread {
 }
 
 impl ServoThread {
-    /// Starts the thread, which counts into `statistics`. `wake` wakes the tasks of all coordinate systems. When more than
-    /// `missed_max` cycles in a row are left out, what moves is held.
+    /// Starts the thread, which counts into `statistics`. When more than `missed_max` cycles in a row are left out, what moves
+    /// is held.
     ///
     /// # Errors
     /// The operating system gives no thread.
-    pub fn start(
+    pub(crate) fn start<W, F>(
         mut servo: Servo,
         period: Duration,
         missed_max: u64,
-        wake: impl Fn() + Send + 'static,
+        told: Told<W, F>,
         statistics: Arc<ServoStatistics>,
-    ) -> std::io::Result<Self> {
+    ) -> std::io::Result<Self>
+    where
+        W: Fn() + Send + 'static,
+        F: Fn(&str) + Send + 'static,
+    {
         let stop = Arc::new(AtomicBool::new(false));
-        let relay_stop = Arc::clone(&stop);
+        let has_events = Arc::new(AtomicBool::new(false));
+        let place = Arc::new(OnceLock::new());
+        let relay = Relay {
+            stop: Arc::clone(&stop),
+            has_events: Arc::clone(&has_events),
+            statistics: Arc::clone(&statistics),
+            watch: StallWatch::new(Arc::clone(&place)),
+            cutoff: servo.cutoff(),
+            told,
+        };
         let relay = std::thread::Builder::new()
             .name("servo-relay".into())
-            .spawn(move || {
-                while !relay_stop.load(Ordering::Acquire) {
-                    std::thread::park();
-                    wake();
-                }
-            })?;
+            .spawn(move || relay.run())?;
         let relay_thread = relay.thread().clone();
         let servo_stop = Arc::clone(&stop);
         let cycles = std::thread::Builder::new().name("servo".into()).spawn(move || {
             ask_for_real_time();
+            note_place(&place);
             let mut timetable = Timetable {
                 period,
                 next: Instant::now() + period,
@@ -188,12 +265,14 @@ impl ServoThread {
                 }
                 let begun = Instant::now();
                 let begin = timetable.begin(begun);
-                let told = cycle_after(&mut servo, begin.missed, missed_max);
+                statistics.begun.fetch_add(1, Ordering::Relaxed);
+                let told = cycle_after(&mut servo, begin.missed, missed_max, &statistics);
                 let counts = servo.bus_counts();
                 statistics.late_exchanges.store(counts.late, Ordering::Relaxed);
                 statistics.lost_frames.store(counts.lost, Ordering::Relaxed);
                 statistics.count(begin, begun.elapsed(), period);
                 if told {
+                    has_events.store(true, Ordering::Release);
                     relay_thread.unpark();
                 }
             }
@@ -202,6 +281,56 @@ impl ServoThread {
             stop,
             threads: vec![cycles, relay],
         })
+    }
+}
+
+/// The relay thread: it wakes the tasks for the servo thread, and watches it.
+struct Relay<W, F> {
+    stop: Arc<AtomicBool>,
+    has_events: Arc<AtomicBool>,
+    statistics: Arc<ServoStatistics>,
+    watch: StallWatch,
+    cutoff: Option<Cutoff>,
+    told: Told<W, F>,
+}
+
+impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
+    fn run(mut self) {
+        while !self.stop.load(Ordering::Acquire) {
+            std::thread::park_timeout(LOOK_EVERY);
+            // a relay that fails leaves motion without its tasks: that is a failure of the servo
+            if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| self.look())) {
+                let text = panic_text(panicked.as_ref());
+                self.statistics
+                    .fail(&format!("the relay of the servo panicked: {text}"));
+            }
+            if let Some(why) = self.statistics.failure() {
+                return self.report(why);
+            }
+        }
+    }
+
+    fn look(&mut self) {
+        if self
+            .watch
+            .has_stalled(Instant::now(), self.statistics.running_cycle())
+        {
+            self.statistics.fail(&format!(
+                "a servo cycle has not ended for {} ms: the bus to the drives or a spindle does not return",
+                STALL_MAX.as_millis()
+            ));
+        }
+        if self.has_events.swap(false, Ordering::AcqRel) {
+            (self.told.wake)();
+        }
+    }
+
+    fn report(&self, why: &str) {
+        // each is called, whatever becomes of the others
+        if let Some(cutoff) = &self.cutoff {
+            let _ = catch_unwind(AssertUnwindSafe(cutoff));
+        }
+        let _ = catch_unwind(AssertUnwindSafe(|| (self.told.failed)(why)));
     }
 }
 
@@ -236,16 +365,24 @@ fn ask_for_real_time() {}
 impl Drop for ServoThread {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
+        let until = Instant::now() + JOIN_MAX;
         for thread in self.threads.drain(..) {
             thread.thread().unpark();
-            // A panic of the servo thread has been reported by its own message; nothing is left to do here.
-            let _ = thread.join();
+            while !thread.is_finished() && Instant::now() < until {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            // one that is caught in a call of the bus ends with the process
+            if thread.is_finished() {
+                let _ = thread.join();
+            }
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    mod faults;
+
     use super::*;
 
     #[test]

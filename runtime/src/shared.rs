@@ -1,5 +1,7 @@
 //! What all coordinate systems, the port and the server ends share.
 
+mod commands;
+
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
@@ -7,37 +9,41 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 use plc_api::alarm::USER_ALARM_BASE;
-use plc_api::execution::wire_name;
-use plc_api::handler_registry::{HandlerRegistry, Registered};
+use plc_api::handler_registry::{HandlerRegistry, Reach, Registered};
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::io_points::IoPoints;
+use plc_api::supervisor::{Consequence, FaultReport, Supervisor};
 use plc_api::types::alarm_text::AlarmText;
-use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::data::{PublishedVariables, VariableArea};
 use plc_api::types::handler::HandlerResult;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::Refusal;
+use plc_api::types::stored_data::StoredData;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
-use tandem_model::alarm::AlarmEntry;
+use tandem_model::Alarm;
+use tandem_model::alarm::{AlarmEntry, SERVO_FAILED, STORED_DATA_QUESTION, TASK_FAILED};
+use tandem_model::flow::Output;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::alarms::{Alarms, Raised};
 use crate::birth::birth;
 use crate::clock::Clock;
-use crate::command_memory::{Asked, CommandMemory, Recalled};
+use crate::command_memory::CommandMemory;
 use crate::config::Machine;
-use crate::declared::Declared;
+use crate::declared::{Declared, refused_output};
 use crate::disk::{Health, Part};
+use crate::heartbeat_times::HeartbeatTimes;
 use crate::journal::{Event, Journal};
 use crate::planned::OnPlan;
 use crate::program_store::ProgramStore;
 use crate::runs::RunBook;
 use crate::servo_thread::ServoStatistics;
+use crate::stored_data::OpenQuestion;
 use crate::tables::Tables;
 
 /// Shared state of a machine.
@@ -53,13 +59,13 @@ pub(crate) struct Shared {
     pub on_plan: Option<OnPlan>,
     /// What of the data folder cannot be written.
     pub health: Arc<Health>,
+    /// Of all tasks and threads.
+    pub supervisor: Supervisor,
     /// How punctual the servo thread is; nothing in simulated time.
     pub servo: Arc<ServoStatistics>,
     pub tables: Arc<Tables>,
     /// False while the connection to the MQTT broker is lost.
     pub bus_connected: AtomicBool,
-    /// How often the server end for MQTT has connected again.
-    pub bus_reconnections: AtomicU64,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
     /// How long programs have waited for M codes lately, s.
@@ -68,12 +74,18 @@ pub(crate) struct Shared {
     handlers: Mutex<HandlerRegistry>,
     /// Held while its states are published: what is published last is what is so.
     pub io: Mutex<IoPoints>,
+    /// The owner of an input or output has left: its time may end earlier than the ones that are awaited.
+    pub io_absences: Notify,
     /// Held while `birth` is published: what is published last is what is so.
     birth: Mutex<()>,
     /// The variables that were published last. Held while these, tools and offsets are published.
     pub published_variables: Mutex<BTreeMap<VariableArea, PublishedVariables>>,
     pub runs: Arc<Mutex<RunBook>>,
+    /// The question about stored files that do not fit together.
+    pub stored_data: Mutex<OpenQuestion>,
     commands: Mutex<CommandMemory>,
+    /// When heartbeats were sent.
+    heartbeats: Mutex<HeartbeatTimes>,
     /// Wakes the task of each coordinate system.
     wakes: Mutex<Vec<Arc<Notify>>>,
     sent: AtomicU64,
@@ -91,6 +103,8 @@ impl Shared {
         Self {
             tables: Arc::new(tables),
             io: Mutex::new(IoPoints::new(&machine.io)),
+            handlers: Mutex::new(HandlerRegistry::with_grace(machine.handler_grace_s)),
+            io_absences: Notify::new(),
             machine,
             boot_id,
             hub: Hub::new(),
@@ -99,17 +113,18 @@ impl Shared {
             journal,
             health: Arc::default(),
             on_plan: None,
+            supervisor: Supervisor::default(),
             servo: Arc::default(),
             bus_connected: AtomicBool::new(true),
-            bus_reconnections: AtomicU64::new(0),
             closing: CancellationToken::new(),
             m_code_waits: Mutex::default(),
             alarms: Mutex::default(),
-            handlers: Mutex::default(),
             birth: Mutex::default(),
             published_variables: Mutex::default(),
             runs: Arc::default(),
+            stored_data: Mutex::default(),
             commands: Mutex::default(),
+            heartbeats: Mutex::default(),
             wakes: Mutex::default(),
             sent: AtomicU64::new(0),
         }
@@ -214,14 +229,40 @@ impl Shared {
         attempt
     }
 
+    /// Publishes whether the stored files fit together.
+    pub fn publish_stored_data(&self) {
+        let question = self.stored_data.lock().question().cloned();
+        self.publish(Topic::StoredData, Payload::StoredData(StoredData { question }));
+    }
+
+    /// Records the question about stored files, if one is open, and raises its alarm.
+    pub fn report_question(&self) {
+        let open = self.stored_data.lock();
+        if let Some(question) = open.question() {
+            let event = Event::StoredData {
+                decision: None,
+                findings: question.texts(),
+            };
+            self.record(0, event);
+        }
+        self.stand(&STORED_DATA_QUESTION, open.text().as_deref());
+    }
+
     /// Writes a line of the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
         let now = self.now();
+        // a block has no line on disk
+        let n = if matches!(event, Event::Block { .. }) {
+            0
+        } else {
+            self.journal.reserve()
+        };
         let learned = RunBook::learns_from(&event).then(|| {
             let mut runs = self.runs.lock();
+            runs.note_line(cs, n);
             runs.on(cs, &event, now).then(|| runs.state(cs))
         });
-        if self.journal.record(now, cs, event) {
+        if self.journal.record(n, now, cs, event) {
             self.sent.fetch_add(1, Ordering::Relaxed);
         }
         if let Some(run) = learned.flatten() {
@@ -302,6 +343,51 @@ impl Shared {
         self.alarms.lock().count(cs)
     }
 
+    /// From now on a warning stands after each fault of a task or thread that has no alarm of its own.
+    pub fn warn_of_faults(self: &Arc<Self>) {
+        let shared = Arc::downgrade(self);
+        self.supervisor.listen(move |report| {
+            let own_alarm = matches!(
+                report.consequence,
+                Consequence::StopsCoordinateSystem
+                    | Consequence::CoordinateSystemNeedsRestart
+                    | Consequence::StopsAll
+            );
+            tracing::error!("{}", report.message());
+            if let (Some(shared), false) = (shared.upgrade(), own_alarm) {
+                shared.raise_standing(AlarmRecord {
+                    severity: AlarmSeverity::Warning,
+                    number: TASK_FAILED.number,
+                    text: format!("{}: {}", TASK_FAILED.title, report.message()),
+                    ..AlarmRecord::default()
+                });
+            }
+        });
+    }
+
+    /// The servo has failed: an alarm of the whole machine, which each coordinate system follows in its next turn.
+    pub fn on_servo_failed(&self, why: &str) {
+        self.raise(AlarmRecord {
+            number: SERVO_FAILED.number,
+            text: format!(
+                "{}: {why}. All motion has stopped and outputs are cancelled. Make the machine safe, then restart the runtime",
+                SERVO_FAILED.title
+            ),
+            ..AlarmRecord::default()
+        });
+        self.supervisor.report(&FaultReport {
+            task: "servo".to_owned(),
+            consequence: Consequence::StopsAll,
+            text: why.to_owned(),
+        });
+        self.wake_all();
+    }
+
+    /// True while an alarm of this number is active in a coordinate system.
+    pub fn is_alarm_active(&self, number: u16, cs: CoordinateSystemNumber) -> bool {
+        self.alarms.lock().is_active(number, cs)
+    }
+
     pub fn alarm_history(&self) -> Vec<AlarmRecord> {
         self.alarms.lock().history()
     }
@@ -310,9 +396,14 @@ impl Shared {
     ///
     /// # Errors
     /// As of the registry.
-    pub fn set_handler(&self, id: &str, presence: &HandlerPresence) -> Result<Registered, Refusal> {
-        let (now, now_s) = (self.clock.wall(), self.clock.now_s());
-        let changed = self.handlers.lock().set(id, presence, now, now_s)?;
+    pub fn set_handler(
+        &self,
+        reach: Reach,
+        id: &str,
+        presence: &HandlerPresence,
+    ) -> Result<Registered, Refusal> {
+        let now = (self.clock.wall(), self.clock.now_s());
+        let changed = self.handlers.lock().set_over(reach, id, presence, now)?;
         if let Registered::Online {
             forgotten: Some(gone),
             ..
@@ -377,9 +468,38 @@ impl Shared {
         of_config.chain(of_handlers).collect()
     }
 
+    /// Declarations of one M code, by the configuration and by handlers that are online.
+    pub fn declared_of(&self, cs: CoordinateSystemNumber, m: u16) -> Vec<Declared> {
+        let settings = self.machine.m_codes.get(&m);
+        let of_config = settings.and_then(|settings| settings.declared.clone());
+        let mut declared: Vec<Declared> = of_config.map(Declared::in_config).into_iter().collect();
+        let handlers = self.handlers();
+        for (id, handler) in handlers.iter().filter(|(_, handler)| handler.online) {
+            let of_handler = handler.declaration(cs, m).cloned();
+            declared.extend(of_handler.map(|declaration| Declared::by_handler(id, declaration)));
+        }
+        declared
+    }
+
+    /// Returns alarm 11 if a declaration does not take the parameters of an output.
+    pub fn refused_output(&self, cs: CoordinateSystemNumber, output: &Output) -> Option<Alarm> {
+        let has_params = output.has_params();
+        has_params
+            .then(|| refused_output(output, &self.declared_of(cs, output.m)))
+            .flatten()
+    }
+
     /// True while a handler is there.
     pub fn is_online(&self, id: &str) -> bool {
         self.handlers.lock().is_online(id)
+    }
+
+    /// Validates who writes a level or an output for a handler: the instance that is online.
+    ///
+    /// # Errors
+    /// As of [`HandlerRegistry::judge_writer`].
+    pub fn judge_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
+        self.handlers.lock().judge_writer(id, instance)
     }
 
     /// True when a handler that is there serves this M code.
@@ -402,73 +522,5 @@ impl Shared {
     /// How long it takes as a rule, s; `None`: nobody knows yet.
     pub fn m_code_wait(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
         self.m_code_waits.lock().get(&(cs, m)).copied()
-    }
-
-    /// Looks a command up by its id, and notes it when it is new.
-    pub fn recall(&self, command_id: &str, asked: Asked) -> Recalled {
-        self.commands.lock().recall(command_id, asked, self.clock.wall())
-    }
-
-    /// Revision of a coordinate system's state; 0 for none.
-    pub fn state_rev(&self, cs: Option<CoordinateSystemNumber>) -> u64 {
-        cs.and_then(|cs| self.hub.read(&Topic::cs(cs, CsTopic::State)))
-            .and_then(|state| state.rev)
-            .unwrap_or(0)
-    }
-
-    /// A reply to a command; `cs` is the coordinate system whose state revision it has.
-    pub fn reply_to(
-        &self,
-        cs: Option<CoordinateSystemNumber>,
-        meta: &CommandMeta,
-        status: CommandStatus,
-        code: &str,
-        text: &str,
-    ) -> CommandReply {
-        CommandReply {
-            command_id: meta.command_id.clone(),
-            status,
-            code: code.to_owned(),
-            text: text.to_owned(),
-            state_rev: self.state_rev(cs),
-            variables: None,
-            lease: None,
-            hash: None,
-            run_id: None,
-        }
-    }
-
-    /// A refusal as the reply to a command.
-    pub fn rejection(
-        &self,
-        cs: Option<CoordinateSystemNumber>,
-        meta: &CommandMeta,
-        refusal: &Refusal,
-    ) -> CommandReply {
-        let code = wire_name(&refusal.code);
-        self.reply_to(cs, meta, CommandStatus::Rejected, &code, &refusal.text)
-    }
-
-    /// Keeps and publishes a refusal as the reply to a command.
-    pub fn reject(
-        &self,
-        cs: Option<CoordinateSystemNumber>,
-        meta: &CommandMeta,
-        refusal: Refusal,
-    ) -> Refusal {
-        self.reply(&meta.client_id, self.rejection(cs, meta, &refusal));
-        refusal
-    }
-
-    /// Keeps and publishes a reply.
-    pub fn reply(&self, client_id: &str, reply: CommandReply) -> CommandReply {
-        self.commands.lock().on_reply(&reply, self.clock.wall());
-        self.publish(Topic::Reply(client_id.to_owned()), Payload::Reply(reply.clone()));
-        reply
-    }
-
-    /// The last reply to a command.
-    pub fn replied(&self, command_id: &str) -> Option<CommandReply> {
-        self.commands.lock().reply(command_id).cloned()
     }
 }

@@ -14,9 +14,9 @@ use tandem_servo::{HardwareFactory, Servo};
 use tokio::sync::Notify;
 
 use crate::clock::Clock;
-use crate::config::Machine;
 use crate::coordinate_system::Mailbox;
-use crate::servo_thread::cycle_after;
+use crate::servo_thread::{cycle_after, pass};
+use crate::shared::Shared;
 use tokio_clock::TokioClock;
 
 pub use crate::planned::{OnPlan, Planned};
@@ -34,6 +34,7 @@ pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
 pub struct Simulation {
     servo: Mutex<SimulatedServo>,
     clock: Clock,
+    shared: Arc<Shared>,
     mailboxes: Vec<Arc<Mailbox>>,
     stalled: Notify,
     period_ns: u64,
@@ -75,9 +76,10 @@ impl Simulation {
         servo: Servo,
         clock: Clock,
         mailboxes: Vec<Arc<Mailbox>>,
-        machine: &Machine,
+        shared: &Arc<Shared>,
         options: SimulationOptions,
     ) -> Self {
+        let machine = &shared.machine;
         let limit_ns = u64::try_from(Duration::from_secs_f64(options.max_time_s.clamp(0.0, 1e9)).as_nanos())
             .unwrap_or(u64::MAX);
         let servo = Mutex::new(SimulatedServo {
@@ -90,6 +92,7 @@ impl Simulation {
         Self {
             servo,
             clock,
+            shared: Arc::clone(shared),
             mailboxes,
             stalled: Notify::new(),
             period_ns: machine.servo_period_us * 1000,
@@ -163,11 +166,9 @@ impl Simulation {
     /// advances.
     fn advance(&self, servo: &mut SimulatedServo, cycle: u64) -> bool {
         let missed = std::mem::take(&mut servo.missed);
-        if missed == 0 {
-            servo.servo.pass(cycle - servo.cycles - 1);
-        }
+        let before = cycle - servo.cycles - 1;
         servo.cycles = cycle;
-        let events = cycle_after(&mut servo.servo, missed, self.missed_cycles_max);
+        let events = self.cycle(&mut servo.servo, before, missed);
         self.clock.set_ns(cycle * self.period_ns);
         if let Some(on_cycle) = &mut servo.on_cycle {
             on_cycle(&servo.servo);
@@ -185,6 +186,21 @@ impl Simulation {
             mailbox.wake_task();
         }
         true
+    }
+
+    /// A cycle, before which so many pass or are left out. True as of [`Servo::cycle`], and when the servo has failed.
+    fn cycle(&self, servo: &mut Servo, before: u64, missed: u64) -> bool {
+        let statistics = &self.shared.servo;
+        let had_failed = statistics.failure().is_some();
+        if missed == 0 && !had_failed {
+            pass(servo, before, statistics);
+        }
+        let events = cycle_after(servo, missed, self.missed_cycles_max, statistics);
+        if let (false, Some(why)) = (had_failed, statistics.failure()) {
+            self.shared.on_servo_failed(why);
+            return true;
+        }
+        events
     }
 
     /// Each coordinate system with servo events handles them. False when tasks must run before time advances.

@@ -379,6 +379,50 @@ impl Tables {
         }
     }
 
+    /// Coordinate systems whose tool in the spindle is unknown.
+    pub fn unknown_spindles(&self) -> BTreeSet<CoordinateSystemNumber> {
+        self.unknown_spindles.lock().clone()
+    }
+
+    /// The values with those of `other` in the place of lost ones.
+    pub fn with_lost_from(&self, other: &Values) -> Values {
+        let mut values = self.read().clone();
+        for (id, tool) in &other.tools {
+            let now = values.tools.entry(*id).or_insert(*tool);
+            if now.is_lost() {
+                *now = *tool;
+            }
+        }
+        for (cs, axes) in &self.axes {
+            let (offsets, other) = (
+                values.work_offsets.entry(*cs).or_default(),
+                other.work_offsets(*cs),
+            );
+            for (offset, other) in offsets.0.iter_mut().zip(&other.0) {
+                for axis in axes
+                    .iter()
+                    .filter(|axis| is_lost(offset[*axis]))
+                    .collect::<Vec<_>>()
+                {
+                    offset[axis] = other[axis];
+                }
+            }
+        }
+        values
+    }
+
+    /// Takes the variables of `other` in the place of lost ones.
+    pub fn take_lost_variables(&self, other: &Self) {
+        let _no_block_is_interpreted = self.write();
+        take_lost(&self.global, &other.global);
+        for (cs, variables) in &self.variables {
+            take_lost(
+                &variables.coordinate_system,
+                &other.variables(*cs).coordinate_system,
+            );
+        }
+    }
+
     /// Every value that is lost, in words.
     pub fn lost(&self) -> Vec<String> {
         let mut lost = lost_ranges("P", &self.global, "");
@@ -446,6 +490,15 @@ impl Tables {
         keep(self.kept(&values))?;
         *self.write() = values;
         Ok(())
+    }
+}
+
+fn take_lost(array: &VariableArray, other: &VariableArray) {
+    for number in 0..array.len() {
+        let is_lost = array.get(number).is_some_and(is_lost);
+        if let Some(value) = other.get(number).filter(|_| is_lost) {
+            array.set(number, value);
+        }
     }
 }
 

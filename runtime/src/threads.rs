@@ -1,7 +1,25 @@
 //! Threads for work that waits for a disk. In tests with a simulated world each is a task instead, scheduled by the simulated clock.
 
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
+
+use plc_api::supervisor::{Consequence, Restarts, Supervisor};
+
+/// Lets every other thread run before the calling one.
+pub(crate) fn lower_priority() {
+    #[cfg(unix)]
+    {
+        use thread_priority::ThreadPriority;
+        use thread_priority::unix::{
+            NormalThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
+            thread_native_id,
+        };
+        let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+        // without it the thread is one as any other
+        let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, policy);
+    }
+}
 
 /// What such a thread does, in rounds.
 pub(crate) trait Work: Send + 'static {
@@ -18,6 +36,38 @@ pub(crate) trait Work: Send + 'static {
     fn round(&mut self, patience: Duration) -> bool;
 }
 
+/// The rounds of a thread: a panic in one is reported, and the next one follows; after too many of them the runtime stops in
+/// order.
+pub(crate) struct Supervised {
+    name: &'static str,
+    supervisor: Supervisor,
+    restarts: Restarts,
+}
+
+impl Supervised {
+    fn new(name: &'static str, supervisor: &Supervisor) -> Self {
+        Self {
+            name,
+            supervisor: supervisor.clone(),
+            restarts: Restarts::default(),
+        }
+    }
+
+    /// A round; false when the thread has ended.
+    fn round(&mut self, round: impl FnOnce() -> bool) -> bool {
+        let round = || {
+            self.supervisor.fault_point(self.name);
+            round()
+        };
+        catch_unwind(AssertUnwindSafe(round)).unwrap_or_else(|panicked| {
+            let consequence = self.restarts.after_panic();
+            self.supervisor
+                .report_panic(self.name, consequence, panicked.as_ref());
+            consequence == Consequence::Restarted
+        })
+    }
+}
+
 #[cfg(not(test))]
 pub(crate) use real::Thread;
 #[cfg(test)]
@@ -27,7 +77,7 @@ pub(crate) use simulated::{Rounds, Thread, simulate, stop_simulating};
 mod real {
     use std::thread::{Builder, JoinHandle};
 
-    use super::{Work, io};
+    use super::{Supervised, Supervisor, Work, io};
 
     /// A thread.
     #[derive(Debug)]
@@ -36,8 +86,9 @@ mod real {
     impl Thread {
         /// # Errors
         /// The operating system gives no thread.
-        pub fn start(name: &str, mut work: impl Work) -> io::Result<Self> {
-            let rounds = move || while work.round(work.patience()) {};
+        pub fn start(name: &'static str, supervisor: &Supervisor, mut work: impl Work) -> io::Result<Self> {
+            let mut rounds = Supervised::new(name, supervisor);
+            let rounds = move || while rounds.round(|| work.round(work.patience())) {};
             Builder::new().name(name.to_owned()).spawn(rounds).map(Self)
         }
 
@@ -57,7 +108,7 @@ mod simulated {
     use parking_lot::Mutex;
     use tokio::task::AbortHandle;
 
-    use super::{Duration, Work, io, real};
+    use super::{Duration, Supervised, Supervisor, Work, io, real};
 
     /// All simulated threads of the process, of which each may have ended.
     type All = Vec<(AbortHandle, Arc<Mutex<dyn Work>>)>;
@@ -95,17 +146,18 @@ mod simulated {
     }
 
     impl Thread {
-        pub fn start(name: &str, work: impl Work) -> io::Result<Self> {
+        pub fn start(name: &'static str, supervisor: &Supervisor, work: impl Work) -> io::Result<Self> {
             if !ALL.with_borrow(Option::is_some) {
-                return real::Thread::start(name, work).map(Self::Real);
+                return real::Thread::start(name, supervisor, work).map(Self::Real);
             }
             let work: Arc<Mutex<dyn Work>> = Arc::new(Mutex::new(work));
             let of_task = Arc::clone(&work);
+            let mut rounds = Supervised::new(name, supervisor);
             let task = tokio::spawn(async move {
                 loop {
                     let pause = of_task.lock().delay();
                     tokio::time::sleep(pause.max(Duration::from_millis(1))).await;
-                    if !of_task.lock().round(Duration::ZERO) {
+                    if !rounds.round(|| of_task.lock().round(Duration::ZERO)) {
                         return;
                     }
                 }

@@ -37,6 +37,22 @@ const LISTED_MAX: usize = 100;
 /// Limits of motors that nobody has told: none that a program meets.
 const UNLIMITED: f64 = 1e9;
 
+/// What is assumed of a subprogram that is tried alone.
+const CALLED: &str = "no program has called it and set what is in force";
+
+/// M codes that end a main program, and that return from a subprogram.
+const MAIN_ENDS: [u32; 2] = [2, 30];
+const RETURN: u32 = 99;
+
+/// True for a program that returns and never ends as a main program: what is in force at its start depends on its callers.
+fn is_subprogram(program: &NcProgram) -> bool {
+    let has = |is_meant: &dyn Fn(u32) -> bool| {
+        let mut words = program.all_words().iter();
+        words.any(|word| word.address == Address::M && word.whole().is_some_and(is_meant))
+    };
+    has(&|m| m == RETURN) && !has(&|m| MAIN_ENDS.contains(&m))
+}
+
 /// What is tried.
 #[derive(Debug, Clone, Copy)]
 pub struct Trial<'a> {
@@ -91,7 +107,9 @@ impl Shown {
             let help = format!("See `tandem explain {}`.", entry.code);
             (origin.program, entry.at(place(origin, ""), text, help))
         });
+        let called = is_subprogram(of.program).then(|| CALLED.to_owned());
         let stops = self.stops.into_iter().map(|Stop { alarm, assumed }| {
+            let assumed = assumed.or_else(|| called.clone());
             let origin = alarm.origin.unwrap_or_default();
             let Alarm {
                 entry, text, words, ..

@@ -214,3 +214,55 @@ fn a_program_is_checked_for_the_coordinate_system_that_is_named() {
     assert_eq!(code(&["--cs", "2"]), 0);
     assert_eq!(code(&["--cs", "3"]), 2, "there is none");
 }
+
+#[test]
+fn a_program_is_checked_for_the_system_whose_configuration_names_it() {
+    // the text of the configuration ends within coordinate system 2, which has no soft limits
+    let machine = Machine::new("programs = { 2 = \"main.nc\" }\n");
+    machine.write("main.nc", "G90 G00 X400\nM30\n");
+    machine.write("other.nc", "G90 G00 X400\nM30\n");
+    let code =
+        |command: &str, file: &str| run(machine.folder(), &[command, file, "--config", "tandem.toml"]).code;
+    assert_eq!(code("check", "main.nc"), 0);
+    assert_eq!(code("check", "other.nc"), 1, "the first one ends at 300");
+    assert_eq!(code("simulate", "main.nc"), 0);
+    assert_eq!(code("simulate", "other.nc"), 1);
+}
+
+#[test]
+fn a_warning_of_a_block_does_not_hide_its_alarm() {
+    let text = "G90 G54 F1000\nG00 X0 Y0 Z0\nG42\nG01 Y39 X[Q0]\nG02 Y6.7 J0.46 K8\nG40\nG01 X1\nM30\n";
+    let codes = |text: &str| -> Vec<String> {
+        let of_line = |place: &String| place.starts_with("main.nc:5:");
+        let found = found(text, false).into_iter().filter(of_line);
+        found
+            .map(|place| place.rsplit(' ').next().unwrap().to_owned())
+            .collect()
+    };
+    let alarms = codes(&text.replace(" K8", ""));
+    assert_eq!(alarms, ["W0013"], "an alarm without the word that is not used");
+    let both = codes(text);
+    assert!(
+        both.contains(&"W0012".to_owned()) && both.contains(&"W0013".to_owned()),
+        "{both:?}"
+    );
+}
+
+#[test]
+fn a_subprogram_alone_has_no_error_that_depends_on_its_callers() {
+    for text in [
+        "G84 Z-5 R2\nG80\nM99\n",
+        "G01 X5\nM99\n",
+        "G02 X90 R3\nM99\n",
+        "G41\nG01 X10\nX20\nM99\n",
+    ] {
+        let machine = Machine::new("");
+        machine.write("1003.nc", text);
+        let ran = run(machine.folder(), &["check", "1003.nc", "--config", "tandem.toml"]);
+        assert_eq!(ran.code, 0, "{text}{}", ran.stdout);
+    }
+    let machine = Machine::new("");
+    machine.write("1003.nc", "G77\nM99\n");
+    let ran = run(machine.folder(), &["check", "1003.nc", "--config", "tandem.toml"]);
+    assert_eq!(ran.code, 1, "an error of its own text stays");
+}

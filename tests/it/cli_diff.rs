@@ -159,3 +159,19 @@ fn programs_of_the_other_dialect_are_compared() {
         ran.stderr
     );
 }
+
+#[test]
+fn a_copy_of_an_assigned_program_runs_where_the_program_does() {
+    // X400 is beyond the soft limit of coordinate system 1
+    let program = "G90 G00 X400\nM30\n";
+    for (assigned, cs, code) in [("old.nc", None, 0), ("new.nc", None, 0), ("new.nc", Some("1"), 1)] {
+        let machine = Machine::new(&format!("programs = {{ 2 = \"{assigned}\" }}\n"));
+        let mut arguments = Vec::new();
+        if let Some(cs) = cs {
+            arguments.extend(["--cs", cs]);
+        }
+        let ran = diff_on(&machine, program, program, &arguments);
+        let has_alarm = ran.stdout.contains("alarm") || ran.stderr.contains("limit");
+        assert_eq!(has_alarm, code == 1, "{assigned}: {}{}", ran.stdout, ran.stderr);
+    }
+}

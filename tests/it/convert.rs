@@ -1,6 +1,7 @@
 //! `tandem convert`: what comes out moves as what went in, and what has no equal is told.
 
 mod left;
+mod settings;
 
 use std::fs;
 

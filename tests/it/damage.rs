@@ -1,5 +1,8 @@
-//! A campaign of damage over all files of a data folder as a kill has left it: a value that is read is the one that was kept,
-//! what was open is told, and whatever is damaged, the machine starts.
+//! Campaigns over all files of a data folder as a kill has left it. Damage, exchanges with other files, older copies and
+//! files of another machine: a value that is read is the one that was kept, or a message names what is wrong. What was
+//! open is reported, and the machine starts in every case.
+
+mod exchange;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,7 +11,9 @@ use std::time::Duration;
 
 use plc_api::Plc;
 use plc_api::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use plc_api::types::io::IoPoint;
 use plc_api::types::message::Payload;
+use plc_api::types::program::ProgramFolder;
 use plc_api::types::request::typed;
 use plc_api::types::topic::{CsTopic, Topic};
 use serde_json::Value;
@@ -19,6 +24,10 @@ use crate::support::wait::until;
 
 /// Rounds of each run; with `TANDEM_LONG`, 1000.
 const ROUNDS: u64 = 60;
+
+/// The machine: M100 stays open, and an output begins with its last value.
+const MACHINE: &str =
+    "[m_code.100]\nunhandled = \"wait\"\n[io.out.clamp]\non_loss = \"keep\"\nat_start = \"last\"\n";
 
 /// Variables that are read together: those of one page.
 const PAGE: u32 = 128;
@@ -40,7 +49,10 @@ impl Random {
     }
 }
 
-/// Everything that a client can read, by a name of its own. What is refused is missing.
+/// The name of the output that begins with its last value.
+const CLAMP: &str = "the output clamp";
+
+/// Everything that a client can read, by a name of its own. What is refused or unknown is missing.
 type Values = BTreeMap<String, String>;
 
 async fn read(plc: &Plc) -> Values {
@@ -76,6 +88,18 @@ async fn read(plc: &Plc) -> Values {
         && let Payload::Tool(tool) = &message.payload
     {
         values.insert("the tool in the spindle".to_owned(), tool.id.to_string());
+    }
+    if let Some(message) = plc.port().read(&Topic::Io(IoPoint::output("clamp"))).await
+        && let Payload::Io(state) = &message.payload
+        && !state.unknown
+    {
+        values.insert(CLAMP.to_owned(), state.value.to_string());
+    }
+    for program in plc.port().ask(typed::Programs).await.unwrap() {
+        // a lost folder is none, with a message
+        if !program.folder.is_empty() {
+            values.insert(format!("folder of program {}", program.number), program.folder);
+        }
     }
     for number in 1..6 {
         if let Ok(text) = plc.port().ask(typed::ReadProgram(number)).await {
@@ -137,6 +161,21 @@ async fn start(machine: &Machine) -> Runtime {
 async fn fill(machine: &Machine, good: &Path) -> (Values, BTreeMap<u64, Value>) {
     let runtime = start(machine).await;
     let plc = Plc::in_process(runtime.port());
+    store(&plc, 0.0).await;
+    run_until_waiting(&plc).await;
+    copy(&machine.path("tandem-data"), good);
+    runtime.shutdown().await;
+    copy(good, &machine.path("tandem-data"));
+    // what a start says of it
+    let runtime = start(machine).await;
+    let plc = Plc::in_process(runtime.port());
+    let kept = (read(&plc).await, journal(&plc).await);
+    runtime.shutdown().await;
+    kept
+}
+
+/// Stores something of each kind; `shift` makes all of it differ.
+async fn store(plc: &Plc, shift: f64) {
     let write = async |area, from, values| {
         let meta = None;
         let request = typed::WriteVariables {
@@ -148,14 +187,16 @@ async fn fill(machine: &Machine, good: &Path) -> (Values, BTreeMap<u64, Value>) 
         plc.port().ask(request).await.unwrap();
     };
     for from in (0..2048).step_by(PAGE as usize) {
-        let values = (from..from + PAGE).map(|n| f64::from(n) * 1.25 + 0.1).collect();
+        let values = (from..from + PAGE)
+            .map(|n| f64::from(n) * 1.25 + 0.1 + shift)
+            .collect();
         write(VariableArea::Global, from, values).await;
     }
-    write(VariableArea::CoordinateSystem(1), 0, vec![-7.5; 512]).await;
+    write(VariableArea::CoordinateSystem(1), 0, vec![shift - 7.5; 512]).await;
     for round in 0..3 {
         let tool = |id| ToolData {
             id,
-            radius: f64::from(id) + f64::from(round),
+            radius: f64::from(id) + f64::from(round) + shift,
             length: f64::from(id) * 2.5 + f64::from(round),
         };
         let change = ToolChange {
@@ -163,34 +204,36 @@ async fn fill(machine: &Machine, good: &Path) -> (Values, BTreeMap<u64, Value>) 
             remove: Vec::new(),
         };
         plc.port().ask(typed::WriteTools(change)).await.unwrap();
-        let axes = ["X", "Y", "Z"].map(|axis| (axis.to_owned(), f64::from(round) + 0.5));
+        let axes = ["X", "Y", "Z"].map(|axis| (axis.to_owned(), f64::from(round) + 0.5 + shift));
         let offsets = ["G54", "G57"].map(|name| (name.to_owned(), axes.clone().into()));
         let change = WorkOffsetTable {
             work_offsets: offsets.into(),
         };
         plc.port().ask(typed::WriteWorkOffsets(1, change)).await.unwrap();
     }
-    plc.coordinate_system(1).select_tool(17).await.unwrap();
+    let tool = if shift == 0.0 { 17 } else { 18 };
+    plc.coordinate_system(1).select_tool(tool).await.unwrap();
+    plc.io_out("clamp").set(shift == 0.0).await.unwrap();
     for number in 1..6_u16 {
-        let text =
-            format!("// program {number}\nM100 VA3\n") + &format!("G00 X{number}\n").repeat(100) + "M30\n";
+        let text = format!("// program {number}, {shift}\nM100 VA3\n")
+            + &format!("G00 X{number}\n").repeat(100)
+            + "M30\n";
         plc.port().ask(typed::WriteProgram(number, text)).await.unwrap();
+        let folder = ProgramFolder {
+            folder: format!("series {shift}"),
+        };
+        plc.port().ask(typed::PutInFolder(number, folder)).await.unwrap();
     }
+}
+
+/// A run is open, and stored.
+async fn run_until_waiting(plc: &Plc) {
     let cs = plc.coordinate_system(1);
     cs.load(1).await.unwrap();
     cs.start().await.unwrap();
-    until("an open M code", async || is_waiting(&plc).await.then_some(())).await;
-    // until it is kept
-    tokio::time::sleep(Duration::from_millis(500)).await;
-    copy(&machine.path("tandem-data"), good);
-    runtime.shutdown().await;
-    copy(good, &machine.path("tandem-data"));
-    // what a start says of it
-    let runtime = start(machine).await;
-    let plc = Plc::in_process(runtime.port());
-    let kept = (read(&plc).await, journal(&plc).await);
-    runtime.shutdown().await;
-    kept
+    until("an open M code", async || is_waiting(plc).await.then_some(())).await;
+    // until it is kept, and the anchor of the journal knows it
+    tokio::time::sleep(Duration::from_millis(1500)).await;
 }
 
 fn files(folder: &Path) -> Vec<PathBuf> {
@@ -262,10 +305,11 @@ fn damage(path: &Path, of: &Path, random: &mut Random) -> String {
 async fn damage_anywhere_in_the_data_folder_gives_no_wrong_value_and_keeps_no_machine_from_starting() {
     let is_long = std::env::var_os("TANDEM_LONG").is_some();
     let rounds = if is_long { 1000 } else { ROUNDS };
-    let machine = Machine::new("[m_code.100]\nunhandled = \"wait\"\n");
+    let machine = Machine::new(MACHINE);
     let (data, good) = (machine.path("tandem-data"), machine.path("good"));
     let (kept, lines) = fill(&machine, &good).await;
     assert!(kept["the last run"].contains("100"), "{kept:?}");
+    assert_eq!(kept[CLAMP], "true");
     let all = files(&good);
     assert!(all.len() >= 11, "{all:?}");
     let mut lost = BTreeMap::<String, usize>::new();

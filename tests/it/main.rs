@@ -33,6 +33,7 @@ mod damage;
 mod dgshape;
 mod examples;
 mod extension;
+mod faults;
 mod init;
 mod modes;
 #[rustfmt::skip]

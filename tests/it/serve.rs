@@ -13,10 +13,18 @@ mod late;
 mod life;
 mod locks;
 mod lost_values;
+mod memory;
 mod modes;
+mod orders;
+mod outputs;
+mod plans;
+mod positions;
 mod programs;
 mod reach;
 mod start;
+mod unread;
+mod urgent;
+mod viewers;
 
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Served};

@@ -1,11 +1,13 @@
 //! The same sequence program over every transport: in process, over the embedded broker, over a Mosquitto, over REST.
 
+mod acl;
 mod alarms;
 mod broker_loss;
 mod cancel;
 mod cluster;
 mod control_lease;
 mod crowd;
+mod delayed;
 mod handler_loss;
 mod inputs;
 mod instances;
@@ -18,6 +20,7 @@ mod presence;
 mod private;
 mod program;
 mod raw_queue;
+mod rest_handlers;
 mod scan;
 mod soak;
 mod strict_broker;
@@ -52,9 +55,11 @@ fn machine(mqtt: &str) -> Machine {
     machine
 }
 
-/// An external broker, as a part of a configuration.
+/// An external broker, as a part of a configuration. Tests publish on topics without a sender as well.
 pub fn broker_at(address: &str) -> String {
-    format!("[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = \"mqtt://{address}\"\n")
+    format!(
+        "[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = \"mqtt://{address}\"\naccept_unverified_senders = true\n"
+    )
 }
 
 /// A machine and how to reach it. Dropping it ends all of it.

@@ -17,6 +17,7 @@ from client.api.m_codes import get_handlers
 from client.api.machine import get_machine
 from client.api.programs import get_programs, put_programs_number
 from client.api.states import get_cs_cs_state
+from client.api.values import get_variables_p, put_variables_p
 from client.types import File
 
 # every module runs
@@ -57,6 +58,12 @@ with Client(base_url=os.environ["API"]) as machine:
     )
     assert isinstance(refused, models.Problem)
     assert refused.code == "not_found"
+    # the address of a write is an argument that cannot be left out
+    put_variables_p.sync_detailed(client=machine, body=models.VariableWrite(values=[7.5]), from_=100)
+    for address, value in [(0, 0.0), (100, 7.5)]:
+        read = get_variables_p.sync(client=machine, from_=address)
+        assert isinstance(read, models.VariableValues)
+        assert read.values == [value], (address, read)
     assert isinstance(get_machine.sync(client=machine), models.BirthMessage)
     assert isinstance(get_handlers.sync(client=machine), models.HandlerList)
 print(f"{len(operations)} operations are there, and a machine was used")

@@ -2,6 +2,7 @@
 
 use super::{FakePort, Inner};
 use crate::lock::lock;
+use crate::types::handler::Departure;
 use crate::types::io::{IoForce, IoPoint, IoSet, IoState};
 use crate::types::message::Payload;
 use crate::types::request::{Answer, Refusal};
@@ -11,7 +12,8 @@ impl FakePort {
     pub(super) fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
         let mut inner = lock(&self.inner);
         let Inner { io, handlers, .. } = &mut *inner;
-        let state = io.write(&point, set, |id| handlers.is_online(id))?.clone();
+        let (state, _) = io.write(&point, set, |id, instance| handlers.judge_writer(id, instance))?;
+        let state = state.clone();
         self.publish_io(&mut inner, point, state);
         Ok(Answer::Done)
     }
@@ -23,10 +25,18 @@ impl FakePort {
         Ok(Answer::Done)
     }
 
-    /// A handler is not there any more.
-    pub(super) fn lose_io(&self, inner: &mut Inner, handler_id: &str) {
-        for (point, state) in inner.io.lose(handler_id) {
-            self.publish_io(inner, point, state);
+    /// A handler has left.
+    pub(super) fn leave_io(&self, inner: &mut Inner, handler_id: &str, departure: Departure) {
+        for lost in inner.io.leave(handler_id, departure) {
+            self.publish_io(inner, lost.point, lost.state);
+        }
+        self.expire_io(inner);
+    }
+
+    /// Ends the time of handlers that left and did not come back.
+    pub(super) fn expire_io(&self, inner: &mut Inner) {
+        for lost in inner.io.expire(inner.now_s, |_| false) {
+            self.publish_io(inner, lost.point, lost.state);
         }
     }
 

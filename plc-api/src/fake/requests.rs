@@ -1,5 +1,6 @@
 //! Answers of the scripted machine to requests.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::data::Data;
@@ -8,10 +9,13 @@ use super::{FakePort, Inner};
 use crate::handler_registry::Registered;
 use crate::handshake::{Ledger, Now};
 use crate::lock::lock;
+use crate::port::Port;
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use crate::types::handler::HandlerResult;
 use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
+use crate::types::lock::LockSet;
 use crate::types::message::Payload;
+use crate::types::not_after::NotAfter;
 use crate::types::output::{HandlerPresence, OutputState};
 use crate::types::request::{
     Answer, CoordinateSystemRequest, Destination, Input, MachineRequest, Refusal, RefusalCode, Request,
@@ -20,6 +24,7 @@ use crate::types::request::{
 use crate::types::state::{Spindle, SpindleDirection, Tool};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{CoordinateSystemNumber, Timestamp};
+use crate::wire::takes_not_after;
 
 impl FakePort {
     pub(super) fn answer(&self, request: Request) -> Result<Answer, Refusal> {
@@ -29,6 +34,18 @@ impl FakePort {
             Destination::Machine(request) => self.of_machine(request),
             Destination::Program(_) => unsupported(),
         }
+    }
+
+    /// Rejects a request that is too old, on the clock of the scripted machine.
+    pub(super) fn check_age(&self, not_after: &NotAfter, request: &Request) -> Result<(), Refusal> {
+        let now_ms = Duration::try_from_secs_f64(lock(&self.inner).now_s).unwrap_or_default();
+        let age_ms = now_ms.as_millis().saturating_sub(not_after.heartbeat.into());
+        let is_old = age_ms > not_after.within_ms.into() || not_after.boot_id != self.boot_id();
+        if is_old && takes_not_after(request) {
+            let text = format!("the request is {age_ms} ms old; send a new one");
+            return Err(Refusal::new(RefusalCode::Expired, text));
+        }
+        Ok(())
     }
 
     fn of_coordinate_system(
@@ -111,10 +128,21 @@ impl FakePort {
     }
 
     fn input(&self, cs: CoordinateSystemNumber, input: Input) -> Result<Answer, Refusal> {
-        let handlers = self.handlers();
-        let is_there = |id: &str| handlers.get(id).is_some_and(|presence| presence.online);
         let mut inner = lock(&self.inner);
-        inner.system(cs)?.set_input(input, is_there)?;
+        let judged = match &input {
+            Input::Interlock(LockSet {
+                handler_id: Some(id),
+                instance,
+                ..
+            })
+            | Input::StartLock(LockSet {
+                handler_id: Some(id),
+                instance,
+                ..
+            }) => inner.handlers.judge_writer(id, instance.as_ref()),
+            _ => Ok(()),
+        };
+        inner.system(cs)?.set_input(input, |_, _| judged.clone())?;
         self.publish_system(&mut inner, cs);
         Ok(Answer::Done)
     }
@@ -186,18 +214,26 @@ impl FakePort {
                 return Err(refusal);
             }
         };
+        let mut has_returned = false;
         match changed {
             Registered::Nothing => return Ok(()),
             Registered::Refreshed => {
                 self.tell(id, HandlerResult::accepted(presence.instance.clone()));
                 return Ok(());
             }
-            Registered::Offline => {}
-            Registered::Online { took_over, .. } => {
-                if let Some((old, text)) = took_over {
-                    self.lose_handler(id);
-                    self.tell(id, HandlerResult::taken_over(old.instance, text));
+            Registered::Offline(departure) => self.part_from_handler(id, departure),
+            Registered::Online {
+                took_over,
+                has_returned: returned,
+                ..
+            } => {
+                has_returned = returned;
+                if let Some(displaced) = took_over {
+                    self.part_from_handler(id, displaced.departure);
+                    let instance = displaced.presence.instance;
+                    self.tell(id, HandlerResult::taken_over(instance, displaced.text));
                 }
+                self.welcome_handler(id);
             }
         }
         let shown = HandlerPresence {
@@ -209,8 +245,9 @@ impl FakePort {
         if presence.online {
             self.use_all_ledgers(|_, ledger, now| ledger.handler_online(now, id, presence));
             self.tell(id, HandlerResult::accepted(presence.instance.clone()));
-        } else {
-            self.lose_handler(id);
+            if has_returned {
+                self.tell(id, HandlerResult::confirm(presence.instance.clone()));
+            }
         }
         Ok(())
     }
@@ -239,6 +276,7 @@ impl Inner {
             lease: None,
             hash: None,
             run_id: None,
+            moved: BTreeMap::new(),
         }
     }
 

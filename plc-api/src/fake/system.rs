@@ -6,6 +6,7 @@ use crate::execution::Situation;
 use crate::handshake::{Closed, Ledger, OpenOutput};
 use crate::lock_input::{LockInput, LockRules};
 use crate::types::command::{Command, Verb};
+use crate::types::handler::Departure;
 use crate::types::message::Payload;
 use crate::types::output::CancelReason;
 use crate::types::request::{Input, Refusal, RefusalCode};
@@ -203,8 +204,12 @@ impl System {
     }
 
     /// # Errors
-    /// A source of a lock is another's. `is_there`: whether a handler is online.
-    pub(super) fn set_input(&mut self, input: Input, is_there: impl Fn(&str) -> bool) -> Result<(), Refusal> {
+    /// A source of a lock is another's. `judge_writer` says whether an instance writes for a handler.
+    pub(super) fn set_input(
+        &mut self,
+        input: Input,
+        judge_writer: impl Fn(&str, Option<&String>) -> Result<(), Refusal>,
+    ) -> Result<(), Refusal> {
         let shown = &mut self.shown;
         match input {
             Input::OptionalSkip(numbers) => {
@@ -216,7 +221,7 @@ impl System {
             Input::OptionalStop(value) => shown.optional_stop = value,
             Input::SingleBlock(value) => shown.single_block = value,
             Input::DryRun(value) => shown.dry_run = value,
-            Input::StartLock(set) => self.start_lock.set(set, is_there)?,
+            Input::StartLock(set) => self.start_lock.set(set, judge_writer)?,
             Input::Override(change) => {
                 let overrides = &mut self.overrides;
                 overrides.feed = change.feed.unwrap_or(overrides.feed);
@@ -224,18 +229,40 @@ impl System {
                 overrides.spindle = change.spindle.unwrap_or(overrides.spindle);
             }
             Input::Interlock(set) => {
-                self.interlock.set(set, is_there)?;
+                self.interlock.set(set, judge_writer)?;
                 self.follow_interlock();
             }
         }
         Ok(())
     }
 
-    /// A handler is not there any more.
-    pub(super) fn lose_owner(&mut self, handler_id: &str) {
-        self.interlock.lose(handler_id);
-        self.start_lock.lose(handler_id);
+    /// A handler has left.
+    pub(super) fn leave(&mut self, handler_id: &str, departure: Departure, now_s: f64) {
+        for input in [&mut self.interlock, &mut self.start_lock] {
+            input.leave(handler_id, departure);
+        }
+        self.expire_locks(now_s);
+    }
+
+    /// A handler is online.
+    pub(super) fn come(&mut self, handler_id: &str) {
+        for input in [&mut self.interlock, &mut self.start_lock] {
+            input.come(handler_id);
+        }
+    }
+
+    /// Ends the time of handlers that left and did not come back.
+    pub(super) fn expire_locks(&mut self, now_s: f64) {
+        for input in [&mut self.interlock, &mut self.start_lock] {
+            input.expire(now_s, |_| false);
+        }
         self.follow_interlock();
+    }
+
+    /// When that has to be done next.
+    pub(super) fn next_lock_deadline_s(&self) -> Option<f64> {
+        let deadlines = [&self.interlock, &self.start_lock].into_iter();
+        deadlines.filter_map(LockInput::next_deadline_s).reduce(f64::min)
     }
 
     fn follow_interlock(&mut self) {

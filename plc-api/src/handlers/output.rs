@@ -12,9 +12,10 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use tokio::sync::{Mutex, MutexGuard, watch};
 
-use crate::claim::{Identity, OutputId};
+use crate::claim::OutputId;
 use crate::error::Result;
 use crate::extract::States;
+use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::BoxFuture;

@@ -17,7 +17,7 @@ use crate::claim::{OutputId, taken_up, until_answered};
 use crate::error::Result;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
-use crate::presence::{Announced, Change, Event, Presence, shown};
+use crate::presence::{Announced, Change, Event, Presence, Registration, shown};
 use crate::text::panic_text;
 use crate::types::message::{Message, Payload};
 use crate::types::output::{CancelReason, HandshakeStatus, OutputState, PendingOutput, Redelivery};
@@ -337,7 +337,11 @@ impl Runner {
         let (output, cancel) =
             AuxOutput::new((&self.presence, &self.table.states), id.clone(), pending, verify);
         let (abort, registration) = AbortHandle::new_pair();
-        let work = work(output.clone(), handler, is_claimed);
+        let claiming = (!is_claimed).then(|| Claiming {
+            registration: self.presence.registration(),
+            is_lost: pending.lost,
+        });
+        let work = work(output.clone(), handler, claiming);
         let work = Box::pin(Abortable::new(work, registration));
         let ending = run_to_end(work, id.clone(), output.clone());
         self.work.push(Box::pin(ending));
@@ -385,15 +389,41 @@ async fn run_to_end(
     id
 }
 
-/// Claims what is not claimed, runs the handler, resets. Returns when nothing is left to do.
-async fn work(output: AuxOutput, handler: Boxed, is_claimed: bool) {
-    let (plc, m, seq) = (output.plc(), output.m(), output.seq());
-    if !is_claimed {
-        let status = until_answered(plc, output.key().claim(m, output.by())).await;
-        if status != Some(HandshakeStatus::Accepted) {
-            tracing::debug!(m, seq, ?status, "output left to others");
-            return;
+/// How an output is claimed that the machine has not claimed for this handler.
+struct Claiming {
+    registration: Registration,
+    /// The connection of its handler was lost, and with it the registration.
+    is_lost: bool,
+}
+
+impl Claiming {
+    /// True if the machine has accepted the claim.
+    async fn succeeds(&self, output: &AuxOutput) -> bool {
+        let (m, seq) = (output.m(), output.seq());
+        let claim = output.key().claim(m, output.by());
+        let answer = if self.is_lost {
+            self.registration.claim_lost(claim).await
+        } else {
+            self.registration.claim(claim).await
+        };
+        match answer {
+            Ok(Some(HandshakeStatus::Accepted)) => return true,
+            Ok(status) => tracing::debug!(m, seq, ?status, "output left to others"),
+            Err(refusal) => {
+                tracing::warn!(m, seq, %refusal, "output left to others: the registration was refused");
+            }
         }
+        false
+    }
+}
+
+/// Claims the output where the machine has not, runs the handler, resets. Returns when nothing is left to do.
+async fn work(output: AuxOutput, handler: Boxed, claiming: Option<Claiming>) {
+    let (plc, m, seq) = (output.plc(), output.m(), output.seq());
+    if let Some(claiming) = claiming
+        && !claiming.succeeds(&output).await
+    {
+        return;
     }
     let result = call(&output, &handler).await;
     output.set_answering();

@@ -334,7 +334,7 @@ async fn a_lost_output_is_withheld_from_a_handler_that_does_not_ask_whether_it_m
         boot_id: port.port().boot_id(),
         seq,
         handler_id: "h".into(),
-        instance: None,
+        instance: fake.handlers()["h"].instance.clone(),
     };
     let claimed = port.port().ask(typed::Claim(1, None, claim)).await.unwrap();
     assert_eq!(claimed.status, HandshakeStatus::Withheld);

@@ -52,6 +52,12 @@ impl LiveHandlers {
         self.0.insert(id.to_owned(), live);
     }
 
+    /// The instance of a handler that is registered.
+    #[cfg(test)]
+    pub(super) fn instance(&self, id: &str) -> Option<String> {
+        self.0.get(id)?.instance.clone()
+    }
+
     /// Another instance that has come since stays.
     pub(super) fn go(&mut self, id: &str, instance: Option<&str>) {
         let goes = |live: &Live| instance.is_none() || live.instance.as_deref() == instance;
@@ -89,6 +95,23 @@ impl LiveHandlers {
         }
     }
 
+    /// The instance that claims: it is registered, and named where the registration names one.
+    ///
+    /// # Errors
+    /// The handler is not registered, by another instance, or the claim does not say by which one it is made.
+    pub(super) fn claimant(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denied> {
+        let Some(live) = self.0.get(id) else {
+            let text = format!(
+                "handler {id} is not registered: announce its presence (handler/{id}/presence, or PUT /handlers/{id}) before it claims"
+            );
+            return Err((HandshakeStatus::NotOwner, Some(text)));
+        };
+        if instance.is_none() {
+            check_named(id, live.instance.as_deref())?;
+        }
+        self.speaker(id, instance)
+    }
+
     /// How a handler takes up an output; `None` within: nobody has worked on it, or this instance still does.
     ///
     /// # Errors
@@ -120,9 +143,11 @@ impl LiveHandlers {
         }
     }
 
-    /// The same for a reset without a claim. Whoever is no handler that is there decides as an operator does.
+    /// The same for a reset without a claim. Whoever is neither a handler that is there nor the one that was lost decides as an
+    /// operator does.
     pub(super) fn end(&self, output: &OpenOutput, id: &str, instance: Option<&String>) -> Result<(), Denied> {
-        if output.handler_id.is_some() || !self.0.contains_key(id) {
+        let is_lost_one = output.lost_by.as_ref().is_some_and(|(by, _)| by == id);
+        if output.handler_id.is_some() || !(self.0.contains_key(id) || is_lost_one) {
             return Ok(());
         }
         self.take_up(output, id, instance).map(|_| ())
@@ -141,6 +166,7 @@ impl OpenOutput {
                 let text = taken_text(handler_id, Some(owner), Some(named), &self.since);
                 Err((HandshakeStatus::NotOwner, Some(text)))
             }
+            (owner, None) => check_named(handler_id, owner.as_deref()),
             _ => Ok(()),
         }
     }
@@ -164,6 +190,21 @@ impl OpenOutput {
         let (_, instance) = self.lost_by.as_ref()?;
         instance.as_deref().filter(|named| is_own_instance(named))
     }
+}
+
+/// A message that names no instance, where a process has named its own.
+fn check_named(id: &str, there: Option<&str>) -> Result<(), Denied> {
+    if there.is_none_or(|there| !is_own_instance(there)) {
+        return Ok(());
+    }
+    Err((HandshakeStatus::NotOwner, Some(unnamed_text(id))))
+}
+
+/// That a message does not name the instance that sends it, and what to do.
+pub(crate) fn unnamed_text(id: &str) -> String {
+    format!(
+        "this message does not say which process of handler {id} sends it: name the instance of its presence (instance)"
+    )
 }
 
 /// The stricter of what two say; `None`: neither says anything.

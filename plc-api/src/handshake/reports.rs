@@ -19,6 +19,19 @@ impl Ledger {
         status_of(&self.report(m, report))
     }
 
+    /// The machine itself says what an output that no handler serves waits for; without text, nothing.
+    pub fn note_wait(&mut self, seq: u64, text: Option<&str>) {
+        let boot_id = self.boot_id.clone();
+        // an output that is closed waits for nothing
+        let _ = self.change(&boot_id, seq, None, |output| {
+            output.progress = text.map(|text| Progress {
+                text: text.to_owned(),
+                percent: None,
+            });
+            Ok(true)
+        });
+    }
+
     pub(super) fn report(&mut self, m: Option<u16>, report: &ProgressReport) -> Result<(), Denied> {
         self.change(&report.boot_id, report.seq, m, |output| {
             output.check_owner(&report.handler_id, report.instance.as_ref())?;

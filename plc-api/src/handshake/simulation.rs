@@ -9,7 +9,7 @@ use super::*;
 use crate::types::output::{Params, Timing};
 use crate::types::question::{Ask, OperatorAnswer};
 
-const SEEDS: u64 = 2_000;
+const SEEDS: u64 = 4_000;
 const STEPS: usize = 120;
 const OPEN_MAX: usize = 6;
 const HANDLERS: [&str; 3] = ["a", "b", "hmi"];
@@ -45,8 +45,8 @@ struct Known {
     owner: Option<String>,
     /// The question that stands, and its answer.
     question: Option<(String, Option<String>)>,
-    // its owner was lost, and nobody has decided yet
-    withheld: bool,
+    /// Its owner that was lost and the instance, while nobody has decided yet.
+    withheld_from: Option<(String, Option<String>)>,
     closed: Option<Closed>,
 }
 
@@ -94,27 +94,26 @@ impl World {
     fn step(&mut self) {
         self.now_s += 0.1;
         let now = self.now();
-        match self.random.below(25) {
+        match self.random.below(26) {
             0..=2 => self.enqueue(),
             3..=5 => self.put_out(),
             6..=9 => self.send_something(),
-            10..=13 => self.send_about_a_question(),
-            14..=20 => self.deliver(),
-            21 => {
+            10..=14 => self.send_about_a_question(),
+            15..=21 => self.deliver(),
+            22 => {
                 let handler = HANDLERS[self.random.below(HANDLERS.len())];
                 self.ledger.handler_lost(now, handler, None);
-                self.there.remove(handler);
+                let instance = self.there.remove(handler).map(|(instance, _)| instance);
                 for known in self.known.values_mut() {
                     if known.owner.as_deref() == Some(handler) {
-                        known.owner = None;
+                        known.withheld_from = known.owner.take().map(|owner| (owner, instance.clone()));
                         known.question = None;
-                        known.withheld = true;
                     }
                 }
             }
-            22 if self.random.below(2) == 0 => self.ledger.republish(now, |m| m % 2 == 0),
-            22 => self.ledger.expire(now),
-            23 => self.come(),
+            23 if self.random.below(2) == 0 => self.ledger.republish(now, |m| m % 2 == 0),
+            23 => self.ledger.expire(now),
+            24 => self.come(),
             _ => {
                 if self.random.below(6) == 0 {
                     self.ledger.cancel_all(now, CancelReason::Stop);
@@ -173,7 +172,7 @@ impl World {
                     made: false,
                     owner: None,
                     question: None,
-                    withheld: false,
+                    withheld_from: None,
                     closed: None,
                 };
                 self.known.insert(seq, known);
@@ -219,6 +218,7 @@ impl World {
             0 => None,
             _ => Some(u16::try_from(self.random.below(3)).unwrap() + 100),
         };
+        let instance = self.instance(&handler_id);
         let message = match self.random.below(5) {
             0 | 1 => InFlight::Claim(
                 m,
@@ -226,7 +226,7 @@ impl World {
                     boot_id,
                     seq,
                     handler_id,
-                    instance: None,
+                    instance,
                 },
             ),
             2 => InFlight::Redeliver(Redeliver {
@@ -238,6 +238,7 @@ impl World {
                 let alarm = (self.random.below(5) == 0).then(|| Alarm::user(3, "x"));
                 let mut reset = crate::claim::reset_of(&boot_id, seq, &handler_id, alarm);
                 reset.force = (handler_id == "hmi").then_some(true);
+                reset.instance = instance;
                 InFlight::Reset(m, reset)
             }
         };
@@ -263,6 +264,7 @@ impl World {
                 _ => CHOICES.map(str::to_owned).to_vec(),
             };
             let handler_id = owner.filter(|_| self.random.below(4) > 0).unwrap_or(any);
+            let instance = self.instance(&handler_id);
             InFlight::Ask(
                 None,
                 Ask {
@@ -272,7 +274,7 @@ impl World {
                     question_id,
                     text: "?".into(),
                     choices,
-                    instance: None,
+                    instance,
                 },
             )
         } else {
@@ -289,6 +291,17 @@ impl World {
             )
         };
         self.messages.push(message);
+    }
+
+    /// The instance of a handler that is there.
+    fn instance(&self, handler_id: &str) -> Option<String> {
+        self.there.get(handler_id).map(|(instance, _)| instance.clone())
+    }
+
+    /// True for the instance that is there: no message of another one counts for an owner.
+    fn speaks(&self, handler_id: &str, instance: Option<&String>) -> bool {
+        let there = self.instance(handler_id);
+        there.is_some() && there.as_ref() == instance
     }
 
     /// One message arrives, in any order; it may stay in flight (doubled), or be lost.
@@ -309,8 +322,12 @@ impl World {
         match message {
             InFlight::Claim(m, claim) => {
                 let mut expected = self.expected(&claim.boot_id, claim.seq, m, &claim.handler_id, false);
-                if expected == HandshakeStatus::Accepted && self.known[&claim.seq].withheld {
-                    expected = HandshakeStatus::Withheld;
+                if expected == HandshakeStatus::Accepted {
+                    if !self.speaks(&claim.handler_id, claim.instance.as_ref()) {
+                        expected = HandshakeStatus::NotOwner;
+                    } else if self.known[&claim.seq].withheld_from.is_some() {
+                        expected = HandshakeStatus::Withheld;
+                    }
                 }
                 let status = self.ledger.claim(now, m, &claim).status;
                 assert_eq!(status, expected, "seed {} {claim:?}", self.seed);
@@ -319,18 +336,7 @@ impl World {
                 }
             }
             InFlight::Reset(m, reset) => {
-                let force = reset.force == Some(true);
-                let mut expected = self.expected(&reset.boot_id, reset.seq, m, &reset.handler_id, force);
-                // to a handler that is there its own way out is closed as well; an operator's stays open
-                if expected == HandshakeStatus::Accepted
-                    && !force
-                    && self.there.contains_key(&*reset.handler_id)
-                {
-                    let known = &self.known[&reset.seq];
-                    if known.withheld && known.owner.is_none() {
-                        expected = HandshakeStatus::Withheld;
-                    }
-                }
+                let expected = self.expected_of_reset(m, &reset);
                 let open_before = self.ledger.open().len();
                 let status = self.ledger.reset(now, m, &reset).status;
                 assert_eq!(status, expected, "seed {} {reset:?}", self.seed);
@@ -348,7 +354,7 @@ impl World {
                 let status = self.ledger.redeliver(now, None, &redeliver);
                 assert_eq!(status, expected, "seed {} {redeliver:?}", self.seed);
                 if status == HandshakeStatus::Accepted {
-                    self.known.get_mut(&redeliver.seq).unwrap().withheld = false;
+                    self.known.get_mut(&redeliver.seq).unwrap().withheld_from = None;
                 }
             }
             InFlight::Ask(m, ask) => self.deliver_ask(now, m, ask),
@@ -356,10 +362,39 @@ impl World {
         }
     }
 
+    /// What a reset is answered: for an owner only its instance speaks.
+    fn expected_of_reset(&self, m: Option<u16>, reset: &Reset) -> HandshakeStatus {
+        let force = reset.force == Some(true);
+        let mut expected = self.expected(&reset.boot_id, reset.seq, m, &reset.handler_id, force);
+        let there = self.instance(&reset.handler_id);
+        let is_owned = || self.known[&reset.seq].owner.is_some();
+        let is_of_another = match (&there, &reset.instance) {
+            (Some(there), Some(named)) => there != named,
+            (_, None) => expected == HandshakeStatus::Accepted && is_owned(),
+            (None, Some(_)) => false,
+        };
+        if expected == HandshakeStatus::Accepted && !force && is_of_another {
+            expected = HandshakeStatus::NotOwner;
+        }
+        // an operator's way out stays open, and that of the instance that worked on it
+        if expected == HandshakeStatus::Accepted
+            && !force
+            && let Some((lost, instance)) = &self.known[&reset.seq].withheld_from
+        {
+            let is_lost_one = *lost == reset.handler_id;
+            let worked = is_lost_one && instance.is_some() && *instance == reset.instance;
+            if !worked && (is_lost_one || self.there.contains_key(&*reset.handler_id)) {
+                expected = HandshakeStatus::Withheld;
+            }
+        }
+        expected
+    }
+
     /// Only the owner asks; a question replaces another one, and its own repetition changes nothing.
     fn deliver_ask(&mut self, now: Now, m: Option<u16>, ask: Ask) {
         let mut expected = self.expected(&ask.boot_id, ask.seq, m, &ask.handler_id, false);
-        if expected == HandshakeStatus::Accepted && self.known[&ask.seq].owner.is_none() {
+        let speaks = self.speaks(&ask.handler_id, ask.instance.as_ref());
+        if expected == HandshakeStatus::Accepted && (self.known[&ask.seq].owner.is_none() || !speaks) {
             expected = HandshakeStatus::NotOwner;
         }
         let status = self.ledger.ask(now, m, &ask).unwrap();

@@ -1,11 +1,11 @@
+mod checkpoints;
+
 use std::time::SystemTime;
 
 use super::*;
 use crate::types::ids::CLIENT_ID_MAX;
 use crate::types::m_code::MCodeDeclaration;
-use crate::types::output::{CHECKPOINT_MAX, CheckpointReport, Params, ProgressReport, Timing};
-use crate::types::refusal::RefusalCode;
-use serde_json::{Value, json};
+use crate::types::output::{Params, ProgressReport, Timing};
 
 fn now(monotonic_s: f64) -> Now {
     Now {
@@ -41,12 +41,25 @@ fn made(ledger: &mut Ledger, m: u16) -> u64 {
     seq
 }
 
+/// Claims as the instance that is registered; registers a handler that is not, without M codes.
 fn claim(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
+    if ledger.handlers.claimant(handler_id, None).is_err() && ledger.handlers.instance(handler_id).is_none() {
+        let presence = HandlerPresence {
+            online: true,
+            ..HandlerPresence::default()
+        };
+        ledger.handler_online(now(0.0), handler_id, &presence);
+    }
+    let instance = ledger.handlers.instance(handler_id);
+    claim_as(ledger, seq, handler_id, instance)
+}
+
+fn claim_as(ledger: &mut Ledger, seq: u64, handler_id: &str, instance: Option<String>) -> HandshakeStatus {
     let claim = Claim {
         boot_id: boot(),
         seq,
         handler_id: handler_id.into(),
-        instance: None,
+        instance,
     };
     ledger.claim(now(0.0), None, &claim).status
 }
@@ -57,6 +70,62 @@ fn reset_by(seq: u64, handler_id: &str) -> Reset {
 
 fn reset(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
     ledger.reset(now(0.0), None, &reset_by(seq, handler_id)).status
+}
+
+#[test]
+fn h4_a_claim_needs_a_live_registration_and_its_instance() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 100);
+    let by = |ledger: &mut Ledger, instance: Option<&str>| {
+        claim_as(ledger, seq, "cell", instance.map(str::to_owned))
+    };
+    for instance in [None, Some("a")] {
+        assert_eq!(
+            by(&mut ledger, instance),
+            HandshakeStatus::NotOwner,
+            "nobody is registered"
+        );
+    }
+    ledger.handler_online(now(0.0), "cell", &exclusive(1, Some("a")));
+    for instance in [None, Some("b")] {
+        assert_eq!(
+            by(&mut ledger, instance),
+            HandshakeStatus::NotOwner,
+            "{instance:?}"
+        );
+    }
+    assert_eq!(owner(&ledger, seq).0, OutputState::Output);
+    for _ in 0..2 {
+        assert_eq!(
+            by(&mut ledger, Some("a")),
+            HandshakeStatus::Accepted,
+            "repeated, too"
+        );
+    }
+    assert_eq!(
+        reset(&mut ledger, seq, "cell"),
+        HandshakeStatus::NotOwner,
+        "it names no instance"
+    );
+    ledger.handler_lost(now(1.0), "cell", Some("a"));
+    assert_eq!(
+        by(&mut ledger, Some("a")),
+        HandshakeStatus::NotOwner,
+        "its registration has ended"
+    );
+    ledger.handler_online(now(2.0), "cell", &exclusive(1, Some("b")));
+    assert_eq!(
+        by(&mut ledger, Some("b")),
+        HandshakeStatus::Withheld,
+        "the redelivery decides"
+    );
+    ledger.handler_lost(now(3.0), "cell", Some("b"));
+    ledger.handler_online(now(3.0), "cell", &exclusive(1, Some("a")));
+    assert_eq!(
+        by(&mut ledger, Some("a")),
+        HandshakeStatus::Accepted,
+        "it still works on it"
+    );
 }
 
 fn effects(ledger: &mut Ledger) -> Vec<Effect> {
@@ -191,6 +260,33 @@ fn h8_the_queue_is_bounded_and_takes_again_after_a_reset() {
     assert_eq!(ledger.enqueue(now(0.0), spec(3)), Err(Full));
     reset(&mut ledger, first, "h");
     assert_eq!(ledger.enqueue(now(0.0), spec(3)), Ok(3));
+}
+
+#[test]
+fn h11_a_lost_handler_resets_only_as_the_instance_that_worked() {
+    for (instance, status) in [
+        (Some("a"), HandshakeStatus::Accepted),
+        (Some("b"), HandshakeStatus::Withheld),
+        (None, HandshakeStatus::Withheld),
+    ] {
+        let mut ledger = ledger();
+        let seq = made(&mut ledger, 100);
+        let presence = HandlerPresence {
+            online: true,
+            instance: Some("a".to_owned()),
+            ..HandlerPresence::default()
+        };
+        ledger.handler_online(now(0.0), "cell", &presence);
+        claim_as(&mut ledger, seq, "cell", presence.instance);
+        ledger.handler_lost(now(1.0), "cell", Some("a"));
+        assert!(ledger.is_lost(seq) && ledger.handlers.instance("cell").is_none());
+        let reset = Reset {
+            instance: instance.map(str::to_owned),
+            ..reset_by(seq, "cell")
+        };
+        let result = ledger.reset(now(2.0), None, &reset);
+        assert_eq!(result.status, status, "{instance:?}");
+    }
 }
 
 #[test]
@@ -332,6 +428,39 @@ fn h18_texts_and_ids_from_outside_are_limited() {
 }
 
 #[test]
+fn h13_lost_output_keeps_its_progress_until_the_next_claim() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 1);
+    assert_eq!(claim(&mut ledger, seq, "h"), HandshakeStatus::Accepted);
+    let report = ProgressReport {
+        boot_id: boot(),
+        seq,
+        handler_id: "h".into(),
+        text: "90 of 180 degrees".into(),
+        percent: Some(50.0),
+        instance: None,
+    };
+    ledger.progress(now(0.5), None, &report);
+    ledger.handler_lost(now(1.0), "h", None);
+    let kept = ledger.get(seq).unwrap().progress.clone().unwrap();
+    assert_eq!(
+        (kept.text.as_str(), kept.percent),
+        ("90 of 180 degrees", Some(50.0))
+    );
+    ledger.redeliver(
+        now(2.0),
+        None,
+        &Redeliver {
+            boot_id: boot(),
+            seq,
+            how: Redelivery::Redo,
+        },
+    );
+    assert_eq!(claim(&mut ledger, seq, "h"), HandshakeStatus::Accepted);
+    assert_eq!(ledger.get(seq).unwrap().progress, None);
+}
+
+#[test]
 fn h3_an_output_forgotten_after_the_limit_is_stale_and_one_within_it_a_duplicate() {
     let mut ledger = ledger();
     let last = CLOSED_REMEMBERED as u64 + 1;
@@ -381,7 +510,12 @@ fn h20_an_output_of_one_exclusive_handler_is_claimed_in_the_step_that_makes_it()
     };
     assert_eq!((notice.seq, notice.attempt), (seq, 1));
     assert_eq!(reset(&mut ledger, seq, "other"), HandshakeStatus::NotOwner);
-    assert_eq!(reset(&mut ledger, seq, "mill"), HandshakeStatus::Accepted);
+    let by_mill = Reset {
+        instance: Some("i1".to_owned()),
+        ..reset_by(seq, "mill")
+    };
+    let status = ledger.reset(now(0.0), None, &by_mill).status;
+    assert_eq!(status, HandshakeStatus::Accepted);
     let of_others = made(&mut ledger, 101);
     assert_eq!(owner(&ledger, of_others).0, OutputState::Output);
 }
@@ -432,78 +566,6 @@ fn h20_what_was_claimed_at_once_is_lost_with_its_handler_and_never_claimed_at_on
     ledger.handler_lost(now(3.0), "mill", None);
     let later = made(&mut ledger, 100);
     assert_eq!(owner(&ledger, later).0, OutputState::Output, "nobody is there");
-}
-
-fn checkpoint(
-    ledger: &mut Ledger,
-    seq: u64,
-    handler_id: &str,
-    checkpoint: Value,
-) -> Result<HandshakeStatus, Refusal> {
-    let report = CheckpointReport {
-        boot_id: boot(),
-        seq,
-        handler_id: handler_id.into(),
-        instance: None,
-        checkpoint,
-    };
-    let said = OutputRequest::Checkpoint(report);
-    ledger
-        .carry_out(now(0.0), None, &said)
-        .map(|result| result.status)
-}
-
-#[test]
-fn h21_a_checkpoint_of_the_owner_is_kept_when_it_is_lost_until_it_is_replaced_or_taken_away() {
-    let mut ledger = ledger();
-    let seq = made(&mut ledger, 90);
-    let noted = |ledger: &Ledger| ledger.pending().outputs[0].checkpoint.clone();
-    let nobody = checkpoint(&mut ledger, seq, "washer", json!(1));
-    assert_eq!((nobody, noted(&ledger)), (Ok(HandshakeStatus::NotOwner), None));
-    claim(&mut ledger, seq, "washer");
-    let owner = checkpoint(&mut ledger, seq, "washer", json!({"minute": 3}));
-    assert_eq!(owner, Ok(HandshakeStatus::Accepted));
-    let other = checkpoint(&mut ledger, seq, "clamp", json!(9));
-    assert_eq!(other, Ok(HandshakeStatus::NotOwner));
-    ledger.handler_lost(now(1.0), "washer", None);
-    assert_eq!(noted(&ledger), Some(json!({"minute": 3})));
-    let how = Redelivery::Redo;
-    ledger.redeliver(
-        now(2.0),
-        None,
-        &Redeliver {
-            boot_id: boot(),
-            seq,
-            how,
-        },
-    );
-    assert_eq!(claim(&mut ledger, seq, "washer"), HandshakeStatus::Accepted);
-    assert_eq!(
-        noted(&ledger),
-        Some(json!({"minute": 3})),
-        "the next owner has it, too"
-    );
-    checkpoint(&mut ledger, seq, "washer", json!({"minute": 4})).unwrap();
-    assert_eq!(noted(&ledger), Some(json!({"minute": 4})));
-    checkpoint(&mut ledger, seq, "washer", Value::Null).unwrap();
-    assert_eq!(noted(&ledger), None);
-}
-
-#[test]
-fn h21_a_checkpoint_that_is_too_long_is_refused_and_the_one_before_stays() {
-    let mut ledger = ledger();
-    let seq = made(&mut ledger, 90);
-    claim(&mut ledger, seq, "washer");
-    // the quotes count
-    let longest = "x".repeat(CHECKPOINT_MAX - 2);
-    assert!(checkpoint(&mut ledger, seq, "washer", json!(longest)).is_ok());
-    let refused = checkpoint(&mut ledger, seq, "washer", json!("y".repeat(CHECKPOINT_MAX - 1))).unwrap_err();
-    assert_eq!(refused.code, RefusalCode::Invalid);
-    assert!(
-        refused.text.contains("4096") && refused.text.contains("4097"),
-        "{refused}"
-    );
-    assert_eq!(ledger.pending().outputs[0].checkpoint, Some(json!(longest)));
 }
 
 #[test]

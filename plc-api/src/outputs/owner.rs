@@ -6,8 +6,9 @@ use std::sync::{Arc, Mutex};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-use crate::claim::{Identity, OutputId};
+use crate::claim::OutputId;
 use crate::error::{Error, Result};
+use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::presence::{Event, Offline, Presence};

@@ -396,8 +396,11 @@ impl Image {
     }
 
     fn set_io(&mut self, point: IoPoint, value: IoValue) {
-        let handler_id = None;
-        self.set(Request::WriteIo(point, IoSet { value, handler_id }));
+        let set = IoSet {
+            value,
+            ..IoSet::default()
+        };
+        self.set(Request::WriteIo(point, set));
     }
 
     /// Sets a P variable. Up to 1024 consecutive ones of one scan change together, between two blocks of any program.

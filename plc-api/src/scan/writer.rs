@@ -153,12 +153,15 @@ fn judge_io(flag: &Request, image: &Image) -> Result<(), Refusal> {
 
 /// A source of a lock, and an input or output, belongs to the handler of the scan program; `None` until the machine knows it.
 fn owned(mut flag: Request, plc: &Plc) -> Option<Request> {
-    if let Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) = &mut flag {
-        set.handler_id = Some(plc.levels().owner()?.to_string());
-    }
-    if let Request::WriteIo(_, set) = &mut flag {
-        set.handler_id = Some(plc.levels().owner()?.to_string());
-    }
+    let (handler_id, instance) = match &mut flag {
+        Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => {
+            (&mut set.handler_id, &mut set.instance)
+        }
+        Request::WriteIo(_, set) => (&mut set.handler_id, &mut set.instance),
+        _ => return Some(flag),
+    };
+    let by = plc.levels().owner()?;
+    (*handler_id, *instance) = (Some(by.id()), Some(by.instance()));
     Some(flag)
 }
 

@@ -12,6 +12,7 @@ use crate::hub::{Filter, Hub, Subscription};
 use crate::port::{BoxFuture, Port};
 use crate::types::BootId;
 use crate::types::message::{Message, Payload};
+use crate::types::not_after::NotAfter;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::Topic;
 
@@ -103,7 +104,11 @@ pub(super) trait Client: Send + Sync + 'static {
     /// Why no runtime is present.
     fn trouble(&self) -> String;
 
-    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
+    fn request(
+        &self,
+        request: Request,
+        not_after: Option<NotAfter>,
+    ) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
         Box::pin(std::future::ready(self.link().hub.read(topic)))
@@ -156,7 +161,16 @@ impl<C: Client> Port for ClientPort<C> {
     }
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        self.0.request(request)
+        self.0.request(request, None)
+    }
+
+    fn request_not_after<'a>(
+        &'a self,
+        not_after: &'a NotAfter,
+        _client: Option<&'a str>,
+        request: Request,
+    ) -> BoxFuture<'a, Result<Answer, Refusal>> {
+        self.0.request(request, Some(not_after.clone()))
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {

@@ -22,11 +22,14 @@ use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 use crate::transport::client::{Client, Link};
 use crate::transport::options::MqttOptions;
+use crate::types::ids::is_client_id;
 use crate::types::message::Payload;
+use crate::types::not_after::NotAfter;
 use crate::types::output::HandlerPresence;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
-use crate::wire::mqtt::{Until, encode};
+use crate::wire::mqtt::{Until, encode, encode_not_after};
+use crate::wire::speaker::Speaker;
 
 use address::Address;
 use age::MachineAge;
@@ -36,6 +39,9 @@ pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 
 /// How long a command may take: the longest are a hold in a long deceleration and the load of a large program.
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_mins(1);
+
+/// Characters of a user name that begins the client id. Reason: a client id has 64 characters at most.
+const USER_MAX: usize = 46;
 
 /// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and
 /// waits until it is present. Of several nodes of a broker, `host[:port],host[:port]`, the first that answers is used until
@@ -61,11 +67,21 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     } else {
         Transport::tcp()
     };
+    // access rules tie the topics of a client to its user
+    let named = user
+        .as_deref()
+        .filter(|user| is_client_id(user) && user.len() <= USER_MAX);
+    let client_id = match named {
+        Some(user) => unique_name(&format!("{user}-plc")),
+        None => unique_name("plc"),
+    };
+    let topic_id = named.map_or_else(|| client_id.clone(), ToOwned::to_owned);
     let port = crate::transport::client::connect(Shared {
         link: Link::new(address.shown.clone()),
         address,
         transport,
-        client_id: unique_name("plc"),
+        client_id,
+        topic_id,
         presence_expires: options.presence_expires,
         is_connected: Notify::new(),
         state: Mutex::default(),
@@ -84,6 +100,8 @@ struct Shared {
     address: Address,
     transport: Transport,
     client_id: String,
+    /// The client that its topics name: its user, or else its client id.
+    topic_id: String,
     presence_expires: Duration,
     is_connected: Notify,
     state: Mutex<ConnectionState>,
@@ -132,8 +150,12 @@ impl Client for Shared {
         }
     }
 
-    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        Box::pin(self.ask(request))
+    fn request(
+        &self,
+        request: Request,
+        not_after: Option<NotAfter>,
+    ) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        Box::pin(self.ask(request, not_after))
     }
 }
 
@@ -183,7 +205,14 @@ impl Shared {
         state.outbox.put(outgoing).ok()
     }
 
-    async fn ask(&self, mut request: Request) -> Result<Answer, Refusal> {
+    /// The sender that the topic of a request names.
+    fn speaker(&self, request: &Request) -> Speaker {
+        let said = lock(&self.state).said.clone();
+        let handler = said.map(|(id, _)| id);
+        Speaker::of_request(request, handler.as_deref(), &self.topic_id)
+    }
+
+    async fn ask(&self, mut request: Request, not_after: Option<NotAfter>) -> Result<Answer, Refusal> {
         if let Request::Handlers = request {
             return Ok(Answer::Handlers(self.link.hub.handlers()));
         }
@@ -204,7 +233,11 @@ impl Shared {
             Request::Handler(id, presence) => Some((id.clone(), presence.clone())),
             _ => None,
         };
-        let outgoing = encode(request, &self.client_id, m_of)?;
+        let speaker = self.speaker(&request);
+        let mut outgoing = encode_not_after(request, not_after.as_ref(), &self.client_id, m_of)?;
+        if announced.is_none() && !outgoing.path.starts_with("client/") {
+            outgoing.path = speaker.path(&outgoing.path);
+        }
         if let Some((id, presence)) = announced {
             self.announce(&id, &presence)?;
         }

@@ -28,10 +28,11 @@ use crate::transport::client::{Client as TransportClient, Link};
 use crate::transport::options::MqttOptions;
 use crate::transport::tls::without_authorities;
 use crate::types::message::{Message, Payload};
+use crate::types::not_after::NotAfter;
 use crate::types::output::HandlerPresence;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
-use crate::wire::rest::{Exchange, encode, read};
+use crate::wire::rest::{Exchange, encode_not_after, read};
 use crate::wire::websocket::{self, ClientFrame};
 
 use address::Address;
@@ -130,8 +131,12 @@ impl TransportClient for Shared {
         trouble.unwrap_or_else(|| "no runtime answers there".to_owned())
     }
 
-    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        Box::pin(self.ask(request))
+    fn request(
+        &self,
+        request: Request,
+        not_after: Option<NotAfter>,
+    ) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        Box::pin(self.ask(request, not_after))
     }
 
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
@@ -152,7 +157,7 @@ impl TransportClient for Shared {
 }
 
 impl Shared {
-    async fn ask(&self, request: Request) -> Result<Answer, Refusal> {
+    async fn ask(&self, request: Request, not_after: Option<NotAfter>) -> Result<Answer, Refusal> {
         let request = match request {
             Request::Handler(id, presence) => return self.announce(id, presence).await,
             Request::ValidateResult(..) => return self.send_validation(request),
@@ -162,7 +167,7 @@ impl Shared {
             Request::Command { wait: true, .. } => COMMAND_DONE_TIMEOUT,
             _ => ANSWER_TIMEOUT,
         };
-        let exchange = encode(request)?;
+        let exchange = encode_not_after(request, not_after.as_ref())?;
         self.link
             .within(patience, self.repeat_until_answered(&exchange))
             .await

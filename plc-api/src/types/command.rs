@@ -2,6 +2,8 @@
 
 mod args;
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::explained::explained;
@@ -12,8 +14,9 @@ use super::Timestamp;
 use super::data::VariableValues;
 use super::lease::Lease;
 use super::line_start::LineStart;
+use super::not_after::NotAfter;
 use super::run::RunOrder;
-use args::{axis, check_names, jog, run, start};
+use args::{axis, check_names, jog, mdi, run, start};
 
 pub use super::verb::Verb;
 
@@ -61,9 +64,15 @@ pub enum Command {
     Mdi {
         /// One or several lines, at most 32 KiB; an end (M30) is not needed.
         text: String,
+        /// For text that a program or a button generates: its numbers count in the configured unit and as positions. At its end,
+        /// however it ends, the machine restores the modal state, the feedrate and the selected offsets that were in force before.
+        #[cfg_attr(feature = "schema", schemars(rename = "macro", with = "Option<bool>"))]
+        is_macro: bool,
     },
     /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the one that runs refreshes it and changes
-    /// nothing else; 200 ms after the last refresh it stops. It ends at the soft limit. With `end` it ends that jog.
+    /// nothing else; 200 ms after the last refresh it stops. A step, which is a jog whose `distance` is at most
+    /// `jog_step_max` of `[hmi]`, needs no refresh. It ends at the soft limit. With `end` it ends that jog. A jog with a
+    /// distance is `done` when it has moved the whole distance, otherwise `failed`.
     #[cfg_attr(feature = "schema", schemars(transform = jog_or_its_end))]
     Jog {
         /// Axis letter.
@@ -138,7 +147,11 @@ impl Command {
         match self {
             Command::Load { program } => json!({ "program": program }),
             Command::AlarmAcknowledge { id } => json!({ "id": id }),
-            Command::Mdi { text } => json!({ "text": text }),
+            Command::Mdi {
+                text,
+                is_macro: false,
+            } => json!({ "text": text }),
+            Command::Mdi { text, is_macro } => json!({ "text": text, "macro": is_macro }),
             Command::Jog {
                 axis,
                 velocity,
@@ -164,6 +177,11 @@ impl Command {
         }
     }
 
+    /// True for hold, stop, abort and the end of a jog: no age limit applies to them.
+    pub fn brings_to_rest(&self) -> bool {
+        self.is_urgent() || matches!(self, Command::JogEnd { .. })
+    }
+
     /// Names of the arguments of a verb; `None` for hold, stop and abort, which pass over what they do not know: nothing that
     /// is written beside them keeps a machine from coming to rest.
     fn names_of_args(verb: &str) -> Option<&'static [&'static str]> {
@@ -171,7 +189,7 @@ impl Command {
             "hold" | "stop" | "abort" => return None,
             "load" => &["program"],
             "alarm_acknowledge" => &["id"],
-            "mdi" => &["text"],
+            "mdi" => &["text", "macro"],
             "back_trace" => &["on"],
             "jog" => &["axis", "velocity", "distance", "refresh_id", "end"],
             "home" => &["axes"],
@@ -209,12 +227,7 @@ impl Command {
             "abort" => Ok(Command::Abort),
             "reset" => Ok(Command::Reset),
             "alarm_acknowledge" => Ok(Command::AlarmAcknowledge { id: number("id")? }),
-            "mdi" => match args.get("text").and_then(Value::as_str) {
-                Some(text) if !text.trim().is_empty() => Ok(Command::Mdi {
-                    text: text.to_owned(),
-                }),
-                _ => Err("mdi needs \"text\": one or several lines of a program".to_owned()),
-            },
+            "mdi" => mdi(args),
             "back_trace" => match args.get("on").and_then(Value::as_bool) {
                 Some(on) => Ok(Command::BackTrace { on }),
                 None => Err("back_trace needs \"on\": true to go back, false to go forward again".to_owned()),
@@ -275,10 +288,34 @@ pub struct CommandMeta {
     /// What must hold for it to be carried out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expect: Option<Expect>,
+    /// Refused when it would take effect later than this. Left out: it takes effect however long it was on its way.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_after: Option<NotAfter>,
     /// Number of the control lease under which it is sent. Needed for load, start, resume, mdi, jog and home while
     /// somebody holds the lease; refused when that lease has ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fence: Option<u64>,
+    /// Where the runtime remembers it. The runtime sets it; it crosses no wire.
+    #[serde(skip)]
+    pub memory: MemoryKey,
+}
+
+impl CommandMeta {
+    /// With an age limit, where it has none.
+    #[must_use]
+    pub fn limited(self, not_after: Option<NotAfter>) -> Self {
+        let not_after = self.not_after.or(not_after);
+        Self { not_after, ..self }
+    }
+}
+
+/// Where the runtime remembers a command.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct MemoryKey {
+    /// User of the command; without users its host, or how it came in.
+    pub user: String,
+    /// Names the command among those of the user.
+    pub command: String,
 }
 
 /// Condition of a command.
@@ -345,6 +382,10 @@ pub struct CommandReply {
     /// The run that was begun; of `start` and `run` only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run_id: Option<String>,
+    /// Distance from the start of the motion to its end, by axis letter, mm or degrees with its sign; only of a `jog`, `mdi` or
+    /// `home` that failed. Axes that did not move are left out.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub moved: BTreeMap<char, f64>,
 }
 
 #[cfg(test)]
@@ -359,6 +400,11 @@ mod tests {
             Command::Load { program: 7 },
             Command::Mdi {
                 text: "G00 X1\nY2".into(),
+                is_macro: false,
+            },
+            Command::Mdi {
+                text: "G91 G31 Z-5".into(),
+                is_macro: true,
             },
             Command::Home { axes: vec!['X', 'Z'] },
             Command::Home { axes: Vec::new() },
@@ -488,6 +534,8 @@ mod tests {
             assert!(refusal.contains(what), "{args}: {refusal}");
         }
         assert!(Command::parse("mdi", &json!({"text": " \n"})).is_err());
+        let refusal = Command::parse("mdi", &json!({"text": "G00 X1", "macro": 1})).unwrap_err();
+        assert!(refusal.contains("macro"), "{refusal}");
         assert!(Command::parse("home", &json!({"axes": "X"})).is_err());
         assert!(Command::parse("home", &json!({"axes": ["XY"]})).is_err());
         let none = Command::parse("home", &json!({"axes": []}));

@@ -72,6 +72,9 @@ explained! {
         /// `FEED_HOLD`: back trace has come to the end of its way.
         BackTraceEnd = "BACK_TRACE_END",
             "End the back trace, and resume goes forward again.";
+        /// ACTIVE: an override of 0 percent stops the motion.
+        OverrideZero = "OVERRIDE_ZERO",
+            "The override of the motion that runs is 0: the feed override at feedrate, the rapid override in a rapid motion. Raise it, and the motion goes on.";
         /// STOPPED: an alarm.
         Alarm = "ALARM",
             "Look at the alarm; when its cause is removed, reset clears it.";

@@ -125,6 +125,24 @@ impl HandlerPresence {
         all
     }
 
+    /// Whether it can be sent by a request of HTTP, which belongs to no connection: it names its instance and its age.
+    ///
+    /// # Errors
+    /// What to write.
+    pub fn check_registration(&self) -> Result<(), String> {
+        let names_itself = self.instance.as_deref().is_some_and(is_own_instance);
+        if !names_itself {
+            let text = "instance: write a name that the process makes at its start, 1 to 64 characters without / + # ~";
+            return Err(text.to_owned());
+        }
+        if self.online && self.expires_ms.is_none() {
+            let text = "expires_ms: write 300 to 3600000, and send this again at a third of that time: nothing else shows that the \
+                        handler is there";
+            return Err(text.to_owned());
+        }
+        Ok(())
+    }
+
     /// Whether its instance has a right name, its age a right limit, and what it says of its M codes can be.
     ///
     /// # Errors
@@ -153,6 +171,33 @@ impl HandlerPresence {
         }
         let text = format!("instance: write 1 to {INSTANCE_MAX} characters without / + # ~");
         Err(Refusal::new(RefusalCode::Invalid, text))
+    }
+}
+
+/// How a handler came to be absent. Times are seconds since the start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Departure {
+    /// It announced that it is back before this time (`returns_within_ms`).
+    Announced {
+        /// The time.
+        until_s: f64,
+    },
+    /// Its connection, its process or its presence ended without such an announcement.
+    Unannounced {
+        /// Until when the grace time lasts.
+        until_s: f64,
+    },
+    /// Another instance took its place.
+    TakenOver,
+}
+
+impl Departure {
+    /// Until when its M codes, outputs and levels wait for it; `None`: another instance has them.
+    pub fn until_s(self) -> Option<f64> {
+        match self {
+            Departure::Announced { until_s } | Departure::Unannounced { until_s } => Some(until_s),
+            Departure::TakenOver => None,
+        }
     }
 }
 

@@ -170,14 +170,93 @@ pub enum IoKind {
     Number,
 }
 
+/// The value of an input or output whose owner is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(untagged, expecting = "write true, false, a number or \"keep\"")]
+pub enum IoLoss {
+    /// A safe value, also that of a start.
+    Value(IoValue),
+    /// The value that its owner wrote last.
+    Keep(KeepWord),
+}
+
+impl IoLoss {
+    /// The value that the owner wrote last stays.
+    pub const KEEP: Self = IoLoss::Keep(KeepWord::Keep);
+
+    /// The safe value; `None`: the value that the owner wrote last stays.
+    pub fn value(self) -> Option<IoValue> {
+        match self {
+            IoLoss::Value(value) => Some(value),
+            IoLoss::Keep(_) => None,
+        }
+    }
+}
+
+impl Default for IoLoss {
+    fn default() -> Self {
+        IoLoss::Value(IoValue::default())
+    }
+}
+
+impl<T: Into<IoValue>> From<T> for IoLoss {
+    fn from(value: T) -> Self {
+        IoLoss::Value(value.into())
+    }
+}
+
+/// The word `keep`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum KeepWord {
+    /// `keep`
+    Keep,
+}
+
+/// The value of an output at a start of the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(untagged, expecting = "write true, false, a number or \"last\"")]
+pub enum IoStart {
+    /// This value.
+    Value(IoValue),
+    /// The value that was written last before the start.
+    Last(LastWord),
+}
+
+impl IoStart {
+    /// The value that was written last before the start.
+    pub const LAST: Self = IoStart::Last(LastWord::Last);
+}
+
+impl<T: Into<IoValue>> From<T> for IoStart {
+    fn from(value: T) -> Self {
+        IoStart::Value(value.into())
+    }
+}
+
+/// The word `last`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum LastWord {
+    /// `last`
+    Last,
+}
+
 /// What the configuration says of an input or output.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct IoDeclaration {
     /// Bool or number.
     pub kind: IoKind,
-    /// The safe value: at a start, and while its owner is not there.
-    pub on_loss: IoValue,
+    /// The value while its owner is lost: a safe value, which is also that of a start, or `keep`.
+    pub on_loss: IoLoss,
+    /// With `on_loss` `keep`: the value at a start, or `last`, the value that was written last before the start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_start: Option<IoStart>,
     /// What it is, for people; empty: its name says it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub text: String,
@@ -198,8 +277,39 @@ impl IoDeclaration {
         let on_loss = on_loss.into();
         Self {
             kind: on_loss.kind(),
-            on_loss,
+            on_loss: on_loss.into(),
             ..Self::default()
+        }
+    }
+
+    /// Keeps the value of its last owner, and begins with this one.
+    #[must_use]
+    pub fn kept(self, at_start: impl Into<IoStart>) -> Self {
+        Self {
+            on_loss: IoLoss::KEEP,
+            at_start: Some(at_start.into()),
+            ..self
+        }
+    }
+
+    /// True if the value that was written last outlives the machine.
+    pub fn keeps_last(&self) -> bool {
+        self.at_start == Some(IoStart::LAST)
+    }
+
+    /// The value at a start; where `last` asks for one that does not exist, off, or the allowed number nearest to 0.
+    pub fn first_value(&self) -> IoValue {
+        let zero = match self.kind {
+            IoKind::Bool => IoValue::Bool(false),
+            IoKind::Number => {
+                let (low, high) = (self.min.unwrap_or(f64::MIN), self.max.unwrap_or(f64::MAX));
+                IoValue::Number(0.0_f64.max(low).min(high))
+            }
+        };
+        match self.at_start {
+            Some(IoStart::Value(value)) => value,
+            Some(IoStart::Last(_)) => zero,
+            None => self.on_loss.value().unwrap_or(zero),
         }
     }
 
@@ -249,6 +359,12 @@ impl IoDeclarations {
         }
     }
 
+    /// True for an output whose last value outlives the machine.
+    pub fn keeps_last(&self, point: &IoPoint) -> bool {
+        let declared = self.of(point.side).get(&point.name);
+        declared.is_some_and(IoDeclaration::keeps_last)
+    }
+
     /// Adds one, or takes its place.
     pub fn insert(&mut self, point: IoPoint, declaration: IoDeclaration) {
         let declared = match point.side {
@@ -276,13 +392,18 @@ impl IoDeclarations {
 pub struct IoState {
     /// What counts: the forced value, else what was written.
     pub value: IoValue,
-    /// What was written last; `on_loss` at a start, and while its owner is not there.
+    /// What was written last; the value of a start until then, and `on_loss` once its owner is lost.
     pub written: IoValue,
     /// The handler that writes it, which alone does; null: nobody yet, or clients without presence, of which any writes it.
     pub owner: Option<String>,
-    /// True while its owner is not there.
+    /// True once its owner is lost: it left without announcing its return and did not come back within `grace_ms`, or not within
+    /// the time that it had announced. The value is that of `on_loss`.
     #[serde(default)]
     pub lost: bool,
+    /// True if the value that was written last before the start (`at_start = "last"`) is damaged: what the output did is unknown
+    /// until it is written or forced.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unknown: bool,
     /// An operator has put a value in the place of the written one; null: nobody has.
     pub forced: Option<IoForced>,
 }
@@ -307,6 +428,9 @@ pub struct IoSet {
     /// The handler that owns it from now on; its presence must be online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
+    /// With `handler_id`: the instance that its presence names. Needed where that names one; another instance is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
 }
 
 /// Payload of `io/in/{name}/force` and `io/out/{name}/force`.

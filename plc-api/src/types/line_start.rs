@@ -8,7 +8,7 @@ use super::params::Params;
 use super::state::{CallSite, Modal};
 
 /// Where a run begins that does not begin at the head of the loaded program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LineStart {
@@ -43,7 +43,7 @@ impl LineStart {
 
 /// In which order axes go to where a run from a line begins, each as fast as it may. The infeed axis is the one at right
 /// angles to the plane in force: Z in G17.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Approach {

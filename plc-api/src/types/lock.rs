@@ -38,7 +38,7 @@ pub struct LockSource {
     pub text: String,
     /// The handler that owns it, which alone clears it; null: clients without presence have set it, and any of them clears it.
     pub handler_id: Option<String>,
-    /// True while its owner is not there: the value is that of `on_loss`.
+    /// True once its owner is lost: the value is that of `on_loss`.
     #[serde(default)]
     pub lost: bool,
     /// The operator who has set it in the place of its owner, until the owner writes it again.
@@ -62,6 +62,9 @@ pub struct LockSet {
     /// The handler that owns the source from now on; its presence must be online. With `force`: who decides.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
+    /// With `handler_id`: the instance that its presence names. Needed where that names one; another instance is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
     /// An operator's set: it counts whoever owns the source, and is marked with who has made it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force: Option<bool>,

@@ -206,7 +206,7 @@ explained! {
         /// This boot never made that output there with that M number.
         Unknown = "unknown",
             "Look at seq, coordinate system and M number; the handler may talk to another machine.";
-        /// Another handler owns the output, or another instance of this one is there; `text` says which.
+        /// Another handler owns the output, or another instance of this one is there, or the handler is not registered; `text` says which.
         NotOwner = "not_owner",
             "Leave it to its owner; an operator may reset it with force.";
         /// The handler that had claimed the output has gone and may have worked on it: nobody gets it until it is decided.

@@ -9,6 +9,9 @@ use super::CoordinateSystemNumber;
 /// Largest distance between the path and what is answered where none is named, mm; a finer one is not answered.
 pub const PATH_TOLERANCE_MM: f64 = 0.01;
 
+/// Bytes at the beginning of a path whose meaning does not depend on its contents.
+pub const PATH_HEADER_BYTES: usize = 128;
+
 /// Which part of the planned path of a program is asked for, and how exactly.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PathQuery {
@@ -31,17 +34,74 @@ pub struct ManualText {
     pub text: String,
 }
 
+/// What a plan was made with. Two plans with the same identity are the same.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct PlanIdentity {
+    /// Hash of the main program.
+    pub hash: String,
+    /// SHA-256 of the lines `number hash` of every program that it may call, ascending; null: it calls none.
+    pub called: Option<String>,
+    /// Revision of all other inputs: start position, line of the start, work offsets, tools, block skips, optional stop, dry
+    /// run, and the values of the P and Q variables that the program reads.
+    pub inputs: String,
+}
+
 /// A planned path as bytes, which the page on the planned path describes.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PlannedPath {
-    /// What it was made with, and how far it has come: the hash of the program and a revision.
+    /// What it was made with, how far it has come, and the run that it is of: the `ETag`.
     pub tag: String,
+    /// The run under way that it is the plan of; `None`: a start would run so.
+    pub run_id: Option<String>,
+    /// What it was made with.
+    pub plan: PlanIdentity,
     /// The bytes.
     pub bytes: Vec<u8>,
 }
 
-/// What a run of a program does, as it was planned with the tools, offsets, variables and inputs of now. Times are those at
-/// 100 percent overrides.
+/// The run and the plan that the bytes of a path are of, as their header has them in JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct PathIdentity {
+    /// The run under way that it is the plan of; null: a start would run so.
+    pub run_id: Option<String>,
+    /// What it was made with.
+    #[serde(flatten)]
+    pub plan: PlanIdentity,
+}
+
+impl PathIdentity {
+    /// Reads the header of a path; `None`: it has none, or is no path.
+    pub fn of_bytes(bytes: &[u8]) -> Option<Self> {
+        let u16_at = |at: usize| {
+            let pair = bytes.get(at..at + 2)?;
+            Some(usize::from(u16::from_le_bytes(pair.try_into().ok()?)))
+        };
+        let begin = (PATH_HEADER_BYTES + 2 * u16_at(124)? + u16_at(126)?).next_multiple_of(4);
+        if bytes.get(..4)? != b"TPTH" || begin + 4 > u16_at(6)? {
+            return None;
+        }
+        let length = u32::from_le_bytes(bytes.get(begin..begin + 4)?.try_into().ok()?);
+        let text = bytes.get(begin + 4..(begin + 4).checked_add(usize::try_from(length).ok()?)?)?;
+        serde_json::from_slice(text).ok()
+    }
+}
+
+impl PlannedPath {
+    /// The path of these bytes, with the identity that their header has.
+    pub fn new(tag: String, bytes: Vec<u8>) -> Self {
+        let PathIdentity { run_id, plan } = PathIdentity::of_bytes(&bytes).unwrap_or_default();
+        Self {
+            tag,
+            run_id,
+            plan,
+            bytes,
+        }
+    }
+}
+
+/// What a run of a program does: planned with the conditions with which the run under way began, else with those of now. Times
+/// are those at 100 percent overrides.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Rehearsal {
@@ -51,6 +111,12 @@ pub struct Rehearsal {
     pub cs: CoordinateSystemNumber,
     /// Which program that is, by its hash.
     pub hash: String,
+    /// The run under way that it is the plan of; null: no run of the program is under way.
+    #[serde(default)]
+    pub run_id: Option<String>,
+    /// What it was made with.
+    #[serde(default)]
+    pub plan: PlanIdentity,
     /// What it was made with, and how far it has come: as the `ETag` of the path.
     pub revision: String,
     /// How far planning is.
@@ -79,7 +145,7 @@ pub struct Rehearsal {
     pub axes: BTreeMap<String, RehearsedAxis>,
     /// When blocks begin, ascending; of many blocks some, evenly spread. The path tells the time of every line.
     pub lines: Vec<RehearsedLine>,
-    /// The run of this program that is under way; null: there is none, or it has begun at a line.
+    /// How far the run of this program is that is under way; null: there is none, or planning goes on.
     pub run: Option<RehearsedRun>,
 }
 
@@ -192,8 +258,9 @@ pub struct RehearsedLine {
 pub struct RehearsedRun {
     /// The planned time of what runs now, s.
     pub at_s: f64,
-    /// Time to the end with the overrides of now, s, without holds and other waits that are not known.
-    pub left_s: f64,
+    /// Time to the end with the overrides of now, s, without holds and without waits that lie ahead and are not known; null:
+    /// it cannot be known, since an override of 0 stops what is left, or the program waits without a known end.
+    pub left_s: Option<f64>,
     /// Share of the planned time that is done, 0 to 1.
     pub progress: f64,
 }

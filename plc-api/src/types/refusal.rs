@@ -21,6 +21,8 @@ pub struct Refusal {
     pub allowed: Vec<Verb>,
     /// With `program_has_errors`: the findings.
     pub diagnostics: Vec<ProgramDiagnostic>,
+    /// With `program_runs`: the run.
+    pub run_id: Option<String>,
 }
 
 impl Refusal {
@@ -32,6 +34,7 @@ impl Refusal {
             state: None,
             allowed: Vec::new(),
             diagnostics: Vec::new(),
+            run_id: None,
         }
     }
 }
@@ -100,9 +103,9 @@ explained! {
         /// A command over MQTT came with the retain flag (refused there only).
         Retained = "retained",
             "Send commands without the retain flag: a broker would send them again to every new connection.";
-        /// The command is older than its `ttl_ms` (412).
+        /// The request is older than its `not_after` or `ttl_ms` allows (412).
         Expired = "expired",
-            "Decide anew and send it again, or send a larger ttl_ms; look at the clocks of both computers.";
+            "Nothing has changed: look at the machine and decide anew. With ttl_ms, compare the clocks of both computers.";
         /// The runtime cannot do it now: it stops, or its store fails (503).
         Unavailable = "unavailable",
             "Try again in a moment; alarms 402 to 405 say what cannot be written.";

@@ -9,6 +9,7 @@ use super::CoordinateSystemNumber;
 use super::command::{self, CommandMeta, CommandReply};
 use super::data::{self, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
 use super::explained::Explanation;
+use super::handler::Departure;
 use super::heartbeat::ClientHeartbeat;
 use super::io::{IoForce, IoPoint, IoSet};
 use super::lease::LeaseRequest;
@@ -20,6 +21,7 @@ use super::program::{ProgramCheck, ProgramFolder, ProgramInfo, ProgramText};
 use super::question::{self, OperatorAnswer};
 use super::run;
 use super::state::{LockSet, SpindleDirection};
+use super::stored_data::StoredDataAnswer;
 use super::trace;
 use super::upload::{ProgramCondition, ProgramUpload};
 
@@ -85,6 +87,10 @@ macro_rules! requests {
         pub enum CoordinateSystemRequest {
             /// Something is said of an output, with its M number where the transport names it.
             Output(Option<u16>, OutputRequest),
+            /// An instance of a handler is absent; the machine knows how it left.
+            HandlerLeft(String, Option<String>, Departure),
+            /// The connection to the broker is new: open outputs that nobody owns are published again.
+            Republish,
             $($(#[$c_doc])* $c $(( $($c_type),* ))? $({ $($(#[$c_named_doc])* $c_named: $c_named_type,)* })?,)*
             $($(#[$e_doc])* $e($($e_type),*),)*
         }
@@ -276,7 +282,7 @@ requests! {
     }
     // the machine carries them out, and every coordinate system does its part
     every_coordinate_system {
-        /// A handler comes, changes what it handles, or goes.
+        /// A handler comes, changes what it handles, or goes. A coordinate system receives it of one that is online.
         Handler(id: String, presence: HandlerPresence) -> ();
         /// A client is heard that wants to be watched, or says that it goes.
         Heartbeat(id: String, beat: ClientHeartbeat) -> ();
@@ -287,6 +293,8 @@ requests! {
         SkipInput(motor: u16, value: bool) -> ();
     }
     machine {
+        /// Answers the question about stored files that do not fit together.
+        AnswerStoredData(answer: StoredDataAnswer) -> ();
         /// How far a command is.
         CommandStatus(id: String) -> CommandReply;
         /// All handlers that are or were there, by id.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::explained::explained;
-use super::planned::PlannedPlace;
+use super::planned::{PlanIdentity, PlannedPlace};
 use super::{CoordinateSystemNumber, Timestamp};
 
 /// Most parts of one run.
@@ -94,14 +94,21 @@ pub struct RunState {
     pub run: Option<Run>,
 }
 
-/// Payload of `cs/{n}/time_left`: of the program that runs, as far as it is planned.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+/// Payload of `cs/{n}/time_left`: of the run of a program that is under way.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TimeLeft {
-    /// Time to the end with the overrides of now, s, without holds and other waits that are not known; null: no program runs,
-    /// or nobody knows.
+    /// The run; null: no program runs.
+    #[serde(default)]
+    pub run_id: Option<String>,
+    /// The plan of that run, by which the time was computed; null: it is not planned yet.
+    #[serde(default)]
+    pub plan: Option<PlanIdentity>,
+    /// Time to the end with the overrides of now, s, without holds and without waits that lie ahead and are not known; null: no
+    /// program runs, it is not planned yet, or the time cannot be known, since an override of 0 stops what is left, or the
+    /// program waits without a known end.
     pub left_s: Option<f64>,
-    /// Share of the planned time that is done, 0 to 1; null as before.
+    /// Share of the planned time that is done, 0 to 1; null: no program runs, or it is not planned yet.
     pub progress: Option<f64>,
 }
 

@@ -187,6 +187,10 @@ pub struct Modal {
     pub tool: Option<u16>,
     /// `G54` to `G59`, or null.
     pub work_offset: Option<String>,
+    /// Codes other than those at start-up in which the next manual data input begins, such as G91 or G20; empty: it begins in the
+    /// start-up state. Codes of motion (group 01) and of the return level (group 10) are left out.
+    #[serde(default)]
+    pub mdi: Vec<String>,
 }
 
 /// Payload of `captured`.

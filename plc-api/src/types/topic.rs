@@ -14,9 +14,11 @@ use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
 use super::output::{Cancel, HandshakeResult, OutputNotice, Pending};
 use super::question::Validate;
 use super::run::{RunState, TimeLeft};
+use super::start::StartConditions;
 use super::state::{
     Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
 };
+use super::stored_data::StoredData;
 
 /// Names one thing that the runtime says. Paths are relative to `{prefix}/tandem/v1/{machine}/`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -44,6 +46,8 @@ pub enum Topic {
     Variables,
     /// `tools`
     Tools,
+    /// `stored_data`
+    StoredData,
     /// `cs/{cs}/...`
     CoordinateSystem(CoordinateSystemNumber, CsTopic),
 }
@@ -68,6 +72,7 @@ pub enum Payload {
     Io(IoState),
     Variables(PublishedVariables),
     Tools(ToolTable),
+    StoredData(StoredData),
     WorkOffsets(WorkOffsetValues),
     State(State),
     Program(ProgramPlace),
@@ -88,6 +93,7 @@ pub enum Payload {
     Lease(LeaseState),
     Run(RunState),
     TimeLeft(TimeLeft),
+    StartConditions(StartConditions),
 }
 
 /// Topics of one coordinate system: each with its path, variant and type of its payload, and what it says. A state has a
@@ -107,7 +113,7 @@ macro_rules! cs_topics {
 
         impl CsTopic {
             /// Topics whose last value is kept and retained, with their paths.
-            pub const STATES: [(CsTopic, &'static str); 20] = [$((CsTopic::$state, $path),)*];
+            pub const STATES: [(CsTopic, &'static str); 21] = [$((CsTopic::$state, $path),)*];
 
             /// Path below the coordinate system's.
             fn path(self) -> String {
@@ -210,6 +216,8 @@ cs_topics! {
             "The run of the loaded program that goes on, or the last one that ended: parts, how it ended, waits and alarms.";
         TimeLeft "time_left" "time_left" TimeLeft(TimeLeft)
             "How long the program that runs takes to its end, and which share of it is done; once a second.";
+        StartConditions "start_conditions" "start_conditions" StartConditions(StartConditions)
+            "What prevents a start of the loaded program, or would end its run in an alarm; empty: a start runs it.";
         Variables "variables" "variables" Variables(PublishedVariables)
             "The Q variables that the configuration names in [[variables.published]], whenever one has changed; at most 10 times a second.";
         WorkOffsets "work_offsets" "" WorkOffsets(WorkOffsetValues)
@@ -262,6 +270,9 @@ impl Topic {
                 "The P variables that the configuration names in [[variables.published]], whenever one has changed; at most 10 times a second."
             }
             Topic::Tools => "The tool table, whenever it has changed.",
+            Topic::StoredData => {
+                "Whether the stored files fit together, and the question about those that do not."
+            }
             Topic::CoordinateSystem(_, topic) => topic.summary(),
         }
     }
@@ -280,6 +291,7 @@ impl Topic {
             Topic::Io(_) => Form::of::<Enveloped<'static, IoState>>(),
             Topic::Variables => Form::of::<Enveloped<'static, PublishedVariables>>(),
             Topic::Tools => Form::of::<Enveloped<'static, ToolTable>>(),
+            Topic::StoredData => Form::of::<Enveloped<'static, StoredData>>(),
             Topic::CoordinateSystem(_, topic) => topic.form(),
         }
     }
@@ -299,6 +311,7 @@ impl Topic {
             Topic::Io(_) => Payload::Io(from_slice(json)?),
             Topic::Variables => Payload::Variables(from_slice(json)?),
             Topic::Tools => Payload::Tools(from_slice(json)?),
+            Topic::StoredData => Payload::StoredData(from_slice(json)?),
             Topic::CoordinateSystem(_, topic) => topic.payload(json)?,
         })
     }
@@ -317,6 +330,7 @@ impl Topic {
             Topic::Io(point) => point.to_string(),
             Topic::Variables => "variables".to_owned(),
             Topic::Tools => "tools".to_owned(),
+            Topic::StoredData => "stored_data".to_owned(),
             Topic::CoordinateSystem(cs, topic) => format!("cs/{cs}/{}", topic.path()),
         }
     }
@@ -336,6 +350,7 @@ impl Topic {
             "alarm/active" => return Some(Topic::AlarmActive),
             "variables" => return Some(Topic::Variables),
             "tools" => return Some(Topic::Tools),
+            "stored_data" => return Some(Topic::StoredData),
             _ => {}
         }
         let (first, rest) = path.split_once('/')?;
@@ -416,6 +431,7 @@ mod tests {
             Topic::Io(IoPoint::output("lamp")),
             Topic::Variables,
             Topic::Tools,
+            Topic::StoredData,
         ]);
         for topic in topics {
             assert_eq!(Topic::parse(&topic.path()), Some(topic));

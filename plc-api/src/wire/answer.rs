@@ -219,7 +219,7 @@ impl AnswerForm {
         }
         if matches!(self, AnswerForm::Path) {
             let tag = etag.trim_matches('"').to_owned();
-            return Ok(Answer::Path(PlannedPath { tag, bytes: body }));
+            return Ok(Answer::Path(PlannedPath::new(tag, body)));
         }
         let body = String::from_utf8(body).map_err(|_| {
             let text = "the machine's answer is not of the route's form: it is no UTF-8 text";
@@ -241,6 +241,7 @@ impl AnswerForm {
                     lease: None,
                     hash,
                     run_id: None,
+                    moved: BTreeMap::new(),
                 })
             }
             AnswerForm::Command { .. } | AnswerForm::Begun | AnswerForm::Lease => {
@@ -272,6 +273,10 @@ impl AnswerForm {
                 handler_id.clone(),
                 status,
             )));
+        }
+        if let (AnswerForm::Command { .. } | AnswerForm::Begun, Some(reply)) = (self, &problem.reply) {
+            // it was accepted, so it is no refusal
+            return Ok(Answer::Command(CommandReply::clone(reply)));
         }
         Err(problem.refusal(status))
     }

@@ -5,14 +5,29 @@ use serde::{Deserialize, Serialize};
 use crate::types::CoordinateSystemNumber;
 use crate::types::execution::Execution;
 
-/// What a machine builder has added to the HMI.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+/// Default of `jog_step_max`, mm or degrees.
+pub const JOG_STEP_MAX_DEFAULT: f64 = 10.0;
+
+/// What a machine builder has added to the HMI, and what its jog buttons need to know.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Hmi {
+    /// The longest jog that needs no refresh, mm or degrees.
+    pub jog_step_max: f64,
     /// In the order in which they are shown.
     pub buttons: Vec<HmiButton>,
     /// In the order in which they are shown.
     pub cards: Vec<HmiCard>,
+}
+
+impl Default for Hmi {
+    fn default() -> Self {
+        Self {
+            jog_step_max: JOG_STEP_MAX_DEFAULT,
+            buttons: Vec::new(),
+            cards: Vec::new(),
+        }
+    }
 }
 
 /// A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input.

@@ -5,14 +5,17 @@ use serde::Serialize;
 use crate::types::CoordinateSystemNumber;
 use crate::types::machine::AlarmRecord;
 use crate::types::output::PendingOutput;
+use crate::types::start::StartConditions;
 use crate::types::state::State;
 
 /// Topics of a machine from which others are shown, below its root.
-pub const TOPICS: [&str; 5] = [
+pub const TOPICS: [&str; 7] = [
     "presence",
+    "heartbeat",
     "alarm/active",
     "cs/+/state",
     "cs/+/m_code/pending",
+    "cs/+/start_conditions",
     "cs/+/time_left",
 ];
 
@@ -51,6 +54,8 @@ pub struct MachineSeen {
     pub machine: String,
     /// Whether it is there.
     pub link: MachineLink,
+    /// Age of its newest heartbeat, ms; `null`: none has arrived.
+    pub age_ms: Option<u64>,
     /// Address of its HMI, where it says one.
     pub url: Option<String>,
     /// How many alarms are active.
@@ -88,4 +93,6 @@ pub struct CoordinateSystemSeen {
     pub left_s: Option<f64>,
     /// Share of the program that is done, 0 to 1.
     pub progress: Option<f64>,
+    /// What prevents a start of its loaded program; null: it has not said so.
+    pub start_conditions: Option<StartConditions>,
 }

@@ -5,13 +5,16 @@
 //! [`websocket::encode`], server ends read with the row of their route, with [`mqtt::decode`] and with
 //! [`ClientFrame::requests`](websocket::ClientFrame::requests). Pure: no sockets, no async.
 
+mod age_limit;
 pub mod answer;
+mod find_row;
 pub mod hmi;
 mod io;
 mod json;
 pub mod login;
 pub mod machines;
 pub mod mqtt;
+pub mod parameter;
 mod pattern;
 mod payloads;
 pub mod problem;
@@ -22,11 +25,13 @@ pub mod right;
 pub mod route;
 pub mod row;
 mod row_macros;
+pub mod speaker;
 pub mod states;
 pub mod tag;
 mod trace;
 pub mod websocket;
 
+pub use find_row::takes_not_after;
 pub use json::json_object;
 pub use pattern::percent_encoded;
 pub use requests::ROWS;

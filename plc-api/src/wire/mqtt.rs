@@ -6,17 +6,19 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::PAYLOAD_MAX;
-use super::json::json_object;
+use super::age_limit::names_urgent;
+use super::json::{edited_json_object, json_object};
+use super::parameter::{Fault, QueryValues};
 use super::pattern::{fill, take_apart};
 use super::requests::{COMMAND, ROWS};
 use super::right::Right;
-use super::row::{
-    Body, Fault, IncomingRequest, ParsedRequest, QueryValues, RequestParts, Row, Source, Topic, number,
-};
+use super::row::{Body, IncomingRequest, NOT_AFTER, ParsedRequest, RequestParts, Row, Source, Topic, number};
+use super::speaker::Speaker;
 use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
+use crate::types::not_after::NotAfter;
 use crate::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
@@ -140,7 +142,20 @@ pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta
 /// # Errors
 /// `not_supported` for what MQTT does not carry; `not_found` for an output that is not open.
 pub fn encode(
+    request: Request,
+    client_id: &str,
+    m_of: impl Fn(CoordinateSystemNumber, u64) -> Option<u16>,
+) -> Result<Outgoing, Refusal> {
+    encode_not_after(request, None, client_id, m_of)
+}
+
+/// The message of a request with an age limit, which is left out where nothing can move after the request.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_not_after(
     mut request: Request,
+    not_after: Option<&NotAfter>,
     client_id: &str,
     m_of: impl Fn(CoordinateSystemNumber, u64) -> Option<u16>,
 ) -> Result<Outgoing, Refusal> {
@@ -163,7 +178,12 @@ pub fn encode(
     });
     for (row, topic) in topics() {
         match (row.write)(request) {
-            Ok(parts) => return topic.message(parts, meta, until),
+            Ok(mut parts) => {
+                if row.takes_not_after {
+                    parts.limit_age(not_after);
+                }
+                return topic.message(parts, meta, until);
+            }
             Err(other) => request = other,
         }
     }
@@ -211,8 +231,11 @@ impl Topic {
     }
 
     /// Who sends a payload, and under which condition.
-    fn meta(&self, payload: &[u8], retained: bool) -> Result<CommandMeta, Refusal> {
-        let meta: CommandMeta = json_object(payload).map_err(|error| invalid(text_of(Fault::Json(error))))?;
+    fn meta(&self, payload: &[u8], retained: bool, is_urgent: bool) -> Result<CommandMeta, Refusal> {
+        // whatever stands there, it delays no hold, stop or abort
+        let left_out = if is_urgent { &[NOT_AFTER][..] } else { &[] };
+        let meta: CommandMeta = edited_json_object(payload, None, left_out)
+            .map_err(|error| invalid(text_of(Fault::Json(error))))?;
         check_command(&meta.client_id, &meta.command_id)?;
         if retained {
             let what = if self.envelope == COMMAND {
@@ -226,6 +249,7 @@ impl Topic {
         // the request itself may have fields of these names
         Ok(CommandMeta {
             ttl_ms: meta.ttl_ms.filter(|_| self.envelope.contains(&"ttl_ms")),
+            not_after: meta.not_after.filter(|_| self.envelope.contains(&NOT_AFTER)),
             fence: meta.fence.filter(|_| self.envelope.contains(&"fence")),
             ..meta
         })
@@ -233,6 +257,10 @@ impl Topic {
 }
 
 /// What a message asks for.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly every message is the large one, and it is moved once"
+)]
 #[derive(Debug, PartialEq)]
 pub enum Inbound {
     /// Something for the port.
@@ -270,12 +298,17 @@ pub enum Inbound {
 
 /// Reads a message. `retained`: it came with the retain flag, so that it is old, and is not carried out.
 pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
-    let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, path)?)));
+    let (speaker, request) = Speaker::split(path);
+    let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, request)?)));
     let read = match found {
         None if retained => Err("it is retained; publish it without the retain flag".to_owned()),
         None => Err("there is no such topic".to_owned()),
         Some((row, topic, params)) => row.message(topic, &params, payload, retained),
     };
+    let read = read.and_then(|inbound| match &speaker {
+        Some(speaker) => inbound.said_by(speaker),
+        None => Ok(inbound),
+    });
     read.unwrap_or_else(|text| Inbound::Drop(format!("MQTT message on {path} refused: {text}")))
 }
 
@@ -293,6 +326,7 @@ impl Row {
                 body: Cow::Borrowed(payload),
                 query: QueryValues::default(),
                 source,
+                not_after_is_apart: false,
             })
         };
         let too_large = (payload.len() > PAYLOAD_MAX)
@@ -311,7 +345,7 @@ impl Row {
         let cs = number(cs).ok_or_else(|| text_of(Fault::Level((*cs).to_owned())))?;
         let within = too_large.map_or(Ok(()), |text| Err(invalid(text)));
         let request = within
-            .and_then(|()| topic.meta(payload, retained))
+            .and_then(|()| topic.meta(payload, retained, names_urgent(params)))
             .and_then(|meta| {
                 read(Source::Command(meta, topic.envelope)).map_err(|fault| invalid(text_of(fault)))
             });
@@ -320,6 +354,26 @@ impl Row {
 }
 
 impl Inbound {
+    /// The same from the sender that its topic names.
+    fn said_by(mut self, speaker: &Speaker) -> Result<Self, String> {
+        let Inbound::Ask { request, .. } = &mut self else {
+            return Ok(self);
+        };
+        let client_id = sender(request.request()).map(|(_, meta)| meta.client_id.clone());
+        let Err(text) = speaker.identify(request, client_id.as_deref()) else {
+            return Ok(self);
+        };
+        let Some((cs, meta)) = sender(request.request()) else {
+            return Err(text);
+        };
+        Ok(Inbound::Reject {
+            cs,
+            client_id: meta.client_id.clone(),
+            command_id: meta.command_id.clone(),
+            refusal: Refusal::new(RefusalCode::Forbidden, text),
+        })
+    }
+
     fn of(request: ParsedRequest) -> Self {
         let urgent = match request.request() {
             Request::Command { command, .. } => command.is_urgent(),

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::answer::AnswerForm;
-use super::row::{Fault, IncomingRequest, PROGRAM_SIGNATURE, QueryValues, RequestParts};
+use super::parameter::{Fault, QueryValues};
+use super::row::{IncomingRequest, PROGRAM_SIGNATURE, RequestParts};
 use crate::types::command::Command;
 #[cfg(feature = "schema")]
 use crate::types::data::VARIABLES_AT_ONCE_MAX;
@@ -103,9 +104,47 @@ pub(super) enum InputSet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct VariableWrite {
+    /// Their letter, as `GET` gives it: that of the path.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<VariableKind>,
+    /// Number of the first, as `GET` gives it: that of the query.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<u32>,
     /// Their values, ascending by number.
     #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
     pub values: Vec<Number>,
+}
+
+impl VariableWrite {
+    pub(super) fn of(values: Vec<Number>) -> Self {
+        Self {
+            kind: None,
+            from: None,
+            values,
+        }
+    }
+
+    /// Rejects a body that names other variables than its path and query, or another number of them.
+    fn check(&self, area: VariableArea, from: u32, count: Option<u32>) -> Result<(), Fault> {
+        if let Some(kind) = self.kind.filter(|kind| *kind != area.kind()) {
+            let text = format!(
+                "the path names {:?} variables, and kind in the body {kind:?}; write both alike",
+                area.kind()
+            );
+            return Err(Fault::Invalid(text));
+        }
+        if let Some(other) = self.from.filter(|other| *other != from) {
+            let text = format!("from={from} in the query, and {other} in the body; write both alike");
+            return Err(Fault::Invalid(text));
+        }
+        match count.filter(|count| *count as usize != self.values.len()) {
+            Some(count) => Err(Fault::Invalid(format!(
+                "count={count}, and the body has {} values",
+                self.values.len()
+            ))),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Payload that reads variables, without its envelope.
@@ -323,7 +362,7 @@ pub(super) fn read_runs(incoming: &IncomingRequest<'_>) -> Result<RunQuery, Faul
     at_least_one("cs", cs.map(u32::from))?;
     Ok(RunQuery {
         cs,
-        from,
+        from: from.unwrap_or_default(),
         count: count.unwrap_or(RUNS).min(RUNS_AT_ONCE_MAX),
     })
 }
@@ -342,7 +381,7 @@ pub(super) fn read_trace(incoming: &IncomingRequest<'_>) -> Result<TraceQuery, F
     } = &incoming.query;
     at_least_one("count", *count)?;
     Ok(TraceQuery {
-        from: *from,
+        from: from.unwrap_or_default(),
         count: count.unwrap_or(TRACE_SAMPLES_MAX).min(TRACE_SAMPLES_MAX),
         axes: axes.clone().unwrap_or_default(),
     })
@@ -368,7 +407,7 @@ pub(super) fn read_path(incoming: &IncomingRequest<'_>) -> Result<PathQuery, Fau
     Ok(PathQuery {
         cs,
         tolerance,
-        from,
+        from: from.unwrap_or_default(),
         count,
     })
 }
@@ -376,7 +415,7 @@ pub(super) fn read_path(incoming: &IncomingRequest<'_>) -> Result<PathQuery, Fau
 pub(super) fn read_variables(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
     let (area, from, count) = if incoming.is_rest() {
         let QueryValues { from, count, .. } = incoming.query;
-        (area(incoming)?, from, count.unwrap_or(1))
+        (area(incoming)?, from.unwrap_or_default(), count.unwrap_or(1))
     } else {
         let VariableGet { kind, from, count } = incoming.json()?;
         (VariableArea::of(kind, incoming.cs()?), from, count)
@@ -391,13 +430,13 @@ pub(super) fn read_variables(incoming: &IncomingRequest<'_>) -> Result<Request, 
 
 pub(super) fn write_variables(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
     let (area, from, values) = if incoming.is_rest() {
-        let VariableWrite { values } = incoming.json()?;
+        let write: VariableWrite = incoming.json()?;
         let QueryValues { from, count, .. } = incoming.query;
-        if let Some(count) = count.filter(|count| *count as usize != values.len()) {
-            let text = format!("count={count}, and the body has {} values", values.len());
-            return Err(Fault::Invalid(text));
-        }
-        (area(incoming)?, from, values)
+        let from =
+            from.ok_or_else(|| Fault::Invalid("the query names no variable; write ?from=".to_owned()))?;
+        let area = area(incoming)?;
+        write.check(area, from, count)?;
+        (area, from, write.values)
     } else {
         let VariableSet { kind, from, values } = incoming.json()?;
         (VariableArea::of(kind, incoming.cs()?), from, values)

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::types::command::CommandReply;
+use crate::types::command::{CommandReply, CommandStatus};
 use crate::types::execution::Execution;
 use crate::types::program::ProgramDiagnostic;
 use crate::types::refusal::{Refusal, RefusalCode};
@@ -33,6 +33,12 @@ pub struct Problem {
     /// Where a program has errors: the findings.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub diagnostics: Vec<ProgramDiagnostic>,
+    /// Where a command was accepted and then failed: its reply.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reply: Option<Box<CommandReply>>,
+    /// Where a program belongs to a run that has not ended: that run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run_id: Option<String>,
 }
 
 impl Problem {
@@ -60,7 +66,10 @@ impl Problem {
     /// Of a command that was accepted and then failed, or was refused before under the same id.
     pub fn of_reply(reply: &CommandReply) -> Self {
         let status = code_of_word(&reply.code).map_or(409, status_of);
-        Self::new(status, reply.code.as_str(), reply.text.as_str())
+        Self {
+            reply: (reply.status == CommandStatus::Failed).then(|| Box::new(reply.clone())),
+            ..Self::new(status, reply.code.as_str(), reply.text.as_str())
+        }
     }
 
     /// For an answer that does not belong to its request: a fault of the port.
@@ -81,6 +90,7 @@ impl Problem {
             state: self.state,
             allowed: self.allowed,
             diagnostics: self.diagnostics,
+            run_id: self.run_id,
             ..Refusal::new(code, self.detail)
         }
     }
@@ -92,6 +102,7 @@ impl From<Refusal> for Problem {
             state: refusal.state,
             allowed: refusal.allowed,
             diagnostics: refusal.diagnostics,
+            run_id: refusal.run_id,
             ..Self::new(status_of(refusal.code), code_word(refusal.code), refusal.text)
         }
     }

@@ -6,9 +6,10 @@
 )]
 
 use super::answer::{AnswerForm, json_of};
+use super::parameter::Query;
 use super::payloads::{check_text, read_path};
 use super::right::Right::{Administrate, Read};
-use super::route::{Content, Headers, Query, Route};
+use super::route::{Content, Headers, Route};
 use super::row::{RequestParts, Row};
 use super::row_macros::{carried, written};
 use crate::types::planned::{ManualText, PathQuery, Rehearsal};
@@ -22,7 +23,7 @@ pub(super) const PATH: Row = Row {
             "The path of a program as it would run now, as far as it is planned: bytes, which the book describes.",
         )
         .answered(200, Content::Bytes)
-        .query(Query::Path)
+        .query(Query::PATH)
         .headers(Headers::Cached)
         .refusals(&[400, 422])],
         is_large: true,
@@ -43,7 +44,7 @@ pub(super) const REHEARSAL: Row = Row {
             "What a run of a program does, as it would run now, as far as it is planned; of the run under way, the time left.",
         )
         .gives::<Rehearsal>()
-        .query(Query::RunBy)
+        .query(Query::RUN_BY)
         .refusals(&[400, 422])],
         answer: json_of::<Rehearsal>,
         ..Row::new(Read, |incoming| Ok(Request::Rehearsal(incoming.number("number")?, incoming.query.cs)),
@@ -60,7 +61,7 @@ pub(super) const CHECK_TEXT: Row = Row {
     )
     .takes(Content::Text)
     .gives::<ProgramCheck>()
-    .query(Query::Dialect)],
+    .query(Query::DIALECT)],
     is_large: true,
     answer: json_of::<ProgramCheck>,
     ..Row::new(

@@ -6,6 +6,7 @@ use super::answer::{
     Accepted, AlarmHistory, AnswerForm, HandlerList, JournalAnswer, LastRunAnswer, ProgramList, json_of,
 };
 use super::io;
+use super::parameter::{Fault, Query, QueryValues};
 use super::payloads::{
     CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, StartArgs, VariableGet, VariableSet, VariableWrite,
     break_lease, command_answer, handshake, lease, of_area, read_command, read_input, read_runs,
@@ -14,9 +15,8 @@ use super::payloads::{
 };
 use super::program_rows;
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set, SetInput};
-use super::route::{Content, Headers, Query, Route};
-use super::row::Fault;
-use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, ParsedRequest, QueryValues, RequestParts, Row, Topic};
+use super::route::{Content, Headers, Route};
+use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, NOT_AFTER, RequestParts, Row, Topic};
 use super::row_macros::{about_an_output, carried, written};
 use super::trace;
 use crate::types::command::{Command, CommandReply};
@@ -33,6 +33,7 @@ use crate::types::question::{self, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use crate::types::run::{Run, RunOrder, RunQuery, Runs};
 use crate::types::state::{LockSet, Switch, Tool};
+use crate::types::stored_data::StoredDataAnswer;
 use crate::types::upload::ProgramUpload;
 
 /// Lines of the journal where no number is named.
@@ -44,6 +45,9 @@ const IDS: &[&str] = &["command_id", "client_id"];
 /// The same, with the age that makes it too old.
 const IDS_AND_AGE: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms"];
 
+/// The same, of what can let something move.
+const IDS_AND_AGES: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms", NOT_AFTER];
+
 /// All of [`CommandMeta`](crate::types::command::CommandMeta).
 pub(super) const COMMAND: &[&str] = &[
     "command_id",
@@ -51,6 +55,7 @@ pub(super) const COMMAND: &[&str] = &[
     "issued_at",
     "ttl_ms",
     "expect",
+    NOT_AFTER,
     "fence",
 ];
 
@@ -58,7 +63,7 @@ const fn command<T: HasForm>(pattern: &'static str, summary: &'static str) -> Ro
     Route::post::<T>(pattern, summary)
         .gives::<CommandReply>()
         .or::<Accepted>(202)
-        .query(Query::Wait)
+        .query(Query::WAIT)
         .headers(Headers::Command)
 }
 
@@ -71,9 +76,9 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 52] = [
+pub static ROWS: [Row; 53] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
-        "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
+        "Claims an output for a handler that is registered. It is given back when the presence of this handler_id ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
         "Resets an output, or tells its fault."),
     about_an_output!(Progress(ProgressReport) "progress" Handle =>
@@ -227,7 +232,7 @@ pub static ROWS: [Row; 52] = [
         routes: &[Route::get("/runs/{id}", "A run: how far it is, how it ended, its alarms, waits and times; with wait=60 when it has ended, or after 60 s.")
             .gives::<Run>()
             .refusals(&[400])
-            .query(Query::Seconds)],
+            .query(Query::SECONDS)],
         answer: json_of::<Run>,
         ..Row::new(Read, |incoming| Ok(Request::Run { id: incoming.text("id").to_owned(), wait_s: read_seconds(&incoming)? }),
             written!(Request::Run { id, wait_s } => {
@@ -240,7 +245,7 @@ pub static ROWS: [Row; 52] = [
         routes: &[Route::get("/runs", "Runs that have ended, the newest first, and the production counters of each program.")
             .gives::<Runs>()
             .refusals(&[400])
-            .query(Query::Runs)],
+            .query(Query::RUNS)],
         answer: json_of::<Runs>,
         ..Row::new(Read, |incoming| Ok(Request::Runs(read_runs(&incoming)?)),
             written!(Request::Runs(RunQuery { cs, from, count }) => {
@@ -263,6 +268,7 @@ pub static ROWS: [Row; 52] = [
             )
             .envelope(IDS),
         ),
+        takes_not_after: false,
         answer: |_| AnswerForm::Lease,
         ..Row::new(Operate, |incoming| lease(&incoming, |incoming| incoming.json().map(LeaseRequest::Take)),
             written!(Request::Lease { cs, request: LeaseRequest::Take(take), meta } => {
@@ -283,6 +289,7 @@ pub static ROWS: [Row; 52] = [
             Topic::new::<LeaseRelease>("cs/{cs}/lease/{verb=release}", "Gives the control lease back.")
                 .envelope(IDS),
         ),
+        takes_not_after: false,
         answer: |_| AnswerForm::Lease,
         ..Row::new(Operate, |incoming| lease(&incoming, release),
             written!(Request::Lease { cs, request: LeaseRequest::Release(release), meta } => {
@@ -305,6 +312,7 @@ pub static ROWS: [Row; 52] = [
             )
             .envelope(IDS),
         ),
+        takes_not_after: false,
         answer: |_| AnswerForm::Lease,
         ..Row::new(Administrate, |incoming| lease(&incoming, break_lease),
             written!(Request::Lease { cs, request: LeaseRequest::Break, meta } => {
@@ -334,11 +342,11 @@ pub static ROWS: [Row; 52] = [
         routes: &[
             Route::get("/variables/{kind=p}", "P variables.")
                 .gives::<VariableValues>()
-                .query(Query::Range)
+                .query(Query::RANGE)
                 .refusals(&[400, 413]),
             Route::get("/cs/{cs}/variables/{kind=q}", "Q variables.")
                 .gives::<VariableValues>()
-                .query(Query::Range)
+                .query(Query::RANGE)
                 .refusals(&[400, 413]),
         ],
         topic: Some(
@@ -357,22 +365,22 @@ pub static ROWS: [Row; 52] = [
     Row {
         routes: &[
             Route::put::<VariableWrite>("/variables/{kind=p}", "Sets P variables, all or none.")
-                .query(Query::Range),
+                .query(Query::RANGE_TO_WRITE),
             Route::put::<VariableWrite>("/cs/{cs}/variables/{kind=q}", "Sets Q variables, all or none.")
-                .query(Query::Range),
+                .query(Query::RANGE_TO_WRITE),
         ],
         topic: Some(
             Topic::new::<VariableSet>(
                 "cs/{cs}/variable/{verb=set}",
                 "Sets P or Q variables, up to 1024 in one piece, all or none.",
             )
-            .envelope(IDS_AND_AGE),
+            .envelope(IDS_AND_AGES),
         ),
         ..Row::new(Set, |incoming| write_variables(&incoming), written!(Request::WriteVariables { area, from, values, .. } => {
                 let values: Vec<_> = values.into_iter().map(Number).collect();
                 let parts = of_area(area, "set").query("from", from);
                 let payload = VariableSet { kind: area.kind(), from, values };
-                parts.payload(&payload).json(&VariableWrite { values: payload.values })
+                parts.payload(&payload).json(&VariableWrite::of(payload.values))
             }))
     },
     Row {
@@ -402,6 +410,17 @@ pub static ROWS: [Row; 52] = [
         ..carried!(Raise, RaiseAlarm(raise: json))
     },
     Row {
+        routes: &[Route::post::<StoredDataAnswer>(
+            "/stored_data/answer",
+            "Accepts or refuses stored files that do not fit together.",
+        )],
+        topic: Some(Topic::new::<StoredDataAnswer>(
+            "stored_data/answer",
+            "Accepts or refuses stored files that do not fit together.",
+        )),
+        ..carried!(Operate, AnswerStoredData(answer: json))
+    },
+    Row {
         routes: &[Route::put::<ClientHeartbeat>(
             "/clients/{id}/heartbeat",
             "Asks the machine to watch this client; when it is not heard again in time, runs are held (CLIENT_LOST).",
@@ -412,8 +431,13 @@ pub static ROWS: [Row; 52] = [
         )),
         ..carried!(Raise, Heartbeat(id: name, beat: json))
     },
-    // to a REST server a frame of the WebSocket carries it
     Row {
+        routes: &[Route::put::<HandlerPresence>(
+            "/handlers/{id}",
+            "Registers a handler with its instance and expires_ms, again within that time, or says that it has left. A claim needs \
+             the registration; while one lives, another instance is refused (409 handler_taken) unless it says take_over.",
+        )
+        .refusals(&[409])],
         topic: Some(
             Topic::new::<HandlerPresence>(
                 "handler/{id}/presence",
@@ -477,12 +501,12 @@ pub static ROWS: [Row; 52] = [
             "The newest count lines of the journal but for the from newest, of those that were asked for, in the order of time.",
         )
         .gives::<JournalAnswer>()
-        .query(Query::Journal)
+        .query(Query::JOURNAL)
         .refusals(&[400, 404])],
         answer: json_of::<JournalAnswer>,
         ..Row::new(Read, |incoming| {
                 let QueryValues { from, count, filter, .. } = incoming.query;
-                Ok(Request::Journal { from, count: count.unwrap_or(JOURNAL_LINES), filter })
+                Ok(Request::Journal { from: from.unwrap_or_default(), count: count.unwrap_or(JOURNAL_LINES), filter })
             },
             written!(Request::Journal { from, count, filter } => {
                     with_filter(RequestParts::default().query("from", from).query("count", count), filter)
@@ -498,6 +522,7 @@ pub static ROWS: [Row; 52] = [
         routes: &[Route::get("/programs/{number}", "Text of a program.")
             .answered(200, Content::Text)
             .headers(Headers::Cached)],
+        is_large: true,
         answer: |request| match request {
             Request::ReadProgram(_) => AnswerForm::Text,
             _ => AnswerForm::Program,
@@ -514,7 +539,7 @@ pub static ROWS: [Row; 52] = [
                 .takes(Content::Text)
                 .gives::<ProgramCheck>()
                 .or::<ProgramCheck>(201)
-                .query(Query::Dialect)
+                .query(Query::DIALECT)
                 .headers(Headers::Upload),
         ],
         is_large: true,
@@ -560,15 +585,3 @@ pub static ROWS: [Row; 52] = [
     program_rows::MANUAL_PATH,
     program_rows::MANUAL_REHEARSAL,
 ];
-
-/// A request that did not come on a route or topic, with the right of its row; `None` where no row carries it.
-pub(super) fn parsed(request: Request) -> Option<ParsedRequest> {
-    let mut sought = request.clone();
-    for row in &ROWS {
-        match (row.write)(sought) {
-            Ok(_) => return Some(row.parsed(request)),
-            Err(other) => sought = other,
-        }
-    }
-    None
-}

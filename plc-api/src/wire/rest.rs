@@ -8,6 +8,7 @@ use super::requests::ROWS;
 use super::right::Right;
 use super::row::{Body, RequestParts, Row};
 use super::states::STATES;
+use crate::types::not_after::NotAfter;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Input, Request};
 use crate::types::topic::Topic;
@@ -34,6 +35,14 @@ pub struct Exchange {
 /// # Errors
 /// `not_supported` for what the interface has no route for.
 pub fn encode(request: Request) -> Result<Exchange, Refusal> {
+    encode_not_after(request, None)
+}
+
+/// The exchange of a request with an age limit, which is left out where nothing can move after the request.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_not_after(request: Request, not_after: Option<&NotAfter>) -> Result<Exchange, Refusal> {
     let unsupported = |text: String| Err(Refusal::new(RefusalCode::NotSupported, text));
     if let Request::Input(_, Input::OptionalSkip(set)) = &request
         && set.len() != 1
@@ -44,7 +53,10 @@ pub fn encode(request: Request) -> Result<Exchange, Refusal> {
     for row in ROWS.iter().filter(|row| !row.routes.is_empty()) {
         let answer = (row.answer)(&request);
         match (row.write)(request) {
-            Ok(parts) => {
+            Ok(mut parts) => {
+                if row.takes_not_after {
+                    parts.limit_age(not_after);
+                }
                 let text = "the interface has no route for this request";
                 return row
                     .exchange(parts, answer)

@@ -30,6 +30,11 @@ impl Right {
         !matches!(self, Right::Read | Right::Handle)
     }
 
+    /// True for the rights of requests after which something can move.
+    pub(super) const fn takes_not_after(self) -> bool {
+        matches!(self, Right::Operate | Right::Reset | Right::Set | Right::SetInput)
+    }
+
     /// The name of the right in the documents of the interface.
     pub fn wire_name(self) -> &'static str {
         match self {

@@ -1,7 +1,9 @@
 //! A route of REST: where a request goes, what it carries, and what the documents say of it.
 
+use super::parameter::{Query, Values};
 use super::pattern;
 use crate::types::form::{Form, HasForm};
+use crate::types::ids::COMMAND_ID_MAX;
 
 /// What a request or an answer carries.
 #[derive(Debug, Clone, Copy)]
@@ -16,31 +18,6 @@ pub enum Content {
     Document,
     /// Bytes of a form of their own.
     Bytes,
-}
-
-/// What the query of a route says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Query {
-    /// It is not read.
-    Nothing,
-    /// `from` and `count`.
-    Range,
-    /// The same, and the fields of [`JournalFilter`](crate::types::data::JournalFilter).
-    Journal,
-    /// `wait`: answer when it is done.
-    Wait,
-    /// `wait`: how many seconds at most.
-    Seconds,
-    /// `cs`, `from` and `count`: which runs.
-    Runs,
-    /// `dialect`: of the program that is stored.
-    Dialect,
-    /// `from`, `count` and `axes`: which samples.
-    Trace,
-    /// `cs`: the coordinate system that runs a program.
-    RunBy,
-    /// The same, `tolerance`, `from` and `count`: a part of a planned path.
-    Path,
 }
 
 /// Headers that a route reads.
@@ -60,9 +37,124 @@ pub enum Headers {
     Condition,
     /// The same, and `Program-Signature`.
     Upload,
+    /// The token of a client that can set no `Authorization`: `Sec-WebSocket-Protocol`.
+    WebSocket,
 }
 
+/// A header that a route reads.
+#[derive(Debug, Clone, Copy)]
+pub struct HeaderParameter {
+    /// Its name, as documents write it.
+    pub name: &'static str,
+    /// Its values.
+    pub values: Values,
+    /// True if a request without it is refused.
+    pub is_required: bool,
+    /// Its meaning.
+    pub description: &'static str,
+}
+
+impl HeaderParameter {
+    const fn new(name: &'static str, values: Values, description: &'static str) -> Self {
+        Self {
+            name,
+            values,
+            is_required: false,
+            description,
+        }
+    }
+}
+
+const KEY: HeaderParameter = HeaderParameter::new(
+    "Idempotency-Key",
+    Values::Text(1, COMMAND_ID_MAX),
+    "Id of the command; one seen before is answered as then.",
+);
+
+const FENCE: HeaderParameter = HeaderParameter::new(
+    "Lease-Fence",
+    Values::Integer(0, None),
+    "Number of the control lease under which it is sent.",
+);
+
+/// Writes the form of one to three of what a command may expect.
+macro_rules! expected_form {
+    ($one:literal) => {
+        concat!("^", $one, "(, *", $one, "){0,2}$")
+    };
+}
+
+/// Writes the form of hashes of programs, or of any program.
+macro_rules! hashes_form {
+    ($one:literal) => {
+        concat!("^(\\*|", $one, "(, *", $one, ")*)$")
+    };
+}
+
+const EXPECTED: HeaderParameter = HeaderParameter::new(
+    "If-Match",
+    Values::Form(expected_form!(
+        r#""?([0-9]+|[0-9A-Fa-f]{64}|boot:[0-9A-Za-z]{1,64})"?"#
+    )),
+    "Revision of the state that the sender has seen, the hash of the program that it means, boot: and the boot_id that it has seen, or \
+     several of them, which must all hold then.",
+);
+
+const PROGRAM_IS: HeaderParameter = HeaderParameter::new(
+    "If-Match",
+    Values::Form(hashes_form!(r#"(W/)?"?[0-9A-Fa-f]{64}"?"#)),
+    "The program is one of these, by their hashes, or any (*): else 412.",
+);
+
+const PROGRAM_IS_NOT: HeaderParameter = HeaderParameter {
+    name: "If-None-Match",
+    description: "The program is none of these, or there is none (*): else 412.",
+    ..PROGRAM_IS
+};
+
+const SIGNATURE: HeaderParameter = HeaderParameter::new(
+    "Program-Signature",
+    Values::Form("^[A-Za-z0-9+/]{86}==$"),
+    "Ed25519 signature of the text's bytes, 64 bytes in Base64.",
+);
+
+const HAD: HeaderParameter = HeaderParameter::new(
+    "If-None-Match",
+    Values::AnyText,
+    "Programs that the client has, by their hashes: 304 if it is one of these.",
+);
+
+const PROTOCOLS: HeaderParameter = HeaderParameter::new(
+    "Sec-WebSocket-Protocol",
+    Values::AnyText,
+    "tandem.v1, and bearer. with the token, of a client that can set no Authorization, such as a page in a browser.",
+);
+
 impl Headers {
+    /// The headers.
+    pub fn parameters(self) -> &'static [HeaderParameter] {
+        const FENCE_REQUIRED: HeaderParameter = HeaderParameter {
+            is_required: true,
+            ..FENCE
+        };
+        match self {
+            Headers::Nothing => &[],
+            Headers::Key => &[KEY],
+            Headers::KeyAndFence => &[KEY, FENCE_REQUIRED],
+            Headers::Command => &[KEY, FENCE, EXPECTED],
+            Headers::Cached => &[HAD],
+            Headers::Condition => &[PROGRAM_IS, PROGRAM_IS_NOT],
+            Headers::Upload => &[PROGRAM_IS, PROGRAM_IS_NOT, SIGNATURE],
+            Headers::WebSocket => &[PROTOCOLS],
+        }
+    }
+
+    /// True if a header of this name is read.
+    pub fn reads(self, name: &str) -> bool {
+        let mut parameters = self.parameters().iter();
+        parameters.any(|parameter| parameter.name.eq_ignore_ascii_case(name))
+    }
+
     /// True for what a command reads.
     pub fn has_key(self) -> bool {
         matches!(self, Headers::Key | Headers::KeyAndFence | Headers::Command)
@@ -101,7 +193,7 @@ impl Route {
             method,
             pattern,
             summary,
-            query: Query::Nothing,
+            query: Query::NOTHING,
             headers: Headers::Nothing,
             body: Content::Nothing,
             answer: (204, Content::Nothing),
@@ -164,7 +256,8 @@ impl Route {
     }
 
     /// With these headers.
-    pub(super) const fn headers(mut self, headers: Headers) -> Self {
+    #[must_use]
+    pub const fn headers(mut self, headers: Headers) -> Self {
         self.headers = headers;
         self
     }

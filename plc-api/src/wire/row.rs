@@ -9,18 +9,19 @@ use serde_json::{Value, json};
 
 use super::answer::AnswerForm;
 use super::json::edited_json_object;
+use super::parameter::{Fault, QueryValues};
 use super::pattern::{self, Param};
 use super::right::Right;
 use super::route::Route;
 use super::tag;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
-use crate::types::data::JournalFilter;
 use crate::types::form::{Form, HasForm};
 use crate::types::handler::{CONNECTION_MARK, INSTANCE_MAX, is_own_instance};
 use crate::types::ids::COMMAND_ID_MAX;
 use crate::types::io::{IoPoint, IoSide};
-use crate::types::request::Request;
+use crate::types::not_after::NotAfter;
+use crate::types::request::{Input, Request};
 use crate::types::upload::ProgramCondition;
 
 /// Header with the id of a command.
@@ -39,6 +40,9 @@ pub(super) const PROGRAM_SIGNATURE: &str = "program-signature";
 /// Header with the number of the control lease under which a command is sent.
 pub(super) const LEASE_FENCE: &str = "lease-fence";
 
+/// Name of the age limit in bodies and payloads.
+pub(super) const NOT_AFTER: &str = "not_after";
+
 /// One request.
 #[derive(Debug)]
 pub struct Row {
@@ -48,6 +52,8 @@ pub struct Row {
     pub routes: &'static [Route],
     /// Where it comes in over MQTT.
     pub topic: Option<Topic>,
+    /// True where it may carry [`NotAfter`]: something can move after it. A lease has an end of its own.
+    pub takes_not_after: bool,
     /// True where it carries a whole program, in its body or in its answer: a server carries out a few such at a time.
     pub is_large: bool,
     /// Reads it from a route or from a topic.
@@ -69,6 +75,7 @@ impl Row {
             right,
             routes: &[],
             topic: None,
+            takes_not_after: right.takes_not_after(),
             is_large: false,
             read,
             answer: |_| AnswerForm::Nothing,
@@ -80,8 +87,16 @@ impl Row {
     ///
     /// # Errors
     /// What came in is no request of the row.
-    pub fn parse(&self, incoming: IncomingRequest<'_>) -> Result<ParsedRequest, Fault> {
-        (self.read)(incoming).map(|request| self.parsed(request))
+    pub fn parse(&self, mut incoming: IncomingRequest<'_>) -> Result<ParsedRequest, Fault> {
+        incoming.not_after_is_apart = self.takes_not_after;
+        let not_after = incoming.not_after()?;
+        let mut parsed = self.parsed((self.read)(incoming)?);
+        if let Request::Command { meta, .. } | Request::WriteVariables { meta: Some(meta), .. } =
+            &mut parsed.request
+        {
+            meta.not_after.clone_from(&not_after);
+        }
+        Ok(ParsedRequest { not_after, ..parsed })
     }
 
     /// A request of the row.
@@ -89,6 +104,7 @@ impl Row {
         ParsedRequest {
             request,
             right: self.right,
+            not_after: None,
         }
     }
 }
@@ -99,6 +115,7 @@ impl Row {
 pub struct ParsedRequest {
     request: Request,
     right: Right,
+    not_after: Option<NotAfter>,
 }
 
 impl ParsedRequest {
@@ -112,6 +129,11 @@ impl ParsedRequest {
         self.right
     }
 
+    /// Its age limit.
+    pub fn not_after(&self) -> Option<&NotAfter> {
+        self.not_after.as_ref()
+    }
+
     /// Names the connection by which a client without an instance is told from others. None but a server end names connections.
     pub fn identify(&mut self, connection: &str) {
         let instance = match &mut self.request {
@@ -121,10 +143,23 @@ impl ParsedRequest {
             Request::Checkpoint(_, _, report) => &mut report.instance,
             Request::Ask(_, _, ask) => &mut ask.instance,
             Request::Handler(_, presence) => &mut presence.instance,
+            Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) if set.handler_id.is_some() => {
+                &mut set.instance
+            }
+            Request::WriteIo(_, set) if set.handler_id.is_some() => &mut set.instance,
             _ => return,
         };
         if instance.as_deref().is_none_or(|named| !is_own_instance(named)) {
             *instance = Some(connection_name(connection));
+        }
+    }
+
+    /// The handler that owns a level or an output of the plant; `None` for other requests.
+    pub(super) fn owner_mut(&mut self) -> Option<&mut Option<String>> {
+        match &mut self.request {
+            Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => Some(&mut set.handler_id),
+            Request::WriteIo(_, set) => Some(&mut set.handler_id),
+            _ => None,
         }
     }
 
@@ -196,19 +231,6 @@ impl Topic {
     }
 }
 
-/// Why something that came in is no request.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Fault {
-    /// A level of the path is not of its kind.
-    Level(String),
-    /// There is no such thing.
-    NotFound(String),
-    /// The body is not of the form of its route or topic.
-    Json(String),
-    /// A value is out of its range, or missing.
-    Invalid(String),
-}
-
 /// The sender of a request over REST: what the head of the request says, and what counts where it says nothing.
 pub trait Sender {
     /// A header by its name in lower case; empty where it is not ASCII.
@@ -221,28 +243,8 @@ pub trait Sender {
     fn new_command_id(&self) -> String;
 }
 
-/// What the query of a route said.
-#[derive(Debug, Clone, Default)]
-pub struct QueryValues {
-    /// Number of the first, 0 where it is not named.
-    pub from: u32,
-    /// How many.
-    pub count: Option<u32>,
-    /// Whether to wait until it is done.
-    pub wait: Option<String>,
-    /// Which lines of the journal.
-    pub filter: JournalFilter,
-    /// NC dialect of what is stored.
-    pub dialect: Option<String>,
-    /// The coordinate system that runs a program.
-    pub cs: Option<CoordinateSystemNumber>,
-    /// How exact a path is to be, mm.
-    pub tolerance: Option<f64>,
-    /// Letters of axes.
-    pub axes: Option<String>,
-}
-
 /// How a request came in.
+#[expect(clippy::large_enum_variant, reason = "it lives while one request is parsed")]
 pub enum Source<'a> {
     /// On a route of REST.
     Http(&'a dyn Sender),
@@ -262,6 +264,8 @@ pub struct IncomingRequest<'a> {
     pub query: QueryValues,
     /// How it came in.
     pub source: Source<'a>,
+    /// True where `not_after` of the body is read by itself. [`Row::parse`] sets it.
+    pub not_after_is_apart: bool,
 }
 
 /// A number of a path, which is written as such: of `1`, `01` and `+1` only the first names something.
@@ -318,6 +322,7 @@ impl IncomingRequest<'_> {
         let seq = self.optional_number("seq")?;
         let left_out = match &self.source {
             Source::Command(_, envelope) => envelope,
+            Source::Http(_) | Source::Message if self.not_after_is_apart => &[NOT_AFTER][..],
             Source::Http(_) | Source::Message => &[][..],
         };
         edited_json_object(&self.body, seq.map(|seq| ("seq", seq)), left_out).map_err(Fault::Json)
@@ -529,7 +534,8 @@ impl RequestParts {
     }
 
     /// With the id of a command and its condition.
-    pub(super) fn meta(self, meta: CommandMeta) -> Self {
+    pub(super) fn meta(mut self, meta: CommandMeta) -> Self {
+        self.limit_age(meta.not_after.as_ref());
         let mut parts = self.header(IDEMPOTENCY_KEY, meta.command_id);
         if let Some(tags) = meta.expect.and_then(|expect| tag::of_expected(&expect)) {
             parts = parts.header(IF_MATCH, tags);

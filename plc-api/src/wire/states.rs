@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::route::{Content, Route};
 use super::row::number;
+use crate::supervisor::TaskFault;
 use crate::types::io::{IoPoint, IoSide};
 use crate::types::machine::BrokerInUse;
 use crate::types::machine::CoordinateSystemInfo;
@@ -69,6 +70,7 @@ pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
         (Topic::Heartbeat, "/heartbeat"),
         (Topic::AlarmActive, "/alarms"),
         (Topic::Variables, "/variables"),
+        (Topic::StoredData, "/stored_data"),
     ];
     let of_io = [
         (IoSide::In, "/io/{side=in}/{name}"),
@@ -156,7 +158,7 @@ pub struct AllIo {
     pub outputs: BTreeMap<String, Value>,
 }
 
-/// Whether the server answers, and has its MQTT broker.
+/// Whether the server answers, has its MQTT broker, and all tasks of the runtime work.
 #[derive(Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Health {
@@ -165,6 +167,12 @@ pub struct Health {
     /// The external MQTT broker that it is connected to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broker: Option<BrokerInUse>,
+    /// True where hold, stop and abort need no login (`[hmi] stop_without_login`).
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub stop_without_login: bool,
+    /// Tasks and threads of the runtime that have failed since its start.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<TaskFault>,
 }
 
 /// The status of a server that answers.
@@ -174,6 +182,8 @@ pub struct Health {
 pub enum HealthStatus {
     /// Nothing is missing.
     Ok,
-    /// No MQTT broker can be reached; HTTP and the machine work.
+    /// No MQTT broker can be reached, or a task has failed; HTTP and the machine work.
     Degraded,
+    /// A fault has stopped the machine or a coordinate system until the runtime is restarted.
+    Failed,
 }

@@ -6,15 +6,16 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 
 use super::pattern::take_apart;
-use super::row::{IncomingRequest, ParsedRequest, QueryValues, Sender, Source};
-use super::{ROWS, json_object, mqtt, rest, websocket};
-use crate::types::command::{Command, CommandMeta, Expect};
+use super::row::{IncomingRequest, ParsedRequest, Sender, Source};
+use super::{ROWS, json_object, mqtt, rest, takes_not_after, websocket};
+use crate::types::command::{Command, CommandMeta, Expect, MemoryKey};
 use crate::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
 use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::io::{IoForce, IoPoint, IoSet};
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::line_start::LineStart;
 use crate::types::machine::AlarmRaise;
+use crate::types::not_after::{NOT_AFTER_MAX_MS, NotAfter};
 use crate::types::output::{
     CheckpointReport, Claim, HandledCode, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset,
     ResetResult,
@@ -25,6 +26,7 @@ use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
 use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use crate::types::run::{PARTS_MAX, RunOrder, RunQuery};
 use crate::types::state::{LockSet, SpindleDirection};
+use crate::types::stored_data::{StoredDataAnswer, StoredDataDecision};
 use crate::types::trace::TraceQuery;
 use crate::types::upload::{Hashes, ProgramCondition, ProgramUpload};
 use crate::types::{BootId, Timestamp};
@@ -59,7 +61,8 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::ForceIo(..)
         | Request::ReadVariables { .. }
         | Request::WriteVariables { .. }
-        | Request::RaiseAlarm(_) => &[Rest, Mqtt],
+        | Request::RaiseAlarm(_)
+        | Request::AnswerStoredData(_) => &[Rest, Mqtt],
         Request::Heartbeat(..) => &[Rest, Mqtt, WebSocket],
         Request::ValidateResult(..) | Request::Handler(..) => &[Mqtt, WebSocket],
         Request::CommandStatus(_)
@@ -130,7 +133,9 @@ fn meta(transport: Transport) -> impl Strategy<Value = CommandMeta> {
             state_rev: Some(rev),
             hash,
         }),
+        not_after: None,
         fence: number,
+        memory: MemoryKey::default(),
     })
 }
 
@@ -156,7 +161,10 @@ fn command() -> impl Strategy<Value = Command> {
         Just(Command::Abort),
         Just(Command::Reset),
         any::<u64>().prop_map(|id| Command::AlarmAcknowledge { id }),
-        "G0[0-3] X[1-9]".prop_map(|text| Command::Mdi { text }),
+        "G0[0-3] X[1-9]".prop_map(|text| Command::Mdi {
+            text,
+            is_macro: false
+        }),
         (finite(), proptest::option::of(finite()), "[a-z]{1,8}").prop_map(
             |(velocity, distance, refresh_id)| {
                 Command::Jog {
@@ -224,6 +232,7 @@ fn of_inputs(transport: Transport) -> impl Strategy<Value = Request> {
             text,
             source: value.then(|| "door".to_owned()),
             handler_id: (number > 9).then(|| "h".to_owned()),
+            instance: (number > 19).then(|| "i-1".to_owned()),
             force: (number == 3).then_some(true),
         };
         let change = OverrideChange {
@@ -252,6 +261,7 @@ fn of_inputs(transport: Transport) -> impl Strategy<Value = Request> {
                 IoSet {
                     value: value.into(),
                     handler_id: lock.handler_id,
+                    instance: lock.instance,
                 },
             ),
             10 => Request::ForceIo(
@@ -350,7 +360,7 @@ fn of_programs() -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(1..=255_u8), "[a-z0-9]{1,8}", any::<bool>(), 0..19);
+    let parts = (any::<u16>(), text(), proptest::option::of(1..=255_u8), "[a-z0-9]{1,8}", any::<bool>(), 0..20);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::CheckProgram(number),
@@ -369,6 +379,7 @@ fn of_machine() -> impl Strategy<Value = Request> {
         15 => Request::ManualPath(cs.unwrap_or(1), ManualText { text }),
         16 => Request::ManualRehearsal(cs.unwrap_or(1), ManualText { text }),
         17 => Request::Trace(cs.unwrap_or(1), TraceQuery { from: number.into(), count: u32::from(number % 6000) + 1, axes: if online { "XZ".into() } else { String::new() } }),
+        18 => Request::AnswerStoredData(StoredDataAnswer { decision: if online { StoredDataDecision::Accept } else { StoredDataDecision::Refuse } }),
         12 => Request::Runs(RunQuery { cs, from: number.into(), count: u32::from(number % 1000) + 1 }),
         _ => Request::Handlers,
     })
@@ -433,13 +444,13 @@ fn decoded(level: &str) -> String {
 }
 
 /// A request as a server reads it from HTTP. `cs` is what the server knows of an alarm.
-fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
+fn read_rest(exchange: rest::Exchange, cs: u8) -> ParsedRequest {
     let (path, query) = exchange.path.split_once('?').unwrap_or((&exchange.path, ""));
     let routes = ROWS
         .iter()
         .flat_map(|row| row.routes.iter().map(move |route| (row, route)));
     let mut of_path = routes.filter_map(|(row, route)| Some((row, route, take_apart(route.pattern, path)?)));
-    let (row, _, params) = of_path
+    let (row, route, params) = of_path
         .find(|(_, route, _)| route.method == exchange.method)
         .unwrap();
     let cs = cs.to_string();
@@ -454,38 +465,25 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
     if params.iter().any(|(name, _)| *name == "id") {
         params.push(("cs", &cs));
     }
-    let value = |name: &str| {
-        let mut values = query.split('&').filter_map(|value| value.split_once('='));
-        values.find(|(known, _)| *known == name).map(|(_, value)| {
-            percent_encoding::percent_decode_str(value)
-                .decode_utf8()
-                .unwrap()
-                .into_owned()
+    let query: Vec<_> = query
+        .split('&')
+        .filter_map(|pair| pair.split_once('='))
+        .map(|(name, value)| {
+            (
+                name,
+                percent_encoding::percent_decode_str(value).decode_utf8().unwrap(),
+            )
         })
-    };
+        .collect();
+    let query = query.iter().map(|(name, value)| (*name, &**value));
     let incoming = IncomingRequest {
         params: &params,
         body: Cow::Owned(exchange.body.unwrap_or_default().into_bytes()),
-        query: QueryValues {
-            from: value("from").map_or(0, |from| from.parse().unwrap()),
-            count: value("count").map(|count| count.parse().unwrap()),
-            wait: value("wait"),
-            filter: JournalFilter {
-                since: value("since"),
-                until: value("until"),
-                cs: value("cs").map(|cs| cs.parse().unwrap()),
-                m: value("m").map(|m| m.parse().unwrap()),
-                user: value("user"),
-                run: value("run"),
-            },
-            dialect: value("dialect"),
-            cs: value("cs").map(|cs| cs.parse().unwrap()),
-            tolerance: value("tolerance").map(|tolerance| tolerance.parse().unwrap()),
-            axes: value("axes"),
-        },
+        query: route.query.read(query).unwrap(),
         source: Source::Http(&Head(exchange.headers)),
+        not_after_is_apart: false,
     };
-    row.parse(incoming).unwrap().into_request()
+    row.parse(incoming).unwrap()
 }
 
 proptest! {
@@ -495,7 +493,7 @@ proptest! {
     fn a_request_over_rest_is_read_as_it_was_written(request in any_request(Rest)) {
         let cs = if let Request::Command { cs, .. } = &request { *cs } else { 0 };
         match rest::encode(request.clone()) {
-            Ok(exchange) => prop_assert_eq!(read_rest(exchange, cs), request),
+            Ok(exchange) => prop_assert_eq!(read_rest(exchange, cs).into_request(), request),
             Err(_) => prop_assert!(!carried(&request).contains(&Rest), "{:?}", request),
         }
     }
@@ -508,6 +506,37 @@ proptest! {
                 other => prop_assert!(false, "{:?}", other),
             },
             Err(_) => prop_assert!(!carried(&request).contains(&Mqtt), "{:?}", request),
+        }
+    }
+
+    #[test]
+    fn an_age_limit_is_read_as_written_where_something_can_move_after_the_request(
+        (request, transport) in prop_oneof![
+            any_request(Rest).prop_map(|request| (request, Rest)),
+            any_request(Mqtt).prop_map(|request| (request, Mqtt)),
+        ],
+        heartbeat in any::<u64>(),
+        within_ms in 1..=NOT_AFTER_MAX_MS,
+    ) {
+        let not_after = NotAfter { boot_id: BootId("b".into()), heartbeat, within_ms };
+        let read = if transport == Rest {
+            let cs = if let Request::Command { cs, .. } = &request { *cs } else { 0 };
+            let written = rest::encode_not_after(request.clone(), Some(&not_after));
+            written.ok().map(|exchange| read_rest(exchange, cs))
+        } else {
+            let written = mqtt::encode_not_after(request.clone(), Some(&not_after), CLIENT, |_, _| None);
+            written.ok().map(|sent| match mqtt::decode(&sent.path, sent.payload.as_bytes(), sent.retain) {
+                mqtt::Inbound::Ask { request, .. } => request,
+                other => panic!("{other:?}"),
+            })
+        };
+        let is_urgent = matches!(&request, Request::Command { command, .. } if command.is_urgent());
+        if let Some(read) = read {
+            let expected = (takes_not_after(&request) && !is_urgent).then_some(&not_after);
+            prop_assert_eq!(read.not_after(), expected, "{:?}", request);
+            if let Request::Command { meta, .. } = read.request() {
+                prop_assert_eq!(meta.not_after.as_ref(), expected);
+            }
         }
     }
 

@@ -1,9 +1,10 @@
 //! The request for the recent motion of the axes.
 
 use super::answer::json_of;
+use super::parameter::Query;
 use super::payloads::read_trace;
 use super::right::Right::Read;
-use super::route::{Query, Route};
+use super::route::Route;
 use super::row::{RequestParts, Row};
 use super::row_macros::written;
 use crate::types::request::Request;
@@ -20,7 +21,7 @@ pub(super) const TRACE: Row = Row {
         "Position, velocity, acceleration and following error of the axes in the last minute, 100 samples a second.",
     )
     .gives::<Trace>()
-    .query(Query::Trace)
+    .query(Query::TRACE)
     .refusals(&[400])],
     answer: json_of::<Trace>,
     ..Row::new(

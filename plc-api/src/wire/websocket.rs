@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::requests::parsed;
+use super::find_row::parsed;
 use super::row::ParsedRequest;
 use crate::types::CoordinateSystemNumber;
 use crate::types::heartbeat::ClientHeartbeat;

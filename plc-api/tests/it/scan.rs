@@ -261,10 +261,17 @@ async fn a_flag_written_in_every_scan_is_sent_when_it_differs_and_wins_over_othe
     })
     .await;
     fake.advance(ms(55)).await;
-    let owner = fake.handlers().into_keys().next();
+    let (owner, instance) = fake
+        .handlers()
+        .into_iter()
+        .next()
+        .map(|(id, presence)| (id, presence.instance))
+        .unzip();
+    let instance = instance.flatten();
     let lock = |value| {
         Input::Interlock(LockSet {
             handler_id: owner.clone(),
+            instance: instance.clone(),
             ..LockSet::new(value, "the door is open")
         })
     };

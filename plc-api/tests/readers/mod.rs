@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 
 use plc_api::wire::mqtt::{self, Inbound};
-use plc_api::wire::row::{IncomingRequest, QueryValues, Sender, Source};
+use plc_api::wire::parameter::QueryValues;
+use plc_api::wire::row::{IncomingRequest, Sender, Source};
 use plc_api::wire::websocket::{self, ClientFrame, ServerFrame};
 use plc_api::wire::{ROWS, json_object};
 
@@ -81,12 +82,13 @@ pub fn rest(data: &[u8]) {
             params: &params,
             body: Cow::Borrowed(body),
             query: QueryValues {
-                from: 0,
+                from: Some(0),
                 count: wait.parse().ok(),
                 wait: Some(wait.clone()),
                 ..QueryValues::default()
             },
             source: Source::Http(&head),
+            not_after_is_apart: false,
         };
         if let Ok(request) = row.parse(incoming) {
             assert_eq!(request.right(), row.right);

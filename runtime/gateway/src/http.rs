@@ -10,8 +10,9 @@ use axum::response::{IntoResponse, Response};
 use tandem_mtconnect::Agent;
 
 use crate::contract::routes::API;
+use crate::places::host_of;
 use crate::problem::Problem;
-use crate::server::HeldPlace;
+use crate::server::Peer;
 use crate::shared::Shared;
 use crate::{access, hmi, hmi_dir, mqtt_socket, mtconnect, origin, rest, server, websocket};
 
@@ -43,16 +44,21 @@ pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
 /// layer, since each costs every request half a microsecond.
 async fn enter(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let place = server::hold_place(&shared, &request);
-    let is_served = place.as_ref().is_none_or(HeldPlace::is_served);
-    let mut response = if is_served {
+    let refusing = place.as_ref().filter(|place| !place.is_served());
+    let mut response = if let Some(place) = refusing {
+        place.refusal().into_response()
+    } else {
+        let host = request
+            .extensions()
+            .get::<Peer>()
+            .map(|peer| host_of(peer.address));
         let response = match origin::admit(&shared, &request) {
             Ok(()) => next.run(request).await,
             Err(problem) => problem.into_response(),
         };
+        let response = shared.unread.count(host, response).await;
         shared.metrics.count_response(response.status().as_u16());
         response
-    } else {
-        server::no_place().into_response()
     };
     if let Some(place) = place {
         place.answered(&mut response);

@@ -4,10 +4,13 @@
 //! the listeners. Everything over HTTP starts in `http`, everything over MQTT in `mqtt`.
 
 mod access;
+mod arrivals;
 mod broker;
 mod broker_address;
+mod certificate;
 mod contract;
 mod error;
+mod files;
 mod hmi;
 mod hmi_dir;
 mod http;
@@ -24,11 +27,17 @@ mod position;
 mod presence_ages;
 mod problem;
 mod process;
+mod publisher;
+mod registrations;
 mod rest;
 mod server;
 mod settings;
 mod shared;
+mod shares;
+mod socket_limits;
 mod tls;
+mod unread;
+mod urgent_slots;
 mod websocket;
 
 #[cfg(test)]
@@ -38,7 +47,9 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Router;
 use plc_api::server::ServedPort;
+use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -47,8 +58,10 @@ use access::http::Access;
 use access::{LiveTokens, Users};
 use broker::{Broker, BrokerAccess};
 use broker_address::{BrokerAddress, Refused};
+use files::ConnectionLimits;
 use machine::Machine;
 use neighbours::{Listener, Neighbours};
+use places::PlaceLimits;
 use server::LimitedListener;
 use settings::bind;
 use shared::{MqttServer, Shared};
@@ -90,7 +103,7 @@ fn start_broker(
     settings: &GatewaySettings,
     root: &str,
     (users, machine): (Option<Users>, Machine),
-    tls: Option<LiveTls>,
+    (tls, limits): (Option<LiveTls>, PlaceLimits),
     refused: mpsc::Sender<Refused>,
 ) -> Result<Option<Broker>, GatewayError> {
     let Some(address) = settings.mqtt_address()? else {
@@ -102,17 +115,58 @@ fn start_broker(
         users,
         machine,
     };
-    Broker::start(address, access, tls, refused).map(Some)
+    Broker::start(address, access, tls, refused, limits).map(Some)
 }
 
 /// The MQTT end, at the embedded broker where there is one.
 fn start_mqtt(parts: mqtt::Parts, broker: Option<&Broker>) -> Result<MqttEnd, GatewayError> {
     Ok(if let Some(broker) = broker {
-        MqttEnd::start(parts, mqtt::Inside(broker.exchange()))
+        MqttEnd::start_inside(parts, broker)
     } else {
         let at = BrokerAddress::of_settings(&parts.settings)?;
         MqttEnd::start(parts, at)
     })
+}
+
+/// The listener of HTTP and its address.
+fn listen(settings: &GatewaySettings) -> Result<(TcpListener, SocketAddr), GatewayError> {
+    let address = settings.http_address()?;
+    let listener = bind(HTTP_LISTEN, address)?;
+    let http_addr = listener.local_addr().unwrap_or(address);
+    Ok((listener, http_addr))
+}
+
+/// The access over HTTP.
+fn access(users: Option<Users>, settings: &GatewaySettings) -> Access {
+    Access::new(users)
+        .open_to(&settings.allow_origins)
+        .stop_without_login(settings.hmi.stop_without_login)
+}
+
+/// The listener to machines at the shared broker.
+fn start_listener(listener: Listener<BrokerAddress>, shared: &Shared) {
+    let listener = Arc::new(listener);
+    let listening = move || {
+        let listener = Arc::clone(&listener);
+        async move { listener.run().await }
+    };
+    let supervisor = shared.machine.supervisor();
+    shared
+        .tasks
+        .spawn(supervisor.restarted("listener to other machines", listening));
+}
+
+/// The HTTP server.
+fn start_http(
+    listener: LimitedListener,
+    router: Router,
+    tls: Option<LiveTls>,
+    shared: &Shared,
+) -> JoinHandle<()> {
+    let supervisor = shared.machine.supervisor();
+    let listener = listener.supervised_by(supervisor.clone());
+    let serving = server::serve(listener, router, tls, shared.stop.clone(), server::HEADER_MAX);
+    tokio::spawn(supervisor.essential("HTTP server", serving))
 }
 
 impl Gateway {
@@ -131,32 +185,32 @@ impl Gateway {
     ) -> Result<Gateway, GatewayError> {
         settings.problems().into_iter().next().map_or(Ok(()), Err)?;
         let machine = Machine::new(Arc::<dyn ServedPort>::clone(&port));
-        let address = settings.http_address()?;
-        let listener = bind(HTTP_LISTEN, address)?;
-        let http_addr = listener.local_addr().unwrap_or(address);
+        let limits = ConnectionLimits::raise(&machine);
+        let (listener, http_addr) = listen(&settings)?;
         let root = settings.mqtt.root(&settings.machine);
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
-        let tokens = settings.tokens.clone().map(LiveTokens::follow);
-        let users = tokens.clone().map(Users::new);
-        let tls = settings.live_tls(tokens.clone())?;
+        let tokens = settings.tokens.clone();
+        let tokens = tokens.map(|tokens| LiveTokens::follow(tokens, &machine.supervisor()));
+        let users = (tokens.clone()).map(|tokens| Users::new(tokens, settings.login_idle));
+        let tls = settings.live_tls(tokens.clone(), &machine.supervisor())?;
+        let access = access(users.clone(), &settings);
         let broker = start_broker(
             &settings,
             &root,
-            (users.clone(), machine.clone()),
-            tls.clone(),
+            (users, machine.clone()),
+            (tls.clone(), limits.mqtt),
             refused_sender,
         )?;
-        let addresses = settings.hmi.machines.clone();
-        let neighbours = Neighbours::new(&settings.machine, addresses, broker.is_none());
+        let neighbours = Neighbours::new(&settings.machine, settings.hmi.machines.clone(), broker.is_none());
         let position_interval = settings.position_interval();
         let stop = CancellationToken::new();
-        let mtconnect = mtconnect::start(&settings, port, &stop).await?;
+        let mtconnect = mtconnect::start(&settings, port, machine.supervisor(), &stop).await?;
         let shared = Shared::new(
             machine.clone(),
             http_addr,
             if tls.is_some() { "https" } else { "http" },
             MqttServer::new(broker.as_ref().map(Broker::addr), &settings.mqtt, tls.is_some()),
-            Access::new(users).open_to(&settings.allow_origins),
+            access,
             position_interval,
             stop.clone(),
         )
@@ -165,7 +219,7 @@ impl Gateway {
         .with_entrance(broker.as_ref().and_then(|broker| broker.entrance(&settings.mqtt)));
         if broker.is_none() {
             let listener = Listener::beside(&settings.mqtt, &settings.machine, neighbours, stop.clone())?;
-            shared.tasks.spawn(listener.run());
+            start_listener(listener, &shared);
         }
         let parts = mqtt::Parts {
             machine,
@@ -178,15 +232,12 @@ impl Gateway {
             position_interval,
             refused,
             metrics: Arc::clone(&shared.metrics),
+            arrivals: broker.as_ref().map(Broker::arrivals).unwrap_or_default(),
+            urgent_replies: Arc::default(),
         };
         let mqtt = start_mqtt(parts, broker.as_ref())?;
-        let http = tokio::spawn(server::serve(
-            LimitedListener::new(listener),
-            http::router(Arc::clone(&shared), mtconnect.as_ref()),
-            tls,
-            stop,
-            server::HEADER_MAX,
-        ));
+        let router = http::router(shared.watch_registrations(), mtconnect.as_ref());
+        let http = start_http(LimitedListener::new(listener, limits.http), router, tls, &shared);
         Ok(Gateway {
             http_addr,
             http,

@@ -13,6 +13,7 @@ use plc_api::port::BoxFuture;
 use plc_api::server::{
     AccessKind, AccessNote, Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming,
 };
+use plc_api::supervisor::Supervisor;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -23,11 +24,14 @@ use plc_api::wire::right::Right;
 use plc_api::wire::row::ParsedRequest;
 
 use crate::access::{User, rules};
+use crate::shares::Shares;
 
 /// The machine that is served.
 #[derive(Clone)]
 pub(crate) struct Machine {
     port: Arc<dyn ServedPort>,
+    /// Shares of each user.
+    shares: Arc<Shares>,
 }
 
 /// Who makes a request.
@@ -50,11 +54,26 @@ impl Authorized {
     pub(crate) fn request(&self) -> &Request {
         &self.request
     }
+
+    /// Has a command answered when it is accepted, not when it is done.
+    pub(crate) fn do_not_wait(&mut self) {
+        if let Request::Command { wait, .. } = &mut self.request {
+            *wait = false;
+        }
+    }
 }
 
 impl Machine {
     pub(crate) fn new(port: Arc<dyn ServedPort>) -> Self {
-        Self { port }
+        Self {
+            port,
+            shares: Arc::default(),
+        }
+    }
+
+    /// Supervises the tasks of the server ends.
+    pub(crate) fn supervisor(&self) -> Supervisor {
+        self.port.supervisor()
     }
 
     /// Decides whether a user may make a request.
@@ -84,12 +103,14 @@ impl Machine {
             );
             return Err(forbidden(text));
         }
+        self.shares.count(user, parsed.request())?;
         Ok(Authorized {
             origin: Origin {
                 user: user.name().map(ToOwned::to_owned),
                 from,
                 over,
                 right: parsed.right(),
+                not_after: parsed.not_after().cloned(),
             },
             request: parsed.into_request(),
         })
@@ -135,6 +156,7 @@ impl Machine {
                 from: None,
                 over,
                 right: Right::Handle,
+                not_after: None,
             },
             request: Request::Handler(handler_id, HandlerPresence::gone(instance)),
         }
@@ -142,6 +164,7 @@ impl Machine {
 
     /// Carries out what was judged.
     pub(crate) fn carry_out(&self, authorized: Authorized) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        self.shares.note(&authorized.request);
         self.port.request_from(authorized.origin, authorized.request)
     }
 
@@ -163,6 +186,16 @@ impl Machine {
 
     pub(crate) fn subscribe(&self, filter: Filter) -> Subscription {
         self.port.subscribe(filter)
+    }
+
+    /// Open outputs are published again, as redelivered; ends when that is done.
+    pub(crate) fn republish(&self) -> BoxFuture<'static, ()> {
+        let port = Arc::clone(&self.port);
+        let republishing = async move { port.republish().await };
+        Box::pin(
+            self.supervisor()
+                .contained("republisher of outputs", republishing),
+        )
     }
 
     pub(crate) fn notice(&self, notice: ServerNotice) {

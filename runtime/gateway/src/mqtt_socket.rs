@@ -16,6 +16,7 @@ use crate::broker::{Entrance, PACKET_MAX, SocketBytes};
 use crate::problem::Problem;
 use crate::server::Peer;
 use crate::shared::Shared;
+use crate::socket_limits;
 
 /// Where the broker answers.
 const PATH: &str = "/mqtt";
@@ -25,6 +26,9 @@ const PROTOCOLS: [&str; 2] = ["mqtt", "mqttv3.1"];
 
 /// Connections over WebSocket; more get 503. Reason: each takes a place of HTTP before it says who it is.
 pub(crate) const SOCKETS_MAX: usize = 64;
+
+// the largest packet and some pongs have room
+const _: () = assert!(PACKET_MAX < socket_limits::UNSENT_BYTES_MAX);
 
 /// Its route; none without an entrance to the broker.
 pub(crate) fn routes(entrance: Option<&Entrance>) -> Router<Arc<Shared>> {
@@ -60,10 +64,8 @@ fn upgrade_to(
         Some(peer) => (peer.address, peer.certificate),
         None => (IpAddr::V4(Ipv4Addr::LOCALHOST), None),
     };
-    upgrade
+    socket_limits::limit(upgrade, PACKET_MAX)
         .protocols(PROTOCOLS)
-        .max_message_size(PACKET_MAX)
-        .max_frame_size(PACKET_MAX)
         .on_upgrade(move |socket| async move {
             let bytes = SocketBytes::new(socket);
             entrance

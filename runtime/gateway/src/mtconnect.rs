@@ -5,6 +5,7 @@ use std::sync::Arc;
 use axum::Router;
 use axum::middleware;
 use plc_api::port::Port;
+use plc_api::supervisor::Supervisor;
 use tandem_mtconnect::{Agent, AgentSettings};
 use tokio_util::sync::CancellationToken;
 
@@ -23,6 +24,7 @@ pub(crate) const ROOT: &str = "/mtconnect";
 pub(crate) async fn start(
     settings: &GatewaySettings,
     port: Arc<dyn Port>,
+    supervisor: Supervisor,
     stop: &CancellationToken,
 ) -> Result<Option<Agent>, GatewayError> {
     let Some(mtconnect) = &settings.mtconnect else {
@@ -36,7 +38,7 @@ pub(crate) async fn start(
         version: mtconnect.version,
         emergency_stop: mtconnect.emergency_stop.clone(),
     };
-    let agent = Agent::start(port, of_agent, stop.clone()).await;
+    let agent = Agent::start(port, of_agent, stop.clone(), supervisor).await;
     if let Some(listener) = adapter {
         agent.serve_shdr(listener);
     }

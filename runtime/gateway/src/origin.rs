@@ -4,6 +4,7 @@
 //! each request needs a token, which no other page has: there the Host may be any name, and an Origin must match it. Pages of the
 //! origins in `[http] allow_origins` may use it as well; they need a token, which they must have from their user.
 
+use std::collections::HashSet;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::Duration;
 
@@ -12,6 +13,7 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
+use crate::contract::routes::ROUTES;
 use crate::problem::Problem;
 use crate::shared::Shared;
 
@@ -24,17 +26,21 @@ pub(crate) fn shared_with(origins: &[HeaderValue]) -> CorsLayer {
     CorsLayer::new()
         .allow_origin(AllowOrigin::list(origins.iter().cloned()))
         .allow_methods([Method::GET, Method::POST, Method::PUT, Method::DELETE])
-        .allow_headers([
-            header::AUTHORIZATION,
-            header::CONTENT_TYPE,
-            header::IF_MATCH,
-            header::IF_NONE_MATCH,
-            HeaderName::from_static("idempotency-key"),
-            HeaderName::from_static("lease-fence"),
-            HeaderName::from_static("program-signature"),
-        ])
+        .allow_headers(listed_headers())
         .expose_headers([header::ETAG, header::LOCATION, header::RETRY_AFTER])
         .max_age(PREFLIGHT_AGE)
+}
+
+/// The token and the type of a body, and the headers that routes list.
+fn listed_headers() -> Vec<HeaderName> {
+    let routes = ROUTES.values().flatten();
+    let listed = routes.flat_map(|(route, _)| route.headers.parameters());
+    let names = listed.filter_map(|header| HeaderName::try_from(header.name).ok());
+    let all: HashSet<_> = [header::AUTHORIZATION, header::CONTENT_TYPE]
+        .into_iter()
+        .chain(names)
+        .collect();
+    all.into_iter().collect()
 }
 
 /// Admits requests with our Host, and our Origin or none.

@@ -15,7 +15,7 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 /// How many connections may be open.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PlaceLimits {
     /// All.
     pub(crate) all: usize,
@@ -25,6 +25,21 @@ pub(crate) struct PlaceLimits {
     pub(crate) strangers: usize,
     /// Known ones: fewer than all, so that there are always places for strangers.
     pub(crate) known: usize,
+}
+
+impl PlaceLimits {
+    /// The same for so many files in place of those that all listeners want, but never fewer than eight connections.
+    pub(crate) fn scaled(self, files: u64, wanted: u64) -> Self {
+        let files = usize::try_from(files.min(wanted)).unwrap_or(usize::MAX);
+        let wanted = usize::try_from(wanted).unwrap_or(usize::MAX).max(1);
+        let scale = |count: usize, least: usize| (count * files / wanted).max(least);
+        Self {
+            all: scale(self.all, 8),
+            of_one: scale(self.of_one, 4),
+            strangers: scale(self.strangers, 6),
+            known: scale(self.known, 6),
+        }
+    }
 }
 
 /// The host of an address. One host has as many IPv6 addresses as it likes, all with the same first 64 bits.
@@ -171,6 +186,7 @@ impl Place {
             Some(_) => {}
         }
         let is_known = |open: &Open| open.is_known;
+        let reserved = reserved.min(self.places.limits.known / 2);
         let is_full = table.count(is_known) + reserved >= self.places.limits.known;
         if is_full && !table.give_way(is_known) {
             return false;
@@ -204,6 +220,11 @@ impl Place {
     /// Bytes went.
     pub(crate) fn moved(&self) {
         self.moved_ms.store(self.places.now_ms(), Ordering::Relaxed);
+    }
+
+    /// Known connections that there may be.
+    pub(crate) fn known_max(&self) -> usize {
+        self.places.limits.known
     }
 
     /// Cancelled when it gives way.

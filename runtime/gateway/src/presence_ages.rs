@@ -53,6 +53,12 @@ impl PresenceAges {
         }
     }
 
+    /// False if no further presence can be watched, and this one is not.
+    pub(crate) fn has_room(&self, id: &str, presence: &HandlerPresence) -> bool {
+        let named = (id.to_owned(), presence.instance.clone());
+        self.ages.len() < WATCHED_MAX || self.ages.contains_key(&named)
+    }
+
     /// The receiver is connected anew: what it did not hear, nobody could say to it.
     pub(crate) fn begin_anew(&mut self, now: Instant) {
         self.is_paused = false;

@@ -1,21 +1,21 @@
-//! The HTTP server: places of connections, the size of headers, and the end of silent connections.
+//! The HTTP server: places of connections, the size of headers, and the end of silent connections. It speaks HTTP/1.1 only.
 
 use std::future::Future;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
-use std::pin::Pin;
+use std::pin::{Pin, pin};
 use std::sync::Arc;
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use axum::extract::Request;
 use axum::http::{Extensions, HeaderValue, Method, StatusCode, header};
 use axum::response::Response;
 use axum::{Extension, Router};
-use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
-use hyper_util::server::conn::auto;
-use hyper_util::server::graceful::GracefulShutdown;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use plc_api::supervisor::Supervisor;
 use plc_api::types::command::Verb;
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
@@ -24,6 +24,7 @@ use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::{Instant, Sleep};
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 use tower::Layer;
 
 use crate::places::{ACCEPT_RETRY, Busy, Place, PlaceLimits, Places};
@@ -32,7 +33,7 @@ use crate::shared::Shared;
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 
 /// Places of connections.
-const PLACES: PlaceLimits = PlaceLimits {
+pub(crate) const PLACES: PlaceLimits = PlaceLimits {
     all: 256,
     of_one: 64,
     strangers: 192,
@@ -42,6 +43,13 @@ const PLACES: PlaceLimits = PlaceLimits {
 /// A connection without traffic for this long is closed. Reason: longer than `?wait=1` waits, and than the interval of
 /// the pings of a WebSocket.
 const SILENCE_MAX: Duration = Duration::from_secs(75);
+
+/// Time in which a client must take what it was sent, to which each byte that it takes adds as much as it may need by
+/// [`TAKEN_RATE_MIN`]; then its connection is closed. Reason: what it does not take stays in memory.
+const UNTAKEN_MAX: Duration = Duration::from_secs(20);
+
+/// Bytes per second: the largest answer takes 17 minutes at this rate.
+const TAKEN_RATE_MIN: u32 = 64 * 1024;
 
 /// Time to receive the head of a request; then its connection is closed.
 pub(crate) const HEADER_MAX: Duration = Duration::from_secs(10);
@@ -76,21 +84,21 @@ pub(crate) async fn serve(
     stop: CancellationToken,
     header_max: Duration,
 ) {
-    let mut builder = auto::Builder::new(TokioExecutor::new()).http1_only();
+    let mut builder = http1::Builder::new();
     builder
-        .http1()
         .timer(TokioTimer::new())
         .header_read_timeout(header_max)
         .max_headers(HEADER_LINES_MAX)
+        // a body is written from where it lies: what it holds is released when it is written
+        .writev(true)
         .max_buf_size(HEADER_BYTES_MAX);
-    let graceful = GracefulShutdown::new();
+    let connections = TaskTracker::new();
     loop {
         let (stream, address, place) = tokio::select! {
             accepted = listener.accept() => accepted,
             () = stop.cancelled() => break,
         };
-        let (builder, router, tls, watcher) =
-            (builder.clone(), router.clone(), tls.clone(), graceful.watcher());
+        let (builder, router, tls, stop) = (builder.clone(), router.clone(), tls.clone(), stop.clone());
         let leave = place.leave();
         let place = Arc::new(place);
         let serving = async move {
@@ -102,22 +110,30 @@ pub(crate) async fn serve(
                 certificate: accepted.certificate,
             };
             let router = Extension(peer).layer(Extension(Arc::clone(&place)).layer(router));
-            let connection = Connection::new(accepted.stream, place);
-            let serving = builder
-                .serve_connection_with_upgrades(TokioIo::new(connection), TowerToHyperService::new(router))
-                .into_owned();
+            let connection = TokioIo::new(Connection::new(accepted.stream, place));
+            let mut serving = pin!(
+                builder
+                    .serve_connection(connection, TowerToHyperService::new(router))
+                    .with_upgrades()
+            );
             // a broken connection concerns only its client
-            let _ = watcher.watch(serving).await;
+            tokio::select! {
+                _ = serving.as_mut() => return,
+                () = stop.cancelled() => serving.as_mut().graceful_shutdown(),
+            }
+            let _ = serving.await;
         };
-        tokio::spawn(async move {
+        let serving = async move {
             tokio::select! {
                 () = serving => {}
                 () = leave.cancelled() => {}
             }
-        });
+        };
+        connections.spawn(listener.supervisor.contained("HTTP connection", serving));
     }
     drop(listener);
-    graceful.shutdown().await;
+    connections.close();
+    connections.wait().await;
 }
 
 /// The connection of a client that speaks TLS where there is a certificate; another is told so.
@@ -181,6 +197,15 @@ impl HeldPlace {
         self.busy.is_some()
     }
 
+    /// The answer to a request that is not served.
+    pub(crate) fn refusal(&self) -> Problem {
+        let text = format!(
+            "{} connections are busy, which is the limit; only hold, stop and abort are taken now",
+            self.place.known_max()
+        );
+        Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
+    }
+
     /// Who is not known is answered once, and the connection is closed.
     pub(crate) fn answered(self, response: &mut Response) {
         if response.status() == StatusCode::SWITCHING_PROTOCOLS {
@@ -193,28 +218,26 @@ impl HeldPlace {
     }
 }
 
-/// The answer to a request that is not served.
-pub(crate) fn no_place() -> Problem {
-    let text = format!(
-        "{} connections are busy, which is the limit; only hold, stop and abort are taken now",
-        PLACES.known
-    );
-    Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
-}
-
 /// Accepts connections within the limits.
 #[derive(Debug)]
 pub(crate) struct LimitedListener {
     listener: TcpListener,
     places: Arc<Places>,
+    supervisor: Supervisor,
 }
 
 impl LimitedListener {
-    pub(crate) fn new(listener: TcpListener) -> Self {
+    pub(crate) fn new(listener: TcpListener, limits: PlaceLimits) -> Self {
         Self {
             listener,
-            places: Places::new(PLACES),
+            places: Places::new(limits),
+            supervisor: Supervisor::default(),
         }
+    }
+
+    /// Faults in connections are reported there.
+    pub(crate) fn supervised_by(self, supervisor: Supervisor) -> Self {
+        Self { supervisor, ..self }
     }
 
     async fn accept(&self) -> (TcpStream, SocketAddr, Place) {
@@ -237,12 +260,21 @@ impl LimitedListener {
     }
 }
 
-/// A connection that is closed when it stays silent.
+/// A connection that is closed when it stays silent, and that is not read while its client does not take what it was sent.
+///
+/// The layers above answer some of what they read without being asked (the pong of a ping), into a buffer of their own. So
+/// that the client decides how fast that buffer empties, it must not decide how fast it fills.
 #[derive(Debug)]
 pub(crate) struct Connection {
     stream: ClientStream,
     silence: Pin<Box<Sleep>>,
     place: Arc<Place>,
+    /// The latest write found no room.
+    is_blocked: bool,
+    /// When the connection is closed, unless the client has taken all that it was sent until then.
+    untaken: Option<Pin<Box<Sleep>>>,
+    /// The reader that waits for that room.
+    reader: Option<Waker>,
 }
 
 impl Connection {
@@ -251,6 +283,9 @@ impl Connection {
             stream,
             silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
             place,
+            is_blocked: false,
+            untaken: None,
+            reader: None,
         }
     }
 
@@ -262,12 +297,44 @@ impl Connection {
                 self.place.moved();
                 Poll::Ready(result)
             }
+            Poll::Pending if self.is_deaf(context) => Poll::Ready(Err(io::ErrorKind::TimedOut.into())),
             Poll::Pending => self
                 .silence
                 .as_mut()
                 .poll(context)
                 .map(|()| Err(io::ErrorKind::TimedOut.into())),
         }
+    }
+
+    /// Notes what a write or flush of the layers above has found, and wakes the reader that waits for room.
+    fn note_room<T>(&mut self, result: &Poll<io::Result<T>>) {
+        self.is_blocked = result.is_pending();
+        if self.is_blocked {
+            let begin = || Box::pin(tokio::time::sleep(UNTAKEN_MAX));
+            self.untaken.get_or_insert_with(begin);
+        } else if let Some(reader) = self.reader.take() {
+            reader.wake();
+        }
+    }
+
+    /// Notes a write.
+    fn written(
+        &mut self,
+        context: &mut Context<'_>,
+        result: Poll<io::Result<usize>>,
+    ) -> Poll<io::Result<usize>> {
+        self.note_room(&result);
+        if let (Poll::Ready(Ok(count)), Some(untaken)) = (&result, &mut self.untaken) {
+            let bytes = u32::try_from(*count).unwrap_or(u32::MAX);
+            let later = untaken.deadline() + Duration::from_secs(1).saturating_mul(bytes) / TAKEN_RATE_MIN;
+            untaken.as_mut().reset(later);
+        }
+        self.watched(context, result)
+    }
+
+    /// Returns `true` if the client has not taken in time what it was sent.
+    fn is_deaf(&mut self, context: &mut Context<'_>) -> bool {
+        (self.untaken.as_mut()).is_some_and(|untaken| untaken.as_mut().poll(context).is_ready())
     }
 }
 
@@ -277,7 +344,12 @@ impl AsyncRead for Connection {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        let result = Pin::new(&mut self.stream).poll_read(context, buffer);
+        let result = if self.is_blocked {
+            self.reader = Some(context.waker().clone());
+            Poll::Pending
+        } else {
+            Pin::new(&mut self.stream).poll_read(context, buffer)
+        };
         self.watched(context, result)
     }
 }
@@ -289,11 +361,17 @@ impl AsyncWrite for Connection {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let result = Pin::new(&mut self.stream).poll_write(context, bytes);
-        self.watched(context, result)
+        self.written(context, result)
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_flush(context)
+        let result = Pin::new(&mut self.stream).poll_flush(context);
+        self.note_room(&result);
+        if result.is_ready() {
+            // the layers above flush when they have written everything
+            self.untaken = None;
+        }
+        result
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
@@ -306,7 +384,7 @@ impl AsyncWrite for Connection {
         buffers: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
         let result = Pin::new(&mut self.stream).poll_write_vectored(context, buffers);
-        self.watched(context, result)
+        self.written(context, result)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -323,7 +401,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_silent_connection_is_closed() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let listener = LimitedListener::new(listener);
+        let listener = LimitedListener::new(listener, PLACES);
         let address = listener.listener.local_addr().unwrap();
         let (client, (stream, _, place)) = tokio::join!(TcpStream::connect(address), listener.accept());
         let mut connection = Connection::new(Accepted::plain(stream).stream, Arc::new(place));
@@ -331,6 +409,53 @@ mod tests {
         let error = connection.read_u8().await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
         assert!(begun.elapsed() >= SILENCE_MAX);
+        drop(client);
+    }
+
+    /// A connection whose client has taken nothing of what it was sent, and that client.
+    async fn blocked() -> (Connection, TcpStream) {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let listener = LimitedListener::new(listener, PLACES);
+        let address = listener.listener.local_addr().unwrap();
+        let (client, (stream, _, place)) = tokio::join!(TcpStream::connect(address), listener.accept());
+        let mut connection = Connection::new(Accepted::plain(stream).stream, Arc::new(place));
+        let large = vec![0; 1024 * 1024];
+        std::future::poll_fn(|context| {
+            while Pin::new(&mut connection).poll_write(context, &large).is_ready() {}
+            Poll::Ready(())
+        })
+        .await;
+        (connection, client.unwrap())
+    }
+
+    #[tokio::test]
+    async fn nothing_is_read_while_the_client_does_not_take_what_it_was_sent() {
+        let (mut connection, mut client) = blocked().await;
+        client.write_all(b"more").await.unwrap();
+        let early = tokio::time::timeout(Duration::from_millis(200), connection.read_u8()).await;
+        assert!(early.is_err(), "{early:?}");
+        let reading = async move {
+            let mut taken = vec![0; 1024 * 1024];
+            while client.read(&mut taken).await.is_ok_and(|count| count > 0) {}
+        };
+        tokio::spawn(reading);
+        connection.write_all(&[0; 1000]).await.unwrap();
+        connection.flush().await.unwrap();
+        assert_eq!(connection.read_u8().await.unwrap(), b'm');
+    }
+
+    #[tokio::test]
+    async fn a_client_that_takes_nothing_is_closed_after_its_time() {
+        let (mut connection, client) = blocked().await;
+        tokio::time::pause();
+        let begun = Instant::now();
+        let error = connection.read_u8().await.unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+        let time = begun.elapsed();
+        assert!(
+            time + Duration::from_secs(2) >= UNTAKEN_MAX && time < SILENCE_MAX,
+            "{time:?}"
+        );
         drop(client);
     }
 

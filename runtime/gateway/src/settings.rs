@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::TlsFiles;
+use plc_api::supervisor::Supervisor;
 use plc_api::transport::mqtt::mqtt_over;
 use plc_api::wire::hmi::Hmi;
 use rumqttc::Transport;
@@ -33,6 +34,8 @@ pub struct GatewaySettings {
     pub tokens: Option<Arc<Tokens>>,
     /// `[mtconnect]`; `None`: without it.
     pub mtconnect: Option<MtconnectSettings>,
+    /// `[http] login_idle_s`: a login without activity for this long ends; `None`: only after 12 h.
+    pub login_idle: Option<Duration>,
     /// `[http] allow_origins`: origins whose pages may use HTTP and WebSocket, besides its own; they need tokens. At most
     /// 16.
     pub allow_origins: Vec<String>,
@@ -64,6 +67,8 @@ pub struct HmiSettings {
     pub machines: Vec<String>,
     /// Files and folders that must not lie in `dir`, nor around it.
     pub secrets: Vec<PathBuf>,
+    /// `[hmi] stop_without_login`: everyone who reaches the HMI may hold, stop and abort.
+    pub stop_without_login: bool,
     /// `[[hmi.button]]` and `[[hmi.card]]`.
     pub added: Hmi,
 }
@@ -76,6 +81,9 @@ pub struct MqttSettings {
     pub embedded_listen: Option<String>,
     /// `[mqtt] websocket`: the embedded broker answers at `/mqtt` of HTTP, too, over WebSocket; it needs tokens.
     pub websocket: bool,
+    /// `[mqtt] accept_unverified_senders`: behind an external broker, requests on topics that do not name their senders are taken:
+    /// whoever may publish there can write any sender into the payload.
+    pub accept_unverified_senders: bool,
     /// Host name or address, and port of each external broker, or of each node of one: the first that answers is used, until it
     /// is lost.
     pub brokers: Vec<(String, u16)>,
@@ -102,6 +110,7 @@ impl Default for GatewaySettings {
             mqtt: MqttSettings::default(),
             tokens: None,
             mtconnect: None,
+            login_idle: Some(Duration::from_hours(1)),
             allow_origins: Vec::new(),
             public_url: None,
             hmi: HmiSettings::default(),
@@ -116,6 +125,7 @@ impl Default for MqttSettings {
         Self {
             embedded_listen: Some("127.0.0.1:1883".to_owned()),
             websocket: false,
+            accept_unverified_senders: false,
             brokers: vec![("127.0.0.1".to_owned(), 1883)],
             tls: None,
             username: None,
@@ -131,6 +141,7 @@ impl std::fmt::Debug for MqttSettings {
         f.debug_struct("MqttSettings")
             .field("embedded_listen", &self.embedded_listen)
             .field("websocket", &self.websocket)
+            .field("accept_unverified_senders", &self.accept_unverified_senders)
             .field("brokers", &self.brokers)
             .field("tls", &self.tls)
             .field("username", &self.username)
@@ -298,8 +309,15 @@ impl GatewaySettings {
     }
 
     /// The certificate of the listeners, which follows its files.
-    pub(crate) fn live_tls(&self, tokens: Option<LiveTokens>) -> Result<Option<LiveTls>, GatewayError> {
-        let tls = self.tls.clone().map(|files| LiveTls::follow(files, tokens));
+    pub(crate) fn live_tls(
+        &self,
+        tokens: Option<LiveTokens>,
+        supervisor: &Supervisor,
+    ) -> Result<Option<LiveTls>, GatewayError> {
+        let tls = self
+            .tls
+            .clone()
+            .map(|files| LiveTls::follow(files, tokens, supervisor));
         tls.transpose().map_err(GatewayError::ServerTls)
     }
 

@@ -1,35 +1,39 @@
 //! State shared by all HTTP handlers.
 
+use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use plc_api::types::machine::Birth;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::request::Answer;
 use plc_api::types::topic::Topic;
 use plc_api::wire::problem::Problem as Details;
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use crate::access::Account;
 use crate::access::http::Access;
 use crate::broker::Entrance;
 use crate::machine::{Authorized, Machine};
 use crate::metrics::Metrics;
 use crate::neighbours::Neighbours;
 use crate::problem::Problem;
+use crate::registrations::Registrations;
 use crate::settings::{HmiSettings, MqttSettings};
-
-/// Concurrent requests that carry a whole program; more wait. Reason: each may hold 64 MiB.
-pub(crate) const LARGE_REQUESTS_MAX: usize = 4;
+use crate::unread::{LargeRequests, UnreadAnswers};
+use crate::urgent_slots::UrgentSlots;
 
 /// Commands over REST without an answer yet; more get 503. They continue when their client disconnects.
 const COMMANDS_MAX: usize = 256;
 
-/// The same for hold, stop and abort.
-const URGENT_COMMANDS_MAX: usize = 64;
+/// Holds, stops and aborts of one account that wait until they are done (`?wait=1`); a further one is executed, and answered when
+/// it is accepted.
+const URGENT_WAITS_MAX: usize = 16;
 
 /// Open `WebSocket` connections; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
@@ -76,15 +80,21 @@ pub(crate) struct Shared {
     pub(crate) access: Access,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) position_interval: Duration,
-    pub(crate) large_requests: Semaphore,
+    pub(crate) large_requests: LargeRequests,
+    /// Large answers that clients have not read.
+    pub(crate) unread: UnreadAnswers,
     pub(crate) websockets: Arc<Semaphore>,
     pub(crate) open_commands: Arc<Semaphore>,
-    pub(crate) urgent_commands: Arc<Semaphore>,
+    /// Hold, stop and abort, beside all other commands.
+    pub(crate) urgent: UrgentSlots,
+    urgent_waits: Mutex<HashMap<Account, Arc<Semaphore>>>,
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
     pub(crate) hmi: HmiSettings,
     /// Other machines.
     pub(crate) neighbours: Arc<Neighbours>,
+    /// Handlers over REST.
+    pub(crate) registrations: Registrations,
     /// The embedded broker, for clients over WebSocket.
     pub(crate) entrance: Option<Entrance>,
     commands: AtomicU64,
@@ -109,14 +119,17 @@ impl Shared {
             access,
             metrics: Arc::default(),
             position_interval,
-            large_requests: Semaphore::new(LARGE_REQUESTS_MAX),
+            large_requests: LargeRequests::new(),
+            unread: UnreadAnswers::default(),
             websockets: Arc::new(Semaphore::new(WEBSOCKETS_MAX)),
             open_commands: Arc::new(Semaphore::new(COMMANDS_MAX)),
-            urgent_commands: Arc::new(Semaphore::new(URGENT_COMMANDS_MAX)),
+            urgent: UrgentSlots::default(),
+            urgent_waits: Mutex::default(),
             tasks: TaskTracker::new(),
             stop,
             hmi: HmiSettings::default(),
             neighbours: Neighbours::new("", Vec::new(), false),
+            registrations: Registrations::default(),
             entrance: None,
             commands: AtomicU64::new(1),
             connections: AtomicU64::new(1),
@@ -136,6 +149,33 @@ impl Shared {
     /// The same, to be shared, with a broker that clients reach over WebSocket.
     pub(crate) fn with_entrance(self, entrance: Option<Entrance>) -> Arc<Self> {
         Arc::new(Self { entrance, ..self })
+    }
+
+    /// Watches the ages of handlers over REST until the server stops. Returns another handle to itself.
+    pub(crate) fn watch_registrations(self: &Arc<Self>) -> Arc<Self> {
+        let shared = Arc::clone(self);
+        let watching = move || {
+            let shared = Arc::clone(&shared);
+            async move {
+                tokio::select! {
+                    () = shared.stop.cancelled() => {}
+                    () = shared.registrations.watch(&shared.machine) => {}
+                }
+            }
+        };
+        let supervisor = self.machine.supervisor();
+        self.tasks
+            .spawn(supervisor.restarted("watch over handlers over REST", watching));
+        Arc::clone(self)
+    }
+
+    /// Whether an account may wait until one more hold, stop or abort is done.
+    pub(crate) fn urgent_wait(&self, account: &Account) -> Option<OwnedSemaphorePermit> {
+        let mut by_account = self.urgent_waits.lock();
+        by_account.retain(|_, waits| waits.available_permits() < URGENT_WAITS_MAX);
+        let new = || Arc::new(Semaphore::new(URGENT_WAITS_MAX));
+        let waits = by_account.entry(account.clone()).or_insert_with(new);
+        Arc::clone(waits).try_acquire_owned().ok()
     }
 
     /// A name of a `WebSocket` that is new in this boot.

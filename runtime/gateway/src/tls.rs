@@ -4,14 +4,15 @@
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
+use plc_api::supervisor::Supervisor;
 use rustls::client::danger::HandshakeSignatureValid;
 use rustls::crypto::{WebPkiSupportedAlgorithms, ring, verify_tls12_signature, verify_tls13_signature};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, UnixTime};
 use rustls::server::danger::{ClientCertVerified, ClientCertVerifier};
-use rustls::{DigitallySignedStruct, DistinguishedName, ServerConfig, SignatureScheme};
+use rustls::{CertificateError, DigitallySignedStruct, DistinguishedName, ServerConfig, SignatureScheme};
 use sha2::{Digest, Sha256};
 use tokio::net::TcpStream;
 use tokio::sync::watch;
@@ -21,6 +22,7 @@ use tokio_util::either::Either;
 use tracing::{info, warn};
 
 use crate::access::{LiveTokens, Stamp};
+use crate::certificate::{Validity, days_to_end};
 use crate::position::every;
 
 /// How often the files are checked.
@@ -64,6 +66,17 @@ impl ServerTls {
         if chain.is_empty() {
             let file = self.cert_file.display();
             return Err(format!("[tls] cert_file {file}: it holds no certificate in PEM"));
+        }
+        let validity = chain.first().and_then(|own| Validity::of_certificate(own));
+        if let Some(Validity { not_after, .. }) = validity {
+            let file = self.cert_file.display();
+            match days_to_end(not_after, SystemTime::now()) {
+                Some(days) => warn!("the certificate {file} expires in {days} days; renew it"),
+                None if not_after < SystemTime::now() => {
+                    warn!("the certificate {file} has expired; renew it");
+                }
+                None => {}
+            }
         }
         self.check_mode()?;
         let wrong_key =
@@ -111,10 +124,15 @@ impl LiveTls {
     ///
     /// # Errors
     /// The files cannot be used.
-    pub(crate) fn follow(files: ServerTls, tokens: Option<LiveTokens>) -> Result<Self, String> {
+    pub(crate) fn follow(
+        files: ServerTls,
+        tokens: Option<LiveTokens>,
+        supervisor: &Supervisor,
+    ) -> Result<Self, String> {
         let seen = files.stamps();
         let (sender, receiver) = watch::channel(Arc::new(files.config(tokens.clone())?));
-        tokio::spawn(look_again(files, tokens, seen, sender));
+        let looking = look_again(files, tokens, seen, sender);
+        tokio::spawn(supervisor.essential("reader of the certificate", looking));
         Ok(Self(receiver))
     }
 
@@ -225,10 +243,24 @@ impl ClientCertVerifier for NamedCertificates {
 
     fn verify_client_cert(
         &self,
-        _: &CertificateDer<'_>,
+        certificate: &CertificateDer<'_>,
         _: &[CertificateDer<'_>],
-        _: UnixTime,
+        now: UnixTime,
     ) -> Result<ClientCertVerified, rustls::Error> {
+        let validity = Validity::of_certificate(certificate).ok_or(CertificateError::BadEncoding)?;
+        let now = SystemTime::UNIX_EPOCH + Duration::from_secs(now.as_secs());
+        if now < validity.not_before {
+            return Err(CertificateError::NotValidYet.into());
+        }
+        if now > validity.not_after {
+            return Err(CertificateError::Expired.into());
+        }
+        if let Some(days) = days_to_end(validity.not_after, now) {
+            let fingerprint = hex::encode(Sha256::digest(certificate));
+            warn!(
+                "the client certificate with SHA-256 {fingerprint} expires in {days} days; renew it with tandem cert client"
+            );
+        }
         Ok(ClientCertVerified::assertion())
     }
 
@@ -299,13 +331,24 @@ mod tests {
 
     /// True when a client that trusts this certificate alone meets the server.
     async fn shows(tls: &LiveTls, certificate: &CertificateDer<'static>) -> bool {
+        negotiates(tls, certificate, &[]).await.is_some()
+    }
+
+    /// The protocol agreed on with a client that trusts this certificate alone and offers these; the outer `None`: they do not
+    /// meet.
+    async fn negotiates(
+        tls: &LiveTls,
+        certificate: &CertificateDer<'static>,
+        offered: &[&[u8]],
+    ) -> Option<Option<Vec<u8>>> {
         let mut roots = RootCertStore::empty();
         roots.add(certificate.clone()).unwrap();
-        let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        let mut config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
             .with_safe_default_protocol_versions()
             .unwrap()
             .with_root_certificates(roots)
             .with_no_client_auth();
+        config.alpn_protocols = offered.iter().map(|name| name.to_vec()).collect();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let client = async {
@@ -315,13 +358,24 @@ mod tests {
         };
         let server = async { tls.accept(listener.accept().await.unwrap().0).await };
         let (client, accepted) = tokio::join!(client, server);
-        client.is_ok() && accepted.is_ok_and(|accepted| accepted.is_private())
+        let (client, accepted) = (client.ok()?, accepted.ok()?);
+        let agreed = client.get_ref().1.alpn_protocol().map(<[u8]>::to_vec);
+        accepted.is_private().then_some(agreed)
+    }
+
+    #[tokio::test]
+    async fn http_2_is_not_agreed_on_over_tls() {
+        let files = Files::new();
+        let tls = LiveTls::follow(files.tls.clone(), None, &Supervisor::default()).unwrap();
+        let certificate = CertificateDer::from_pem_file(&files.tls.cert_file).unwrap();
+        let agreed = negotiates(&tls, &certificate, &[b"h2", b"http/1.1"]).await;
+        assert!(agreed.is_some_and(|protocol| protocol.is_none_or(|name| name == b"http/1.1")));
     }
 
     #[tokio::test]
     async fn a_certificate_that_is_renewed_counts_without_a_restart_and_one_that_is_wrong_changes_nothing() {
         let files = Files::new();
-        let tls = LiveTls::follow(files.tls.clone(), None).unwrap();
+        let tls = LiveTls::follow(files.tls.clone(), None, &Supervisor::default()).unwrap();
         let first = CertificateDer::from_pem_file(&files.tls.cert_file).unwrap();
         assert!(shows(&tls, &first).await);
         let renewed = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
@@ -336,6 +390,27 @@ mod tests {
             .unwrap();
         assert!(shows(&tls, renewed.cert.der()).await);
         assert!(!shows(&tls, &first).await);
+    }
+
+    #[test]
+    fn a_client_certificate_outside_its_validity_is_refused() {
+        let verifier = NamedCertificates {
+            algorithms: ring::default_provider().signature_verification_algorithms,
+            tokens: None,
+        };
+        let key = rcgen::KeyPair::generate().unwrap();
+        let verified = |from: i32, until: i32| {
+            let mut params = rcgen::CertificateParams::new(["panel".to_owned()]).unwrap();
+            params.not_before = rcgen::date_time_ymd(from, 1, 1);
+            params.not_after = rcgen::date_time_ymd(until, 1, 1);
+            let certificate = params.self_signed(&key).unwrap();
+            // 2026-07-01
+            let now = UnixTime::since_unix_epoch(Duration::from_hours(495_240));
+            verifier.verify_client_cert(certificate.der(), &[], now).map(drop)
+        };
+        assert_eq!(verified(2026, 2027), Ok(()));
+        assert_eq!(verified(2020, 2026), Err(CertificateError::Expired.into()));
+        assert_eq!(verified(2027, 2030), Err(CertificateError::NotValidYet.into()));
     }
 
     #[test]

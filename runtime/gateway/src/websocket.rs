@@ -41,9 +41,13 @@ use crate::position::Positions;
 use crate::problem::Problem;
 use crate::server::Peer;
 use crate::shared::{Shared, WEBSOCKETS_MAX};
+use crate::socket_limits::{self, ControlFrames, TOO_MANY_CONTROL_FRAMES};
 
 /// Patterns of one client; more are refused.
 const PATTERNS_MAX: usize = 256;
+
+/// Bytes of one pattern; a longer one is refused. Reason: no topic is longer.
+const PATTERN_BYTES_MAX: usize = 256;
 
 /// Handlers that one client serves; more are refused.
 const HANDLERS_MAX: usize = 16;
@@ -76,10 +80,8 @@ async fn upgrade(
         .into_response();
     };
     let tasks = shared.tasks.clone();
-    upgrade
+    socket_limits::limit(upgrade, PAYLOAD_MAX)
         .protocols([WEBSOCKET_PROTOCOL])
-        .max_message_size(PAYLOAD_MAX)
-        .max_frame_size(PAYLOAD_MAX)
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
                 add(&shared.metrics.websockets, 1);
@@ -133,7 +135,7 @@ impl Client {
         let close = tokio::select! {
             () = shared.stop.cancelled() => Some((close_code::AWAY, "the runtime stops")),
             ended = ended(&shared, shown) => Some((close_code::POLICY, ended.text())),
-            result = self.serve(&mut socket) => result.ok().map(|()| (close_code::AWAY, "the runtime stops")),
+            result = self.serve(&mut socket) => result.ok(),
         };
         for (id, instance) in std::mem::take(&mut self.handlers) {
             let gone = Machine::gone(id, instance, ServerTransport::WebSocket);
@@ -149,25 +151,34 @@ impl Client {
         }
     }
 
-    /// Serves until the port closes (`Ok`) or the client has gone.
-    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
+    /// Serves until the client has gone, or until the server ends the connection: then returns the code and the reason.
+    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(u16, &'static str), Gone> {
         let mut subscription = self.shared.machine.subscribe(Filter::All);
         let mut ping = tokio::time::interval(PING_INTERVAL);
         ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut heard = Instant::now();
+        let control = ControlFrames::new();
         loop {
             tokio::select! {
                 message = subscription.next() => match message {
                     Some(message) => self.put(socket, message).await?,
-                    None => return Ok(()),
+                    None => return Ok((close_code::AWAY, "the runtime stops")),
                 },
                 positions = self.positions.due() => for position in positions {
                     self.send_if_wanted(socket, &position).await?;
                 },
                 frame = socket.recv() => {
                     heard = Instant::now();
+                    if let Some(Ok(frame)) = &frame
+                        && !control.admit(frame)
+                    {
+                        return Ok((close_code::POLICY, TOO_MANY_CONTROL_FRAMES));
+                    }
                     match frame {
-                        Some(Ok(Frame::Text(text))) => self.on_frame(socket, &text).await?,
+                        Some(Ok(Frame::Text(text))) => {
+                            let wait = self.on_frame(socket, &text).await?;
+                            tokio::time::sleep(wait).await;
+                        }
                         Some(Ok(Frame::Binary(_))) => {
                             send_text(socket, error_frame("send JSON as text, not as a binary message")).await?;
                         }
@@ -203,12 +214,15 @@ impl Client {
         Ok(())
     }
 
-    async fn on_frame(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
+    /// Carries out a frame. Returns how long the client must wait with the next one.
+    async fn on_frame(&mut self, socket: &mut WebSocket, text: &str) -> Result<Duration, Gone> {
+        let mut bytes = text.len();
         let mut frame: ClientFrame = match json_object(text.as_bytes()) {
             Ok(frame) => frame,
             Err(error) => {
                 let text = format!("write {{\"subscribe\": [\"cs/1/state\"]}} or unsubscribe: {error}");
-                return send_text(socket, error_frame(&text)).await;
+                send_text(socket, error_frame(&text)).await?;
+                return Ok(self.shared.access.count_bytes(&self.user, bytes as u64));
             }
         };
         for pattern in &frame.unsubscribe {
@@ -218,6 +232,8 @@ impl Client {
         for pattern in std::mem::take(&mut frame.subscribe) {
             let refusal = if !may_subscribe(&self.user) {
                 format!("role {} may not subscribe", self.user.role().name())
+            } else if pattern.len() > PATTERN_BYTES_MAX {
+                format!("a subscription has at most {PATTERN_BYTES_MAX} bytes; shorten it, or use #")
             } else if !is_known(&pattern) {
                 format!("there is no topic {pattern}; write one such as cs/1/state, or with wildcards cs/1/#")
             } else if self.patterns.len() == PATTERNS_MAX && !self.patterns.contains(&pattern) {
@@ -240,10 +256,12 @@ impl Client {
         for message in self.states.values() {
             let path = message.topic.path();
             if new.iter().any(|pattern| matches(pattern, &path)) {
-                send_text(socket, message_frame(&path, message)).await?;
+                let text = message_frame(&path, message);
+                bytes += text.len();
+                send_text(socket, text).await?;
             }
         }
-        Ok(())
+        Ok(self.shared.access.count_bytes(&self.user, bytes as u64))
     }
 
     /// Carries out a request of a frame. The refusal of a handler names its presence, by which its client knows which one it

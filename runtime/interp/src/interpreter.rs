@@ -1,19 +1,21 @@
 //! From the program tree to items for the coordinator: a pull interface, pure.
 
+mod alarms;
+mod modal_state;
+
 use std::cell::Cell;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use tandem_model::alarm::{
-    ARC_REFUSED, COMPENSATION_REFUSED, FIXED_CYCLE_REFUSED, OFFSET_REFUSED, PROGRAM_END_MISSING,
-    PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_LOST, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
-};
+use tandem_model::alarm::{PROGRAM_END_MISSING, PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT};
 use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
 use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_BEFORE_WAIT, STEPS_IN_CHAIN_MAX};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::variables::LOCAL_VARIABLES;
-use tandem_model::{Alarm, Diagnostic, Origin};
-use tandem_syntax::{Block, Content, NcProgram, Variable, diagnostics};
+use tandem_model::{Alarm, Origin};
+use tandem_syntax::{Block, Content, NcProgram};
+
+use alarms::{alarm_of, value_lost};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
@@ -25,6 +27,8 @@ use crate::inputs::Inputs;
 use crate::modal::{Kept, Modal};
 use crate::text_position::TextPosition;
 use crate::{flow, restrictions};
+
+pub use modal_state::ModalState;
 
 /// A program on the call stack, and its place.
 #[derive(Debug)]
@@ -73,6 +77,8 @@ pub struct Interpreter {
     idle_steps: u32,
     /// A loop without an item reads P or Q: it waits for somebody to write them.
     is_waiting: bool,
+    /// Programs called since the start.
+    called: BTreeSet<u16>,
     /// Blocks since the start.
     steps: u64,
     /// The block that the last item began with; none where it had been read before.
@@ -104,6 +110,7 @@ impl Interpreter {
             locals: Vec::with_capacity(CALL_DEPTH_MAX + 1),
             idle_steps: 0,
             is_waiting: false,
+            called: BTreeSet::new(),
             steps: 0,
             began: None,
             opens: false,
@@ -139,10 +146,16 @@ impl Interpreter {
         self.cycle = None;
         self.idle_steps = 0;
         self.is_waiting = false;
+        self.called.clear();
         self.steps = 0;
         self.stack.clear();
         self.locals.clear();
         self.state = State::Ended(Origin::default());
+    }
+
+    /// Numbers of the programs that were called since the start, ascending.
+    pub fn called(&self) -> impl Iterator<Item = u16> {
+        self.called.iter().copied()
     }
 
     /// True when all items of the block interpreted last have been given out.
@@ -454,6 +467,7 @@ impl Interpreter {
             self.queue.clear();
             return Err(Alarm::new(&PROGRAM_NOT_FOUND, not_there(number)));
         };
+        self.called.insert(number);
         self.stack.push(Frame::new(Arc::clone(program), number, times));
         self.locals.push([0.0; LOCAL_VARIABLES]);
         Ok(())
@@ -559,32 +573,6 @@ fn goes_on(item: &Item) -> bool {
         Item::Output(_) | Item::Stop(_) => true,
         Item::NeedsStandstill(_) | Item::Warning(..) | Item::End(_) => false,
     }
-}
-
-/// The alarm of a block that reads a variable whose value is lost.
-fn value_lost(variable: Variable) -> Alarm {
-    let Variable { kind, index } = variable;
-    let text = format!("{}{index} is damaged; nothing has moved for it", kind.prefix());
-    Alarm::new(&VALUE_LOST, text)
-}
-
-/// The alarm for what would have been an error at check time.
-#[cold]
-fn alarm_of(fault: &Diagnostic) -> Alarm {
-    let alarms = [
-        (&diagnostics::NUMBER_TOO_LARGE, &VALUE_NOT_FINITE),
-        (&diagnostics::OUT_OF_RANGE, &VALUE_OUT_OF_RANGE),
-        (&diagnostics::COMPENSATION_RULE, &COMPENSATION_REFUSED),
-        (&diagnostics::TOOL_OFFSET_RULE, &OFFSET_REFUSED),
-        (&diagnostics::FIXED_CYCLE_RULE, &FIXED_CYCLE_REFUSED),
-        (&diagnostics::ARC_SHAPE, &ARC_REFUSED),
-    ];
-    let found = alarms.iter().find(|(entry, _)| entry.code == fault.code);
-    if let Some((_, entry)) = found {
-        return Alarm::new(entry, fault.message.clone());
-    }
-    let (code, message, help) = (fault.code, &fault.message, &fault.help);
-    Alarm::new(&PROGRAM_HAS_ERRORS, format!("{code}: {message}. {help}"))
 }
 
 #[cfg(test)]

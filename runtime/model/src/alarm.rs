@@ -45,6 +45,8 @@ pub enum After {
     Notice,
     /// Nothing has stopped, and it lasts.
     Standing,
+    /// It has stopped, and only a restart of the runtime goes on.
+    Restart,
     /// A simulation has ended.
     Simulated,
 }
@@ -69,6 +71,10 @@ impl After {
             After::Standing => {
                 "Nothing has stopped. It is looked at again and again, and ends when its cause is gone; acknowledging takes \
                  it off the list."
+            }
+            After::Restart => {
+                "Motion has stopped and outputs are cancelled. No reset clears the alarm; hold, stop and abort still answer. \
+                 After a restart of the runtime the alarm is cleared."
             }
             After::Simulated => "The simulation has ended there; a machine would have waited on.",
         }
@@ -262,9 +268,9 @@ alarms! {
     SIMULATION_LIMIT = 391, Simulated, "The program did not end within the time limit",
         "The simulated time has reached --max-time-s.",
         "Look for a loop, or raise --max-time-s.";
-    RUNTIME_FAULT = 400, Reset, "The coordinate system's task failed",
-        "An error of the runtime has ended the task of the coordinate system; the log has the place.",
-        "Reset; report the log if it happens again.";
+    RUNTIME_FAULT = 400, Reset, "An internal fault has stopped the coordinate system",
+        "The runtime, or code of the machine builder in its process, has failed in a task of the coordinate system; the text names the fault.",
+        "Check the machine, then reset; if the alarm returns, send the log to the maintainers.";
     RESTARTED_IN_RUN = 401, Reset, "The runtime ended while a program ran",
         "The runtime was killed or the power failed in the middle of a run.",
         "Look at the machine and at what was open before anything is started; acknowledge or reset.";
@@ -301,6 +307,18 @@ alarms! {
     VALUE_LOST = 412, Reset, "A value that the program needs is damaged and counts as no value",
         "The store was damaged, and this value with it; the program reads it now, and a guess could break the machine.",
         "Look at the machine and write the value anew; alarm 406 lists all of them.";
+    FAULT_LASTS = 413, Restart, "An internal fault keeps the coordinate system stopped",
+        "A second internal fault occurred before a reset, or the recovery from the first one failed.",
+        "Make the machine safe, restart the runtime, and send the log to the maintainers.";
+    SERVO_FAILED = 414, Restart, "The servo has failed and the drives are switched off",
+        "The servo thread, the bus to the drives or a spindle has failed, or a servo cycle does not end; the text names the fault.",
+        "Make the machine safe, examine the drives and their bus, and restart the runtime.";
+    TASK_FAILED = 415, Notice, "A task of the runtime has failed",
+        "A task or a thread beside the motion has failed; the text names it and what follows. GET /health lists all of them.",
+        "Send the log to the maintainers; the text says whether the runtime needs a restart.";
+    STORED_DATA_QUESTION = 416, Standing, "Stored files do not fit together",
+        "Files in data_dir are an older copy than others, or of another machine: a backup was restored in part, or a disk has lost what was written.",
+        "Compare the time of the newest journal entry with the backup. Accept the files, or refuse them: then their values count as lost. No program starts before that.";
     CLIENT_LOST = 421, Held, "A client that asked to be watched is not heard any more",
         "The client has promised to be heard from, and was not for longer than it said, while it was in charge.",
         "Look at the client and at its connection, and at the machine; then resume.";

@@ -381,10 +381,16 @@ pub struct MotorSettings {
     pub reference_points: [f64; 4],
     /// Time constant of the simulated drive's following error, ms; 0: ideal.
     pub lag_ms: f64,
+    /// Machine position of the simulated drive when it is switched on.
+    pub start_at: f64,
+    /// The simulated drive knows its position when it is switched on.
+    pub is_homed_at_start: bool,
     /// Spindle: speed of orientation, r/min.
     pub orientation_velocity: f64,
     /// Spindle: position of orientation, degrees.
     pub orientation_position: f64,
+    /// Spindle: difference from the commanded speed within which it counts as reached, percent of it.
+    pub at_speed_percent: f64,
 }
 
 impl MotorSettings {
@@ -406,8 +412,11 @@ impl MotorSettings {
             soft_limits: None,
             reference_points: [0.0; 4],
             lag_ms: 0.0,
+            start_at: 0.0,
+            is_homed_at_start: true,
             orientation_velocity: 100.0,
             orientation_position: 0.0,
+            at_speed_percent: 10.0,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! User variables that outlive a program (manual 4-3): P, shared by all coordinate systems, and Q, of one.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
 use crate::lost::LOST;
 
@@ -14,13 +14,19 @@ pub const COORDINATE_SYSTEM_VARIABLES: usize = 4096;
 /// L0 to L255.
 pub const LOCAL_VARIABLES: usize = 256;
 
+/// Mark of a variable that was set.
+const WRITTEN: u8 = 1;
+
+/// Mark of a variable that was read before it was set.
+const READ_FIRST: u8 = 2;
+
 /// An array of 64-bit floating point variables, initially zero. Each is atomic by itself, without any order among them; a
 /// clone is another handle of the same array.
 #[derive(Debug, Clone)]
 pub struct VariableArray {
     values: Arc<[AtomicU64]>,
-    /// Which were set, where somebody wants to know.
-    written: Option<Arc<[AtomicBool]>>,
+    /// In a watched copy, how each variable was used.
+    marks: Option<Arc<[AtomicU8]>>,
 }
 
 impl VariableArray {
@@ -28,34 +34,44 @@ impl VariableArray {
     pub fn new(count: usize) -> Self {
         Self {
             values: (0..count).map(|_| AtomicU64::new(0)).collect(),
-            written: None,
+            marks: None,
         }
     }
 
-    /// An array of its own with the same values, which remembers the variables that are set from now on.
+    /// An array of its own with the same values, which remembers the variables that are set or read from now on.
     #[must_use]
     pub fn watched_copy(&self) -> Self {
         let copy = |value: &AtomicU64| AtomicU64::new(value.load(Ordering::Relaxed));
         Self {
             values: self.values.iter().map(copy).collect(),
-            written: Some(self.values.iter().map(|_| AtomicBool::new(false)).collect()),
+            marks: Some(self.values.iter().map(|_| AtomicU8::new(0)).collect()),
         }
     }
 
     /// Index and value of each variable that was set since [`VariableArray::watched_copy`], ascending.
     pub fn written(&self) -> impl Iterator<Item = (usize, f64)> {
-        let marks = self.written.iter().flat_map(|marks| marks.iter());
-        let is_set = marks.map(|mark| mark.load(Ordering::Relaxed)).enumerate();
-        is_set
-            .filter(|(_, is_set)| *is_set)
-            .filter_map(|(index, _)| Some((index, self.get(index)?)))
+        self.marked(WRITTEN)
+            .filter_map(|index| Some((index, self.value(index)?)))
+    }
+
+    /// Index of each variable that was read since [`VariableArray::watched_copy`] before it was set, ascending.
+    pub fn read_first(&self) -> impl Iterator<Item = usize> {
+        self.marked(READ_FIRST)
+    }
+
+    fn marked(&self, mark: u8) -> impl Iterator<Item = usize> {
+        let marks = self.marks.iter().flat_map(|marks| marks.iter());
+        let marks = marks.map(|mark| mark.load(Ordering::Relaxed)).enumerate();
+        marks
+            .filter(move |(_, marks)| marks & mark != 0)
+            .map(|(index, _)| index)
     }
 
     /// From now on those that were not set since [`VariableArray::watched_copy`] are lost: nobody knows them.
     pub fn lose_unwritten(&self) {
-        let Some(marks) = &self.written else { return };
+        let Some(marks) = &self.marks else { return };
         for (value, mark) in self.values.iter().zip(marks.iter()) {
-            if !mark.load(Ordering::Relaxed) {
+            if mark.load(Ordering::Relaxed) & WRITTEN == 0 {
                 value.store(LOST.to_bits(), Ordering::Relaxed);
             }
         }
@@ -63,6 +79,15 @@ impl VariableArray {
 
     /// The value of a variable; `None` beyond the array.
     pub fn get(&self, index: usize) -> Option<f64> {
+        if let Some(mark) = self.marks.as_ref().and_then(|marks| marks.get(index))
+            && mark.load(Ordering::Relaxed) == 0
+        {
+            mark.store(READ_FIRST, Ordering::Relaxed);
+        }
+        self.value(index)
+    }
+
+    fn value(&self, index: usize) -> Option<f64> {
         let cell = self.values.get(index)?;
         Some(f64::from_bits(cell.load(Ordering::Relaxed)))
     }
@@ -73,8 +98,8 @@ impl VariableArray {
             return false;
         };
         cell.store(value.to_bits(), Ordering::Relaxed);
-        if let Some(mark) = self.written.as_ref().and_then(|marks| marks.get(index)) {
-            mark.store(true, Ordering::Relaxed);
+        if let Some(mark) = self.marks.as_ref().and_then(|marks| marks.get(index)) {
+            mark.fetch_or(WRITTEN, Ordering::Relaxed);
         }
         true
     }
@@ -142,6 +167,18 @@ mod tests {
         assert!(copy.get(0).is_some_and(crate::lost::is_lost));
         assert_eq!(array.get(0), Some(1.0), "the array itself is as it was");
         assert_eq!(array.written().count(), 0);
+    }
+
+    #[test]
+    fn a_watched_copy_knows_what_was_read_before_it_was_set() {
+        let copy = VariableArray::new(4).watched_copy();
+        copy.set(0, 1.0);
+        assert_eq!((copy.get(0), copy.get(2)), (Some(1.0), Some(0.0)));
+        copy.set(2, 5.0);
+        assert_eq!((copy.get(3), copy.get(9)), (Some(0.0), None));
+        assert_eq!(copy.read_first().collect::<Vec<_>>(), [2, 3]);
+        assert_eq!(copy.written().collect::<Vec<_>>(), [(0, 1.0), (2, 5.0)]);
+        assert_eq!(copy.read_first().collect::<Vec<_>>(), [2, 3], "a list is no use");
     }
 
     #[test]

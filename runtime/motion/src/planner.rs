@@ -46,6 +46,15 @@ impl Planner {
         }
     }
 
+    /// Replaces everything by a new planner, after a fault in this one. Segment numbers and epoch continue.
+    pub fn renew(&mut self, settings: &CoordinateSystemSettings) {
+        *self = Self {
+            epoch: self.epoch,
+            last_segment: self.last_segment,
+            ..Self::new(settings)
+        };
+    }
+
     /// Drops the blocks held back; profiles carry this epoch from now on. Segment numbers continue.
     pub fn restart(&mut self, epoch: u32) {
         self.epoch = epoch;

@@ -55,7 +55,7 @@ pub static RULES: &[(&str, &str)] = &[
     ("M1h", "Tapping: G74, G84"),
     ("M1h.1", "The spindle turns `S/F` revolutions for each millimetre of Z, at every instant, ramps included: `theta = theta_0 +- 360 (S/F) (z - z_R)` degrees. F and S count as they are written, so the pitch `F/S` never changes."),
     ("M1h.2", "The way in and the way out are blocks of M1a from rest to rest, with a dwell of P between them. The limits of the spindle and `max_feedrate` slow Z down with it; S above the spindle's maximum is an alarm."),
-    ("M1h.3", "No override acts in the thread, and feed hold waits until the tool is out. A stop decelerates in phase; an abort brakes each motor alone."),
+    ("M1h.3", "No override acts in the thread, and feed hold waits until the tool is out. An interlock, a lost source, a late servo and a lost client decelerate in phase at once, and a resume continues in phase. A stop decelerates in phase; an abort brakes each motor alone."),
     ("M1h.4", "Without a spindle in the coordinate system only Z moves, and F above what it can reach is an alarm before the cycle moves."),
     ("M1i", "Override, feed hold, single block"),
     ("M1i.1", "One rate scales the time of the plan, `tau' = w`, so overrides and holds never change the path. It changes by 100 percent in `override_slew_ms`, for a feed hold in `hold_slew_ms`; at constant speed `v` a hold from 100 percent in the time `h` takes `v h/2`."),

@@ -19,12 +19,13 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use axum::Router;
 use parking_lot::Mutex;
-use plc_api::hub::Filter;
+use plc_api::hub::{Filter, Subscription};
 use plc_api::port::Port;
+use plc_api::supervisor::Supervisor;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::io::IoPoint;
 use plc_api::types::machine::Birth;
-use plc_api::types::message::Payload;
+use plc_api::types::message::{Message, Payload};
 use plc_api::types::request::typed;
 use plc_api::types::topic::{CsTopic, Topic};
 use schemars::JsonSchema;
@@ -103,9 +104,12 @@ struct Inner {
     /// When it was started, as RFC 3339.
     began: Arc<str>,
     feed: Mutex<Feed>,
+    /// Topics with a last message.
+    observed: Vec<Topic>,
     /// Sequence number of the next observation.
     news: watch::Sender<u64>,
     stop: CancellationToken,
+    supervisor: Supervisor,
 }
 
 impl std::fmt::Debug for Inner {
@@ -118,9 +122,15 @@ impl std::fmt::Debug for Inner {
 
 impl Agent {
     /// Begins to observe a machine, until `stop`. The instance id is the millisecond of the start: another one at each boot.
-    pub async fn start(port: Arc<dyn Port>, settings: AgentSettings, stop: CancellationToken) -> Self {
+    /// After a fault in one of its tasks `supervisor` reports it and starts that task again.
+    pub async fn start(
+        port: Arc<dyn Port>,
+        settings: AgentSettings,
+        stop: CancellationToken,
+        supervisor: Supervisor,
+    ) -> Self {
         // subscribed first: nothing that is said meanwhile is missed
-        let mut said = port.subscribe(Filter::All);
+        let said = port.subscribe(Filter::All);
         let birth = match port
             .read(&Topic::Birth)
             .await
@@ -131,41 +141,67 @@ impl Agent {
         };
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let timestamp: Arc<str> = now().into();
+        let numbers = birth.coordinate_systems.iter().map(|system| system.number);
+        let input = settings.emergency_stop.clone();
+        let input = input.map(IoPoint::input).map(Topic::Io);
         let agent = Self {
             inner: Arc::new(Inner {
                 feed: Mutex::new(Feed::new(Device::of(&birth), &settings, &timestamp)),
                 began: timestamp,
                 version: settings.version,
                 instance_id: u64::try_from(since.as_millis()).unwrap_or_default(),
+                observed: topics(numbers).into_iter().chain(input).collect(),
                 news: watch::Sender::new(0),
                 stop,
                 port,
+                supervisor,
             }),
         };
-        let numbers = birth.coordinate_systems.iter().map(|system| system.number);
-        let input = settings.emergency_stop.map(IoPoint::input).map(Topic::Io);
-        for topic in topics(numbers).into_iter().chain(input) {
-            if let Some(message) = agent.inner.port.read(&topic).await {
-                agent.inner.feed.lock().take(&message);
+        agent.read_all().await;
+        let supervisor = &agent.inner.supervisor;
+        let (observer, mut first) = (agent.clone(), Some(said));
+        let observing = move || observer.clone().observe(first.take());
+        tokio::spawn(supervisor.restarted("observer of MTConnect", observing));
+        let observer = agent.clone();
+        let watching = move || observer.clone().watch_tools();
+        tokio::spawn(supervisor.restarted("tools of MTConnect", watching));
+        agent
+    }
+
+    /// Takes what holds now.
+    async fn read_all(&self) {
+        for topic in &self.inner.observed {
+            if let Some(message) = self.inner.port.read(topic).await {
+                self.take(&message);
             }
         }
-        let following = agent.clone();
-        tokio::spawn(async move {
-            loop {
-                let message = tokio::select! {
-                    biased;
-                    () = following.inner.stop.cancelled() => return,
-                    message = said.next() => message,
-                };
-                let Some(message) = message else { return };
-                let mut feed = following.inner.feed.lock();
-                if feed.take(&message) {
-                    following.inner.news.send_replace(feed.buffer.next());
-                }
-            }
-        });
-        tokio::spawn(agent.clone().watch_tools());
-        agent
+    }
+
+    fn take(&self, message: &Message) {
+        let mut feed = self.inner.feed.lock();
+        if feed.take(message) {
+            self.inner.news.send_replace(feed.buffer.next());
+        }
+    }
+
+    /// Takes what is said until the agent ends. Without a subscription it begins one, and with what holds then.
+    async fn observe(self, said: Option<Subscription>) {
+        let mut said = if let Some(said) = said {
+            said
+        } else {
+            let said = self.inner.port.subscribe(Filter::All);
+            self.read_all().await;
+            said
+        };
+        loop {
+            let message = tokio::select! {
+                biased;
+                () = self.inner.stop.cancelled() => return,
+                message = said.next() => message,
+            };
+            let Some(message) = message else { return };
+            self.take(&message);
+        }
     }
 
     /// Looks for tools that have changed, until the agent ends.
@@ -190,7 +226,9 @@ impl Agent {
 
     /// Serves readers of SHDR in a task of its own, until the agent ends.
     pub fn serve_shdr(&self, listener: TcpListener) {
-        tokio::spawn(shdr::serve(listener, self.clone()));
+        let (agent, listener) = (self.clone(), Arc::new(listener));
+        let serving = move || shdr::serve(Arc::clone(&listener), agent.clone());
+        tokio::spawn(self.inner.supervisor.restarted("adapter of MTConnect", serving));
     }
 
     fn head(&self) -> Head {

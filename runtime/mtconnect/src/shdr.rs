@@ -24,7 +24,7 @@ const LINE_MAX: u64 = 1024;
 const WRITE_MAX: Duration = Duration::from_secs(10);
 
 /// Serves readers until the agent ends.
-pub async fn serve(listener: TcpListener, agent: Agent) {
+pub async fn serve(listener: Arc<TcpListener>, agent: Agent) {
     let places = Arc::new(Semaphore::new(READERS_MAX));
     loop {
         let accepted = tokio::select! {
@@ -40,12 +40,14 @@ pub async fn serve(listener: TcpListener, agent: Agent) {
         let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
             continue;
         };
+        let supervisor = agent.inner.supervisor.clone();
         let agent = agent.clone();
-        tokio::spawn(async move {
+        let reading = async move {
             // a reader that goes concerns nobody else
             let _ = read_by(stream, &agent).await;
             drop(place);
-        });
+        };
+        tokio::spawn(supervisor.contained("reader of SHDR", reading));
     }
 }
 

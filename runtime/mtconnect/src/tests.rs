@@ -11,6 +11,7 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use http_body_util::BodyExt;
 use plc_api::Execution;
+use plc_api::supervisor::Supervisor;
 use plc_api::types::data::ToolData;
 use plc_api::types::machine::{
     ActiveAlarms, AlarmRecord, AlarmSeverity, Birth, CoordinateSystemInfo, Identification, MotorInfo,
@@ -422,7 +423,13 @@ fn every_document_is_valid_by_the_schema_of_its_version() {
 async fn agent() -> (plc_api::fake::FakePort, Agent, CancellationToken) {
     let fake = plc_api::fake::FakePort::new([1]);
     let stop = CancellationToken::new();
-    let agent = Agent::start(Arc::new(fake.clone()), AgentSettings::default(), stop.clone()).await;
+    let agent = Agent::start(
+        Arc::new(fake.clone()),
+        AgentSettings::default(),
+        stop.clone(),
+        Supervisor::default(),
+    )
+    .await;
     (fake, agent, stop)
 }
 

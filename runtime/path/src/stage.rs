@@ -129,6 +129,13 @@ impl PathStage {
         self.is_skipping = false;
     }
 
+    /// At this position with the transform and the pending change of tool length of another stage, nothing held back.
+    pub fn restore_transform(&mut self, at: MachinePosition, of: &PathStage) {
+        self.restart(at);
+        self.transform = of.transform;
+        self.tool_shift = of.tool_shift;
+    }
+
     /// The transform in force for the next block.
     pub fn transform(&self) -> &Transform {
         &self.transform

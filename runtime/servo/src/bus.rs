@@ -67,6 +67,9 @@ pub struct BusCounts {
     pub lost: u64,
 }
 
+/// Takes the power from all drives without the bus, such as by an output of the computer.
+pub type Cutoff = Box<dyn Fn() + Send>;
+
 /// The bus to the drives of all motors. A motor's place is its place among all motors of the machine: in the order of the
 /// coordinate systems, and in each in the order of its axes.
 pub trait DriveBus: fmt::Debug + Send {
@@ -88,8 +91,15 @@ pub trait DriveBus: fmt::Debug + Send {
         false
     }
 
+    /// What takes the power from all drives without the bus. It is called once, by another thread, when the servo has failed:
+    /// a call of the bus or of a spindle panicked, or has not returned for 60 ms. Without it the drives have to notice by
+    /// themselves that the heartbeat stands still. Called once, before the first cycle.
+    fn cutoff(&mut self) -> Option<Cutoff> {
+        None
+    }
+
     /// Frames that may be lost in a row; one more is a fault: all motors brake and lose power. At most what the drives
-    /// themselves allow before they stop. Called once, before the first cycle.
+    /// themselves allow before they stop, and at most the frames of 90 ms. Called once, before the first cycle.
     fn lost_in_a_row_max(&self) -> u32 {
         2
     }

@@ -13,6 +13,7 @@ use crate::control::{Control, Event};
 use crate::motors::Motors;
 use crate::path_time::{PathTime, slope};
 use crate::power::Power;
+use crate::profile_queue::{ProfileConsumer, ProfileProducer, profile_queue};
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
 use crate::spindle::{Orientation, SpindleLink, SpindleState};
@@ -28,13 +29,14 @@ pub const CONTROLS_MAX: usize = 64;
 pub const EVENTS_MAX: usize = 1024;
 
 /// The servo's end of a coordinate system.
+#[expect(clippy::struct_excessive_bools, reason = "each is a state of its own")]
 #[derive(Debug)]
 pub struct Channel {
-    pub(crate) profiles: Consumer<Profile>,
+    pub(crate) profiles: ProfileConsumer,
     pub(crate) controls: Consumer<Control>,
     pub(crate) events: Producer<Event>,
     pub(crate) splices: Consumer<Splice>,
-    pub(crate) unread: Producer<Consumer<Profile>>,
+    pub(crate) unread: Producer<ProfileConsumer>,
     pub(crate) readings: Arc<Readings>,
     pub(crate) tracer: Tracer,
     pub(crate) period_s: f64,
@@ -57,8 +59,12 @@ pub struct Channel {
     /// Older profiles never run.
     pub(crate) epoch: u32,
     pub(crate) hold: Hold,
+    /// The hold acts in a thread, too.
+    pub(crate) holds_in_thread: bool,
+    /// Cycles since set points moved last; `u64::MAX` before they do.
+    pub(crate) still_cycles: u64,
     /// The pass in a thread that began last, from the start of the pass in to the end of the pass out, including dwell and
-    /// waits between: feed hold waits, and the spindle follows. `None`: the tool is out.
+    /// waits between: feed hold waits unless it acts in phase, and the spindle follows. `None`: the tool is out.
     pub(crate) thread: Option<TapLeg>,
     /// The plan to switch to.
     pub(crate) splice: Option<Splice>,
@@ -107,13 +113,13 @@ impl Hold {
 #[derive(Debug)]
 pub struct ChannelHandle {
     /// Profiles to run, in order.
-    pub profiles: Producer<Profile>,
+    pub profiles: ProfileProducer,
     /// Commands to the channel.
     pub controls: Producer<Control>,
     /// Plans that are to take the place of the one that runs: one at a time, before its [`Control::Splice`].
     pub splices: Producer<Splice>,
-    /// Rings that are not read any more, to be dropped: one for each [`Event::Spliced`].
-    pub unread: Consumer<Consumer<Profile>>,
+    /// Queues that are not read any more, to be dropped: one for each [`Event::Spliced`].
+    pub unread: Consumer<ProfileConsumer>,
     /// What happened; read them after each cycle that returned true.
     pub events: Consumer<Event>,
     /// The last cycle's values.
@@ -123,14 +129,14 @@ pub struct ChannelHandle {
 }
 
 /// Both ends of a coordinate system with these motors, at rest where they stand. At most `profiles_max` profiles wait
-/// in the ring; it refuses more.
+/// in the queue; it refuses more.
 pub(crate) fn channel(
     settings: &CoordinateSystemSettings,
     profiles_max: usize,
     motors: Motors,
     spindle: Option<SpindleLink>,
 ) -> (Channel, ChannelHandle) {
-    let (profiles_in, profiles) = RingBuffer::new(profiles_max);
+    let (profiles_in, profiles) = profile_queue(profiles_max);
     let (controls_in, controls) = RingBuffer::new(CONTROLS_MAX);
     let (events, events_out) = RingBuffer::new(EVENTS_MAX);
     let (splices_in, splices) = RingBuffer::new(SPLICES_MAX);
@@ -143,8 +149,7 @@ pub(crate) fn channel(
         homed: motors.homed(),
         ..Reading::default()
     });
-    let period_s = settings.servo_period_s;
-    let tracer = Tracer::new(settings.axes(), period_s);
+    let tracer = Tracer::new(settings.axes(), settings.servo_period_s);
     let handle = ChannelHandle {
         profiles: profiles_in,
         controls: controls_in,
@@ -162,12 +167,12 @@ pub(crate) fn channel(
         unread,
         readings,
         tracer,
-        period_s,
+        period_s: settings.servo_period_s,
         override_slope: slope(settings.override_slew_ms),
         hold_slope: slope(settings.hold_slew_ms),
         feed_override: 1.0,
         rapid_override: 1.0,
-        time: PathTime::new(period_s),
+        time: PathTime::new(settings.servo_period_s),
         current: None,
         ended_cycles: None,
         skip: SkipRun::default(),
@@ -175,6 +180,8 @@ pub(crate) fn channel(
         stopping: None,
         epoch: 0,
         hold: Hold::Off,
+        holds_in_thread: false,
+        still_cycles: u64::MAX,
         thread: None,
         splice: None,
         faulted: false,

@@ -4,16 +4,19 @@ use tandem_model::alarm::{
     Alarm, DRIVE_BUS_LOST, DRIVE_FAULT, DRIVE_NOT_ENABLED, IN_POSITION_TIMEOUT, MOTION_RAN_OUT,
     MOTOR_NOT_HOMED, POSITION_JUMP, SPINDLE_MISSING, SPINDLE_TURNS,
 };
-use tandem_model::profile::PathPlace;
+use tandem_model::profile::{PathPlace, TimeBase};
 use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
     /// Feed hold: the time base comes to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
-    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished. A block that reaches its end
-    /// point is finished all the same. Ignored while a stop or an abort is under way.
+    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished, unless
+    /// [`Control::HoldInPhase`] follows. A block that reaches its end point is finished all the same. Ignored while a stop or an abort is under way.
     Hold,
+    /// The same, also while the tool is in a thread: the motion and its spindle come to rest in phase, and leave it in phase after
+    /// [`Control::Resume`].
+    HoldInPhase,
     /// Ends feed hold: the time base goes to the override with `override_slew_ms`.
     Resume,
     /// Single block. True: as [`Control::Hold`] once the running block is over, or the next one when none runs: before
@@ -62,6 +65,14 @@ pub enum Control {
         /// Speed for `Cw` and `Ccw`, r/min, limited to the motor's maximum.
         rpm: f64,
     },
+    /// Asks for [`Event::SpindleReached`] once the spindle has reached what was commanded last: its speed within this share of it,
+    /// its rest, or its orientation. While a thread is cut, at once. A newer one replaces it.
+    AwaitSpindle {
+        /// Names it in the event.
+        id: u64,
+        /// Greatest difference from the commanded speed as a share of it, 0 to 1.
+        within: f64,
+    },
 }
 
 /// What a spindle is to do.
@@ -87,6 +98,8 @@ pub enum Event {
         segment: u64,
         /// Where it comes from.
         origin: Origin,
+        /// Which override scales its time.
+        base: TimeBase,
         /// Time of the cycle, s.
         time_s: f64,
     },
@@ -112,8 +125,9 @@ pub enum Event {
         /// Where; between two blocks at the end of the one that was passed, backward at its begin.
         at: PathPlace,
     },
-    /// The motion is held as by [`Control::Hold`], because the servo was late while its set points moved; [`Event::Held`]
-    /// follows. Under a hold, a stop or a fault, which bring it to rest anyway, nothing else happens.
+    /// The motion is held as by [`Control::HoldInPhase`], because the servo was late while its set points moved, were about to, or
+    /// had moved shortly before; [`Event::Held`] follows. Under a hold, a stop or a fault, which bring it to rest anyway, nothing
+    /// else happens.
     Late {
         /// Cycles that were left out.
         cycles: u64,
@@ -134,6 +148,11 @@ pub enum Event {
     },
     /// The spindle is at rest at its orientation position.
     Oriented,
+    /// The spindle has reached what was commanded last.
+    SpindleReached {
+        /// Of the [`Control::AwaitSpindle`].
+        id: u64,
+    },
     /// Something is wrong. The channel starts nothing until [`Control::Stop`] or [`Control::Abort`].
     Fault(Fault),
 }

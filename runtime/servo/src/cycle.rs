@@ -28,8 +28,8 @@ const DROPS_PER_CYCLE: usize = 64;
 const JOINTS_PER_CYCLE: usize = 4096;
 
 /// Free places that the event ring must have before anything that leads to an event begins: `Started`, `Captured`,
-/// `Finished` or `Fault`, `Late`, `Held`, `Stopped`, `Spliced` and `Oriented` may all be pending at once.
-const EVENTS_RESERVE: usize = 8;
+/// `Finished` or `Fault`, `Late`, `Held`, `Stopped`, `Spliced`, `Oriented` and `SpindleReached` may all be pending at once.
+const EVENTS_RESERVE: usize = 9;
 
 /// A profile has ended when less than this share of a servo period is left: rounding.
 const END_TOLERANCE: f64 = 1e-6;
@@ -38,7 +38,9 @@ impl Channel {
     /// First half of a servo cycle at this time: what each motor is to do in it.
     pub(crate) fn command(&mut self, time_s: f64, commands: &mut [Command]) {
         self.rests = self.stays_at_rest();
-        if !self.rests {
+        if self.rests {
+            self.still_cycles = self.still_cycles.saturating_add(1);
+        } else {
             self.move_on(time_s);
             self.motors.command(self.setpoint, self.of_all_drives(), commands);
         }
@@ -63,6 +65,11 @@ impl Channel {
         self.executing = self.current.as_ref().map(|profile| profile.origin);
         self.time_base = self.current.as_ref().map(|profile| profile.law.time_base());
         self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
+        self.still_cycles = if self.velocity == AxisVector::ZERO {
+            self.still_cycles.saturating_add(1)
+        } else {
+            0
+        };
         self.turn_spindle();
     }
 
@@ -130,9 +137,16 @@ impl Channel {
     /// The cycle of the spindle, after that of the motors.
     pub(crate) fn cycle_spindle(&mut self) {
         match self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s)) {
-            Some(Ok(true)) => self.tell(Event::Oriented),
+            Some(Ok(ends)) => {
+                if ends.orientation {
+                    self.tell(Event::Oriented);
+                }
+                if let Some(id) = ends.reached {
+                    self.tell(Event::SpindleReached { id });
+                }
+            }
             Some(Err(fault)) => self.brake_for(fault),
-            _ => {}
+            None => {}
         }
     }
 
@@ -150,8 +164,9 @@ impl Channel {
         match control {
             Control::Hold | Control::HoldAfterBlock(_) if self.stopping.is_some() || self.hold.holds() => {}
             Control::Hold => self.hold = Hold::ComingToRest,
+            Control::HoldInPhase => self.hold_in_phase(),
             Control::HoldAfterBlock(true) => self.hold = Hold::AfterBlock,
-            Control::HoldAfterBlock(false) | Control::Resume => self.hold = Hold::Off,
+            Control::HoldAfterBlock(false) | Control::Resume => self.end_hold(),
             Control::Stop { epoch } => self.stopping = self.stopping.max(Some(epoch)),
             Control::Abort { epoch } => {
                 self.stopping = self.stopping.max(Some(epoch));
@@ -176,13 +191,17 @@ impl Channel {
                 Some(spindle) => spindle.command(direction, rpm),
                 None => self.tell(Event::Fault(Fault::SpindleMissing)),
             },
+            Control::AwaitSpindle { id, within } => match &mut self.spindle {
+                Some(spindle) => spindle.await_target(id, within),
+                None => self.tell(Event::Fault(Fault::SpindleMissing)),
+            },
         }
     }
 
     fn drop_older(&mut self) {
         for _ in 0..DROPS_PER_CYCLE {
             match self.profiles.peek() {
-                Ok(profile) if profile.epoch < self.epoch => drop(self.profiles.pop()),
+                Ok(profile) if profile.epoch < self.epoch => self.profiles.discard(),
                 _ => return,
             }
         }
@@ -218,6 +237,7 @@ impl Channel {
         self.tell(Event::Started {
             segment: profile.segment,
             origin: profile.origin,
+            base: profile.law.time_base(),
             time_s,
         });
         self.current = Some(profile);
@@ -259,7 +279,7 @@ impl Channel {
     /// A chain begins when it can come to rest within the profiles that wait; also with half of the ring full, since no more
     /// may come before it moves.
     fn may_begin(&mut self) -> bool {
-        2 * self.profiles.slots() >= self.profiles.buffer().capacity()
+        2 * self.profiles.slots() >= self.profiles.capacity()
             || rest::is_known(
                 &mut self.profiles,
                 self.feed_override,
@@ -335,9 +355,25 @@ impl Channel {
         self.sample(time_s, t_s);
     }
 
-    /// True when feed hold acts: not while the tool is in a thread.
+    /// True when feed hold acts: while the tool is in a thread only one in phase.
     fn is_held(&self) -> bool {
-        self.hold.holds() && self.thread.is_none()
+        self.hold.holds() && self.may_hold()
+    }
+
+    fn may_hold(&self) -> bool {
+        self.thread.is_none() || self.holds_in_thread
+    }
+
+    /// Feed hold, also in a thread.
+    pub(crate) fn hold_in_phase(&mut self) {
+        self.hold = Hold::ComingToRest;
+        self.holds_in_thread = true;
+        self.rests = false;
+    }
+
+    fn end_hold(&mut self) {
+        self.hold = Hold::Off;
+        self.holds_in_thread = false;
     }
 
     /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one.
@@ -373,7 +409,7 @@ impl Channel {
                 self.setpoint = end;
                 return self.brake_for(Fault::RanOut { segment });
             };
-            let (next_segment, origin) = (next.segment, next.origin);
+            let (next_segment, origin, base) = (next.segment, next.origin, next.law.time_base());
             self.hold_after_block(before, Some(origin));
             self.setpoint = end;
             // A block may take several profiles.
@@ -383,6 +419,7 @@ impl Channel {
                 self.tell_joint(Event::Started {
                     segment: next_segment,
                     origin,
+                    base,
                     time_s,
                 });
             }
@@ -486,14 +523,14 @@ impl Channel {
             self.epoch = self.epoch.max(epoch);
             self.give_up();
             self.leave_thread(false);
-            self.hold = Hold::Off;
+            self.end_hold();
             self.faulted = false;
             self.reset_drives();
             self.tell(Event::Stopped {
                 epoch,
                 position: MachinePosition(self.setpoint),
             });
-        } else if self.hold == Hold::ComingToRest && self.thread.is_none() {
+        } else if self.hold == Hold::ComingToRest && self.may_hold() {
             self.hold = Hold::AtRest;
             self.tell(Event::Held { at: self.place() });
         }

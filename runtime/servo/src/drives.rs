@@ -1,5 +1,7 @@
 //! The drives of a channel: when one of them has a fault, or the bus is lost, the channel brakes and the drives lose power.
 
+use tandem_model::AxisVector;
+
 use crate::brake::Brake;
 use crate::bus::Command;
 use crate::channel::Channel;
@@ -65,6 +67,23 @@ impl Channel {
             Ok(follow) => self.reported |= follow,
             Err(fault) => self.trip(fault),
         }
+    }
+
+    /// The servo has failed: nothing that was planned or commanded runs any more, and there is no power.
+    pub(crate) fn power_off(&mut self, time_s: f64) {
+        self.give_up();
+        (self.braking, self.stopping, self.thread) = (None, None, None);
+        while self.profiles.pop().is_ok() {}
+        while self.controls.pop().is_ok() {}
+        self.velocity = AxisVector::ZERO;
+        self.faulted = true;
+        self.reported = false;
+        self.power = Power::Tripped { resets: false };
+        if let Some(spindle) = &mut self.spindle {
+            spindle.power_off();
+        }
+        self.executing = None;
+        self.publish(time_s);
     }
 
     /// The motors brake; at rest they lose power.

@@ -26,7 +26,7 @@ pub struct Hardware {
 }
 
 impl Hardware {
-    /// Simulated drives, at machine position 0, and simulated spindles.
+    /// Simulated drives, at the positions of their settings, and simulated spindles.
     pub fn simulated(systems: &[&CoordinateSystemSettings]) -> Self {
         let spindles = systems.iter().map(|system| {
             let spindle = SimulatedSpindle::new(system.spindle.as_ref()?, system.servo_period_s);

@@ -6,10 +6,14 @@ use tandem_model::profile::{Law, Profile};
 use crate::channel::{Channel, Hold};
 use crate::control::Event;
 
+/// Time since set points moved last in which a run counts as moving, s: at the turning point of an axis the next motion may not
+/// have come yet. Reason: longer than a task takes to hand over the next motion.
+const RECENT_S: f64 = 0.1;
+
 impl Channel {
     /// Before the cycle after so many that were left out. `keeps_speed`: the motors still have the speed of the last cycle;
-    /// otherwise they have come to rest at their last command. In a thread the hold waits until the tool is out. True when
-    /// an event was put out.
+    /// otherwise they have come to rest at their last command. In a thread the motion comes to rest in phase. True when an
+    /// event was put out.
     pub(crate) fn hold_after_missed(&mut self, cycles: u64, keeps_speed: bool) -> bool {
         if !self.is_in_motion() {
             return false;
@@ -21,22 +25,31 @@ impl Channel {
         }
         let goes_on = !self.hold.holds() && self.stopping.is_none() && !self.faulted;
         if goes_on {
-            self.hold = Hold::ComingToRest;
+            self.hold_in_phase();
             self.tell(Event::Late { cycles });
         } else {
+            // a feed hold that waits for the end of a thread waits no longer
+            self.holds_in_thread |= self.hold == Hold::ComingToRest;
             self.tell_joint(Event::Late { cycles });
         }
         true
     }
 
-    /// True when set points move, or are about to: not in a dwell, under a hold, or before the drives have power.
+    /// True when set points move, are about to, or have just moved: not in a dwell, under a hold, or before the drives have power.
     fn is_in_motion(&self) -> bool {
         let is_motion = |profile: &Profile| !matches!(profile.law, Law::Rest { .. });
         match &self.current {
             _ if self.braking.is_some() => true,
             _ if self.hold == Hold::AtRest => false,
-            Some(profile) => is_motion(profile) && (self.ended_cycles.is_some() || self.time.rate() > 0.0),
-            None => !self.faulted && !self.power.is_enabling() && self.profiles.peek().is_ok_and(is_motion),
+            Some(profile) => {
+                let is_about_to = || self.override_of(profile) > 0.0 && !self.hold.holds();
+                is_motion(profile) && (self.ended_cycles.is_some() || self.time.rate() > 0.0 || is_about_to())
+            }
+            None if self.faulted || self.power.is_enabling() => false,
+            None => match self.profiles.peek() {
+                Ok(next) => is_motion(next),
+                Err(_) => self.still_cycles as f64 * self.period_s <= RECENT_S,
+            },
         }
     }
 }

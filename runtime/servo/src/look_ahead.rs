@@ -1,9 +1,9 @@
 //! How fast the override factor may change in G500 chains, rapids and G31 (M1d, M1e, M1i).
 
-use rtrb::Consumer;
 use tandem_model::profile::{Law, Profile, SlewRoom};
 
 use crate::channel::Channel;
+use crate::profile_queue::ProfileConsumer;
 use crate::splice::{Joint, Splice};
 
 impl Channel {
@@ -52,7 +52,7 @@ impl Channel {
 fn joint_within(
     splice: &Splice,
     running: &Profile,
-    waiting: &mut Consumer<Profile>,
+    waiting: &mut ProfileConsumer,
     ends_s: f64,
 ) -> Option<Joint> {
     if let Some(joint) = splice.joint(running) {
@@ -60,8 +60,7 @@ fn joint_within(
     }
     let mut begins_s = running.duration_s;
     let mut goes_on = !running.exact_stop;
-    let known = waiting.slots();
-    let chunk = waiting.read_chunk(known).ok()?;
+    let chunk = waiting.waiting()?;
     let (first, second) = chunk.as_slices();
     for next in first.iter().chain(second) {
         if begins_s > ends_s || !goes_on {
@@ -78,14 +77,13 @@ fn joint_within(
 }
 
 /// What the motors allow over this time from the first waiting profile on.
-fn room_of(waiting: &mut Consumer<Profile>, time_s: f64) -> SlewRoom {
+fn room_of(waiting: &mut ProfileConsumer, time_s: f64) -> SlewRoom {
     let mut left_s = time_s;
     let mut room = SlewRoom::default();
-    let known = waiting.slots();
     if left_s <= 0.0 {
         return room;
     }
-    let Ok(chunk) = waiting.read_chunk(known) else {
+    let Some(chunk) = waiting.waiting() else {
         return room;
     };
     let (first, second) = chunk.as_slices();

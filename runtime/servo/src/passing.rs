@@ -102,6 +102,9 @@ impl Channel {
     /// What each motor is to do in the last one of so many cycles; at most as many as [`Channel::cycles_to_pass`] gives.
     pub(crate) fn pass(&mut self, cycles: u64, commands: &mut [Command]) {
         self.tracer.skip(cycles);
+        if self.velocity == AxisVector::ZERO {
+            self.still_cycles = self.still_cycles.saturating_add(cycles);
+        }
         if !self.spindle_rests() {
             for _ in 0..cycles {
                 self.cycle_spindle();

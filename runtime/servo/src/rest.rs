@@ -1,8 +1,9 @@
 //! How fast the motion may be so that it can come to rest on its path within the known profiles (M1d): a chain whose next
 //! blocks are late, or do not fit into a short ring, slows down and never runs out.
 
-use rtrb::Consumer;
 use tandem_model::profile::{Law, Profile, SlewRoom};
+
+use crate::profile_queue::ProfileConsumer;
 
 /// Profiles of a G500 chain examined in one cycle: bounds the time of the cycle. Where more are needed the motion is slower
 /// than it could be.
@@ -46,7 +47,7 @@ impl<'a> Way<'a> {
     }
 
     /// The factor to go to in the coming cycle, `wanted` at the most; `None`: what is known is the way to rest.
-    pub(crate) fn target(&self, waiting: &mut Consumer<Profile>, rate: f64, wanted: f64) -> Option<f64> {
+    pub(crate) fn target(&self, waiting: &mut ProfileConsumer, rate: f64, wanted: f64) -> Option<f64> {
         if self.allows(waiting, rate.max(wanted)) {
             return Some(wanted);
         }
@@ -69,17 +70,17 @@ impl<'a> Way<'a> {
 
     /// True when the motion can come to rest within the running profile and those that wait, behind a cycle with this
     /// factor.
-    fn allows(&self, waiting: &mut Consumer<Profile>, factor: f64) -> bool {
+    fn allows(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         factor == 0.0 || with_waiting(waiting, |known| self.is_way_to_rest(known, factor))
     }
 
-    fn is_way_to_rest(&self, known: [&[Profile]; 2], factor: f64) -> bool {
+    fn is_way_to_rest(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let is_paced = matches!(self.running.law, Law::Paced { .. });
         self.is_free(known, factor) || is_paced && self.allows_paced(known, factor)
     }
 
     /// True when the motion may go on with this factor from here, and might have at any time before.
-    fn is_free(&self, known: [&[Profile]; 2], factor: f64) -> bool {
+    fn is_free(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         self.running.exact_stop
             || match (&self.running.law, newest(known).map(|newest| &newest.law)) {
                 (Law::Paced { pace, .. }, None) | (Law::Paced { .. }, Some(Law::Paced { pace, .. })) => {
@@ -92,7 +93,7 @@ impl<'a> Way<'a> {
     }
 
     /// True when no cycle with this factor until here comes too near the end of what is known.
-    pub(crate) fn is_steady(&self, waiting: &mut Consumer<Profile>, factor: f64) -> bool {
+    pub(crate) fn is_steady(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         with_waiting(waiting, |known| self.is_free(known, factor))
     }
 
@@ -107,14 +108,14 @@ impl<'a> Way<'a> {
     }
 
     /// The factor falls evenly.
-    fn allows_even(&self, known: [&[Profile]; 2], factor: f64) -> bool {
+    fn allows_even(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let needed_s = factor * factor / (2.0 * self.slope) + self.left_s(factor);
         let running_s = self.running.duration_s - self.next_s(factor);
         running_s + self.waiting_s(known) >= needed_s
     }
 
     /// Time of the running profile's chain that waits, s; infinite when its end is known.
-    fn waiting_s(&self, known: [&[Profile]; 2]) -> f64 {
+    fn waiting_s(&self, known: [&[Box<Profile>]; 2]) -> f64 {
         let Some(newest) = newest(known) else { return 0.0 };
         match (&self.running.law, &newest.law) {
             (Law::Ramped { place: running, .. }, Law::Ramped { place: waiting, .. })
@@ -128,7 +129,7 @@ impl<'a> Way<'a> {
     }
 
     /// Each piece has a room of its own. From the end of what is known backwards.
-    fn allows_paced(&self, [first, second]: [&[Profile]; 2], factor: f64) -> bool {
+    fn allows_paced(&self, [first, second]: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let from_s = self.next_s(factor);
         let first = first.get(..PACED_MAX).unwrap_or(first);
         let second = second.get(..PACED_MAX - first.len()).unwrap_or(second);
@@ -139,6 +140,7 @@ impl<'a> Way<'a> {
             .iter()
             .rev()
             .chain(first.iter().rev())
+            .map(AsRef::as_ref)
             .chain([self.running]);
         for profile in known {
             let begin_s = end_s - profile.duration_s;
@@ -162,20 +164,19 @@ impl<'a> Way<'a> {
 }
 
 /// The profile that came last.
-fn newest([first, second]: [&[Profile]; 2]) -> Option<&Profile> {
-    second.last().or(first.last())
+fn newest([first, second]: [&[Box<Profile>]; 2]) -> Option<&Profile> {
+    second.last().or(first.last()).map(AsRef::as_ref)
 }
 
-fn with_waiting(waiting: &mut Consumer<Profile>, look: impl FnOnce([&[Profile]; 2]) -> bool) -> bool {
-    let known = waiting.slots();
-    waiting.read_chunk(known).is_ok_and(|chunk| {
+fn with_waiting(waiting: &mut ProfileConsumer, look: impl FnOnce([&[Box<Profile>]; 2]) -> bool) -> bool {
+    waiting.waiting().is_some_and(|chunk| {
         let (first, second) = chunk.as_slices();
         look([first, second])
     })
 }
 
 /// True when a chain that begins at this override can come to rest within what waits.
-pub(crate) fn is_known(waiting: &mut Consumer<Profile>, factor: f64, hold_slope: f64, period_s: f64) -> bool {
+pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
             Way::new(running, 0.0, hold_slope, period_s).is_free([first, second], factor)
@@ -184,7 +185,7 @@ pub(crate) fn is_known(waiting: &mut Consumer<Profile>, factor: f64, hold_slope:
 }
 
 /// True when the motion can come to rest within what waits, which it goes over to at this time of the first profile.
-pub(crate) fn may_go_over(waiting: &mut Consumer<Profile>, factor: f64, at_s: f64, period_s: f64) -> bool {
+pub(crate) fn may_go_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
             Way::new(running, at_s, f64::INFINITY, period_s).is_way_to_rest([first, second], factor)

@@ -1,12 +1,17 @@
 //! The servo cycle over all channels.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use tandem_model::settings::CoordinateSystemSettings;
 
-use crate::bus::{BusCounts, Command, CycleResult, DriveBus, Feedback};
+use crate::bus::{BusCounts, Command, Cutoff, CycleResult, DriveBus, Feedback};
 use crate::channel::{Channel, ChannelHandle, channel};
 use crate::hardware::Hardware;
 use crate::motors::Motors;
 use crate::spindle::SpindleLink;
+
+/// Time in which frames of the bus may be lost in a row, whatever the bus allows, s. Reason: the alarm comes within 100 ms.
+const LOST_MAX_S: f64 = 0.09;
 
 /// All channels of the machine, cycled in lock-step, and the bus to their motors.
 #[derive(Debug)]
@@ -22,6 +27,8 @@ pub struct Servo {
     keeps_speed: bool,
     period_s: f64,
     cycles: u64,
+    /// A call of the bus has panicked: it is not called again.
+    has_bus_failed: bool,
 }
 
 impl Servo {
@@ -59,7 +66,7 @@ impl Servo {
         let servo = Self {
             channels,
             lost_in_a_row: 0,
-            lost_in_a_row_max: bus.lost_in_a_row_max(),
+            lost_in_a_row_max: bus.lost_in_a_row_max().min(frames(LOST_MAX_S, servo_period_s)),
             keeps_speed: bus.keeps_speed(),
             bus,
             commands: at_start.collect(),
@@ -67,6 +74,7 @@ impl Servo {
             counts: BusCounts::default(),
             period_s: servo_period_s,
             cycles: 0,
+            has_bus_failed: false,
         };
         (servo, handles)
     }
@@ -125,6 +133,30 @@ impl Servo {
         };
     }
 
+    /// A cycle after the servo has failed: nothing moves, every drive and spindle is commanded to have no power, and the
+    /// heartbeat stands still. A device that panics again is not called any more. Not for a servo that works: it may allocate.
+    pub fn power_off(&mut self) {
+        let time_s = self.time_s();
+        for command in &mut self.commands {
+            command.enable = false;
+            command.clear_fault = false;
+        }
+        if !self.has_bus_failed {
+            let exchanged = catch_unwind(AssertUnwindSafe(|| {
+                self.bus.exchange(&self.commands, &mut self.feedback)
+            }));
+            self.has_bus_failed = exchanged.is_err();
+        }
+        for channel in &mut self.channels {
+            channel.power_off(time_s);
+        }
+    }
+
+    /// What takes the power from all drives without the bus.
+    pub fn cutoff(&mut self) -> Option<Cutoff> {
+        self.bus.cutoff()
+    }
+
     /// How many exchanges were late or lost.
     pub fn bus_counts(&self) -> BusCounts {
         self.counts
@@ -177,4 +209,14 @@ impl Servo {
     pub fn channels(&self) -> &[Channel] {
         &self.channels
     }
+}
+
+/// Whole servo periods in a time.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a cast ends at the limits of the type"
+)]
+fn frames(time_s: f64, period_s: f64) -> u32 {
+    (time_s / period_s) as u32
 }

@@ -4,7 +4,8 @@ use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::bus::{Command, CycleResult, DriveBus, Feedback};
 
-/// Drives that follow their commands with the lag of their settings, at rest at machine position 0 at the start.
+/// Drives that follow their commands with the lag of their settings, at rest at the position of their settings at the start.
+/// A drive that is not homed then finds its reference when it is told to clear its faults.
 #[derive(Debug)]
 pub struct SimulatedBus {
     drives: Box<[SimulatedDrive]>,
@@ -15,7 +16,10 @@ impl SimulatedBus {
     pub fn new<'a>(systems: impl IntoIterator<Item = &'a CoordinateSystemSettings>) -> Self {
         let drives = systems.into_iter().flat_map(|system| {
             let motors = system.motors.iter().flatten();
-            motors.map(|motor| SimulatedDrive::new(motor.lag_ms, system.servo_period_s))
+            motors.map(|motor| SimulatedDrive {
+                is_homed: motor.is_homed_at_start,
+                ..SimulatedDrive::new(motor.lag_ms, system.servo_period_s, motor.start_at)
+            })
         });
         Self {
             drives: drives.collect(),
@@ -24,7 +28,12 @@ impl SimulatedBus {
 
     /// What the motors report at the start.
     pub fn feedback(&self) -> Vec<Feedback> {
-        vec![Feedback::following(0.0); self.drives.len()]
+        let drives = self.drives.iter();
+        let feedback = drives.map(|drive| Feedback {
+            is_homed: drive.is_homed,
+            ..Feedback::following(drive.actual)
+        });
+        feedback.collect()
     }
 }
 
@@ -32,6 +41,8 @@ impl DriveBus for SimulatedBus {
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
         for ((drive, command), feedback) in self.drives.iter_mut().zip(commands).zip(feedback) {
             feedback.position = drive.cycle(command.position);
+            drive.is_homed |= command.clear_fault;
+            feedback.is_homed = drive.is_homed;
         }
         CycleResult::OnTime
     }
@@ -59,11 +70,12 @@ struct SimulatedDrive {
     decay: f64,
     command: f64,
     actual: f64,
+    is_homed: bool,
 }
 
 impl SimulatedDrive {
-    /// At rest at 0. `lag_ms` is the time constant of its following error, at least 0.
-    fn new(lag_ms: f64, period_s: f64) -> Self {
+    /// At rest at a position, and homed. `lag_ms` is the time constant of its following error, at least 0.
+    fn new(lag_ms: f64, period_s: f64, at: f64) -> Self {
         let lag_periods = (lag_ms / 1000.0 / period_s).max(0.0);
         Self {
             lag_periods,
@@ -72,8 +84,9 @@ impl SimulatedDrive {
             } else {
                 0.0
             },
-            command: 0.0,
-            actual: 0.0,
+            command: at,
+            actual: at,
+            is_homed: true,
         }
     }
 
@@ -96,14 +109,41 @@ mod tests {
 
     #[test]
     fn an_ideal_drive_is_where_its_command_is() {
-        let mut drive = SimulatedDrive::new(0.0, 0.001);
+        let mut drive = SimulatedDrive::new(0.0, 0.001, 0.0);
         assert_eq!(drive.cycle(3.7).to_bits(), 3.7_f64.to_bits());
+    }
+
+    #[test]
+    fn a_drive_starts_at_its_position_and_is_homed_by_a_reset() {
+        let motor = tandem_model::settings::MotorSettings {
+            start_at: 70.5,
+            is_homed_at_start: false,
+            ..crate::testing::motor(1)
+        };
+        let settings = CoordinateSystemSettings {
+            motors: std::array::from_fn(|i| (i == 0).then(|| motor.clone())),
+            servo_period_s: 0.001,
+            ..CoordinateSystemSettings::default()
+        };
+        let mut bus = SimulatedBus::new([&settings]);
+        let mut feedback = bus.feedback();
+        assert_eq!((feedback[0].position, feedback[0].is_homed), (70.5, false));
+        let mut command = Command {
+            position: 70.5,
+            enable: true,
+            clear_fault: false,
+        };
+        bus.exchange(&[command], &mut feedback);
+        assert!(!feedback[0].is_homed);
+        command.clear_fault = true;
+        bus.exchange(&[command], &mut feedback);
+        assert_eq!((feedback[0].position, feedback[0].is_homed), (70.5, true));
     }
 
     #[test]
     fn a_step_is_followed_with_the_time_constant() {
         // 10 ms lag, at rest on a new command: after 50 ms exp(-5) of the error is left.
-        let mut drive = SimulatedDrive::new(10.0, 0.001);
+        let mut drive = SimulatedDrive::new(10.0, 0.001, 0.0);
         drive.cycle(1.0);
         let first = 1.0 - drive.actual;
         for _ in 0..50 {
@@ -114,7 +154,7 @@ mod tests {
 
     #[test]
     fn at_constant_velocity_the_following_error_is_velocity_times_lag() {
-        let mut drive = SimulatedDrive::new(20.0, 0.001);
+        let mut drive = SimulatedDrive::new(20.0, 0.001, 0.0);
         let mut command = 0.0;
         for k in 1..=2000 {
             command = 50.0 * f64::from(k) * 0.001;

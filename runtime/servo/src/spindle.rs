@@ -1,6 +1,7 @@
 //! The seam to the spindle: what it is to do, and what it reports in each servo cycle.
 
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use tandem_model::settings::MotorSettings;
 
@@ -87,6 +88,29 @@ pub(crate) struct SpindleLink {
     motor: u16,
     /// r/min per second; infinite: at once.
     acceleration: f64,
+    /// r/min.
+    max_rpm: f64,
+    /// What was commanded last.
+    target: (SpindleDirection, f64),
+    awaited: Option<Awaited>,
+    /// A call of the device has panicked after a failure of the servo.
+    has_failed: bool,
+}
+
+/// A wait for what was commanded last, as [`Control::AwaitSpindle`](crate::Control) asks for it.
+#[derive(Debug, Clone, Copy)]
+struct Awaited {
+    id: u64,
+    within: f64,
+}
+
+/// What a cycle of the spindle has ended.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct SpindleEnds {
+    /// A commanded orientation.
+    pub(crate) orientation: bool,
+    /// The wait of this id.
+    pub(crate) reached: Option<u64>,
 }
 
 impl SpindleLink {
@@ -100,6 +124,10 @@ impl SpindleLink {
             in_thread: false,
             motor: motor.number,
             acceleration: or_unlimited(motor.max_acceleration),
+            max_rpm: motor.max_velocity.max(0.0),
+            target: (SpindleDirection::Stop, 0.0),
+            awaited: None,
+            has_failed: false,
         }
     }
 
@@ -114,7 +142,7 @@ impl SpindleLink {
 
     /// True when further cycles change at most its angle.
     pub(crate) fn is_steady(&self) -> bool {
-        self.state.is_steady && !self.power.is_enabling()
+        self.state.is_steady && !self.power.is_enabling() && self.awaited.is_none()
     }
 
     /// True when further cycles change nothing.
@@ -122,13 +150,14 @@ impl SpindleLink {
         self.is_steady() && self.state.rpm == 0.0
     }
 
-    /// True while its drive is being enabled, or an orientation has not ended.
+    /// True while its drive is being enabled, an orientation has not ended, or what was commanded is awaited.
     pub(crate) fn is_busy(&self) -> bool {
-        self.power.is_enabling() || self.state.orientation == Orientation::Pending
+        self.power.is_enabling() || self.state.orientation == Orientation::Pending || self.awaited.is_some()
     }
 
     /// A command waits for the end of a thread, and one that turns it for power.
     pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
+        self.target = (direction, rpm);
         let waits = self.in_thread || (direction != SpindleDirection::Stop && !self.has_power());
         self.pending = waits.then_some((direction, rpm));
         if !waits {
@@ -152,8 +181,39 @@ impl SpindleLink {
         }
     }
 
-    /// One cycle; true when a commanded orientation has ended. After an error the spindle has no power.
-    pub(crate) fn cycle(&mut self, period_s: f64) -> Result<bool, Fault> {
+    /// Reports once that what was commanded last is reached.
+    pub(crate) fn await_target(&mut self, id: u64, within: f64) {
+        self.awaited = Some(Awaited { id, within });
+    }
+
+    /// True when the spindle has reached what was commanded last. A command that waits for the end of a thread counts as
+    /// reached, because the thread may need the answer to end.
+    fn has_reached(&self, within: f64) -> bool {
+        if self.in_thread {
+            return true;
+        }
+        let (direction, rpm) = self.target;
+        let speed = if rpm.is_finite() {
+            rpm.abs().min(self.max_rpm)
+        } else {
+            0.0
+        };
+        let target = match direction {
+            SpindleDirection::Orient => {
+                return self.state.orientation == Orientation::Reached && self.pending.is_none();
+            }
+            SpindleDirection::Cw => speed,
+            SpindleDirection::Ccw => -speed,
+            SpindleDirection::Stop => 0.0,
+        };
+        if target == 0.0 {
+            return self.rests();
+        }
+        self.pending.is_none() && (self.state.rpm - target).abs() <= within * speed
+    }
+
+    /// One cycle, and what it has ended. After an error the spindle has no power.
+    pub(crate) fn cycle(&mut self, period_s: f64) -> Result<SpindleEnds, Fault> {
         let before = self.state.orientation;
         self.state = self.device.cycle();
         let has_ended = before == Orientation::Pending && self.state.orientation == Orientation::Reached;
@@ -168,7 +228,15 @@ impl SpindleLink {
                 self.obey_pending();
             }
         }
-        watched.map(|_| has_ended)
+        watched?;
+        let reached = self.awaited.filter(|awaited| self.has_reached(awaited.within));
+        if reached.is_some() {
+            self.awaited = None;
+        }
+        Ok(SpindleEnds {
+            orientation: has_ended,
+            reached: reached.map(|awaited| awaited.id),
+        })
     }
 
     /// True when its drive follows; otherwise it is being enabled.
@@ -190,6 +258,21 @@ impl SpindleLink {
         if self.power.reset() {
             self.apply_power();
         }
+    }
+
+    /// The servo has failed. A device that panics is not called again.
+    pub(crate) fn power_off(&mut self) {
+        self.pending = None;
+        self.power = Power::Tripped { resets: false };
+        if !self.has_failed {
+            let commanded = catch_unwind(AssertUnwindSafe(|| self.device.power(false, false)));
+            self.has_failed = commanded.is_err();
+        }
+        self.state = SpindleState {
+            rests: true,
+            is_steady: true,
+            ..SpindleState::default()
+        };
     }
 
     fn apply_power(&mut self) {

@@ -4,8 +4,9 @@
 //! back to the coordinator. At that place both plans have the same position, and the override factor changes so that the motion keeps
 //! its velocity.
 
-use rtrb::Consumer;
 use tandem_model::profile::{Law, PathPlace, Profile};
+
+use crate::profile_queue::ProfileConsumer;
 
 /// Splices that may wait, and rings that may wait to be taken back: the coordinator gives one at a time.
 pub(crate) const SPLICES_MAX: usize = 4;
@@ -20,7 +21,7 @@ pub struct Splice {
     /// two blocks.
     pub at: Option<PathPlace>,
     /// What runs from there on.
-    pub profiles: Consumer<Profile>,
+    pub profiles: ProfileConsumer,
 }
 
 impl Splice {

@@ -1,10 +1,10 @@
 //! A channel switches to another plan: at a place ahead on the path, or at once while it is at rest.
 
-use rtrb::Consumer;
 use tandem_model::profile::{Law, PathPlace, Profile};
 
 use crate::channel::{Channel, Hold};
 use crate::control::Event;
+use crate::profile_queue::ProfileConsumer;
 use crate::rest;
 use crate::splice::Joint;
 
@@ -72,7 +72,7 @@ impl Channel {
     }
 
     /// Reports what has become of a splice, and returns the ring that is not read any more.
-    fn settle(&mut self, profiles: Consumer<Profile>, taken: bool) {
+    fn settle(&mut self, profiles: ProfileConsumer, taken: bool) {
         let unread = if taken {
             std::mem::replace(&mut self.profiles, profiles)
         } else {

@@ -6,7 +6,6 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::collections::VecDeque;
 
-use rtrb::RingBuffer;
 use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion, TapLeg};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{
@@ -18,7 +17,7 @@ use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
 use tandem_motion::Planner;
 use tandem_servo::{
     ChannelHandle, Command, Control, CycleResult, DriveBus, Event, Fault, Feedback, Hardware, Servo,
-    SpindleDirection, Splice,
+    SpindleDirection, Splice, profile_queue,
 };
 
 thread_local! {
@@ -526,7 +525,7 @@ fn another_plan_neither_allocates_nor_frees() {
         handle.profiles.push(profile).unwrap();
     }
     let splice = |handle: &mut ChannelHandle, at, profiles: VecDeque<Profile>| {
-        let (mut ring, consumer) = RingBuffer::new(64);
+        let (mut ring, consumer) = profile_queue(64);
         for profile in profiles {
             ring.push(profile).unwrap();
         }

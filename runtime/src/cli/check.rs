@@ -16,7 +16,7 @@ use tandem_runtime::declared::{unserved, wrong_params};
 use tandem_runtime::program_store::StoredProgram;
 use tandem_runtime::trial::Trial;
 use tandem_runtime::{ConfiguredSystem, Machine};
-use tandem_syntax::diagnostics::{FEEDRATE_OPEN, WRONG_IN_SOME};
+use tandem_syntax::diagnostics::{FEEDRATE_OPEN, STOPS_IF, WRONG_IN_SOME};
 use tandem_syntax::{NcProgram, parse};
 
 use super::findings::{Findings, as_json, as_sarif};
@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Alone: checks this configuration and the files that it names, as serve does; with programs: checks them against it
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Coordinate system of --config that the programs are for; without it, its first one that speaks their dialect
+    /// Coordinate system of --config that the programs are for; without it, the one whose `programs` name the file, else the first one that speaks its dialect
     #[arg(long, requires = "config")]
     cs: Option<CoordinateSystemNumber>,
 }
@@ -89,17 +89,20 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         system.with_context(|| format!("the machine has no coordinate system {cs}"))
     });
     let named = named.transpose()?;
-    let of_machine = || match named {
-        Some(system) => system.dialect,
-        None => machine.as_ref().map_or_else(dialects::nj, Machine::dialect),
+    let default = machine.as_ref().map_or_else(dialects::nj, Machine::dialect);
+    let dialect_of = |system: Option<&ConfiguredSystem>| {
+        let of_system = || system.map_or(default, |system| system.dialect);
+        arguments.dialect.unwrap_or_else(of_system)
     };
-    let dialect = arguments.dialect.unwrap_or_else(of_machine);
     let mut files = Vec::new();
     let (mut errors, mut unreadable) = (false, false);
     for path in &arguments.files {
         match read_program(path) {
             Ok(text) => {
-                for findings in check_text(path, &text, dialect, machine.as_ref(), named) {
+                let assigned = || machine.as_ref()?.system_of_program(path);
+                let system = named.or_else(assigned);
+                let dialect = dialect_of(system);
+                for findings in check_text(path, &text, dialect, machine.as_ref(), system) {
                     errors |= findings.has_errors();
                     if arguments.format == Format::Text {
                         findings.print();
@@ -113,7 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             }
         }
     }
-    if let Some(all) = arguments.format.write(&files, !unreadable, dialect) {
+    if let Some(all) = arguments.format.write(&files, !unreadable, dialect_of(named)) {
         say(all);
     }
     Ok(match (unreadable, errors) {
@@ -217,8 +220,8 @@ fn check_tree(
     all_findings(main, called, read)
 }
 
-/// Adds what a trial shows, but for warnings where something is told already. Its errors are surer than what is wrong on some
-/// ways.
+/// Adds what a trial shows. A warning is left out where another finding overlaps it, an alarm that may come only where another
+/// finding reports an alarm. Errors of a trial replace warnings of what is wrong on some ways.
 fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, Check>) {
     for (number, finding) in trial.run().findings(trial) {
         let of = called.get_mut(&number).unwrap_or(main);
@@ -228,8 +231,21 @@ fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, 
             let is_sure = |known: &Diagnostic| known.code != WRONG_IN_SOME.code || is_new(known);
             of.diagnostics.retain(is_sure);
             of.diagnostics.push(finding);
-        } else if of.diagnostics.iter().all(is_new) {
-            of.diagnostics.push(finding);
+        } else {
+            // an alarm is left out only where the same block reports one already
+            let reports_it = |known: &Diagnostic| {
+                finding.code != STOPS_IF.code
+                    || known.is_error()
+                    || known.code == WRONG_IN_SOME.code
+                    || known.code == finding.code
+            };
+            if of
+                .diagnostics
+                .iter()
+                .all(|known| is_new(known) || !reports_it(known))
+            {
+                of.diagnostics.push(finding);
+            }
         }
     }
 }

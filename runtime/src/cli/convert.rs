@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
-use tandem_interp::dialects::convert::{Source, convert};
+use tandem_interp::dialects::convert::{Settings, Source, convert};
 use tandem_model::settings::NcOptions;
 use tandem_syntax::is_wide;
 
@@ -49,12 +49,19 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         From::Dgshape => Source::Dgshape,
         From::Fanuc => Source::Fanuc,
     };
-    let options = match &arguments.config {
-        None => NcOptions::default(),
+    let settings = match &arguments.config {
+        None => Settings::from(&NcOptions::default()),
         Some(path) => {
             let (_, machine) = read_config(Some(path))?;
-            let first = machine.coordinate_systems.first();
-            first.map(|system| system.settings.nc).unwrap_or_default()
+            let assigned = machine.system_of_program(&arguments.file);
+            let system = assigned.or(machine.coordinate_systems.first());
+            system.map_or_else(
+                || Settings::from(&NcOptions::default()),
+                |system| Settings {
+                    options: system.settings.nc,
+                    unit: system.settings.unit,
+                },
+            )
         }
     };
     let text = read_program(&arguments.file)?;
@@ -63,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         "{} is in UTF-16, and a program is read as UTF-8: save it as UTF-8",
         shown(&arguments.file)
     );
-    let converted = convert(&text, source, &options);
+    let converted = convert(&text, source, settings);
     match &arguments.output {
         None => notice_unwritten(std::io::stdout().lock().write_all(converted.text.as_bytes())),
         Some(path) => {
@@ -82,8 +89,13 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     }
     let file = shown(&arguments.file);
     for left in &converted.left {
+        let what = if left.is_written {
+            "converted, with an error"
+        } else {
+            "not converted"
+        };
         complain(format!(
-            "{file}:{}: not converted: {}\n  {}",
+            "{file}:{}: {what}: {}\n  {}",
             left.line, left.text, left.reason
         ));
     }

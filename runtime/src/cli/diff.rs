@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::Args;
+use plc_api::types::CoordinateSystemNumber;
 use serde_json::json;
 use tandem_interp::{Dialect, dialects};
 
 use super::plot::{Drawing, Line, Stroke, View};
 use super::simulate::{Outcome, Plan, SimulationArguments};
-use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, say};
+use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, read_config, say};
 use compare::{Comparison, Part, compare};
 use recorded::{Element, record};
 
@@ -28,6 +29,10 @@ pub struct Arguments {
     /// NC dialect of the programs; without it, that of the configuration
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
+    /// Coordinate system that runs both; without it, each runs where the `programs` of --config name it, and a file that
+    /// they do not name where the other one runs, else in 1
+    #[arg(long)]
+    cs: Option<CoordinateSystemNumber>,
     /// Ways that are closer than this are the same, mm or degrees
     #[arg(long, value_name = "MM", default_value_t = 0.001)]
     tolerance: f64,
@@ -53,8 +58,17 @@ struct Program<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
-    let read = |file| Program::read(file, arguments);
-    let (Some(old), Some(new)) = (read(&arguments.old)?, read(&arguments.new)?) else {
+    let (_, machine) = read_config(arguments.config.as_deref())?;
+    let assigned = |file| Some(machine.system_of_program(file)?.settings.number);
+    let read = |file, other| {
+        let cs = arguments
+            .cs
+            .or_else(|| assigned(file))
+            .or_else(|| assigned(other));
+        Program::read(file, cs, arguments)
+    };
+    let [old, new] = [&arguments.old, &arguments.new];
+    let (Some(old), Some(new)) = (read(old, new)?, read(new, old)?) else {
         return Ok(EXIT_UNREADABLE);
     };
     let tolerances = [arguments.tolerance, arguments.time_tolerance];
@@ -93,8 +107,13 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 
 impl<'a> Program<'a> {
     /// `None`: it has errors, which have been told.
-    fn read(file: &'a Path, arguments: &Arguments) -> anyhow::Result<Option<Self>> {
-        let simulated = SimulationArguments::of(file, arguments.config.as_deref(), arguments.dialect);
+    fn read(
+        file: &'a Path,
+        cs: Option<CoordinateSystemNumber>,
+        arguments: &Arguments,
+    ) -> anyhow::Result<Option<Self>> {
+        let mut simulated = SimulationArguments::of(file, arguments.config.as_deref(), arguments.dialect);
+        simulated.cs = cs;
         let plan = match Plan::read(&simulated, arguments.json)? {
             Ok(plan) => plan,
             Err(diagnostics) => {

@@ -86,19 +86,23 @@ impl Arguments {
     }
 }
 
+/// Exit code after a stop that an internal fault has demanded: a service manager starts the runtime again.
+const EXIT_FAULT: u8 = 70;
+
 pub(super) fn run(arguments: &Arguments) -> Ran {
     super::log::start();
     let servable = Servable::read(arguments.config.as_deref(), |config| arguments.change(config))?;
-    tokio::runtime::Builder::new_multi_thread()
+    let is_in_order = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
         .map_err(anyhow::Error::from)
         .and_then(|executor| executor.block_on(serve(servable, arguments)))
         .map_err(|error| anyhow::anyhow!("tandem does not start: {error}"))?;
-    Ok(EXIT_OK)
+    Ok(if is_in_order { EXIT_OK } else { EXIT_FAULT })
 }
 
-async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<()> {
+/// False after a stop that a fault has demanded.
+async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<bool> {
     let mut signals = Signals::listen()?;
     let Servable { config, settings, .. } = servable;
     let is_demo = config.is_demo;
@@ -111,7 +115,10 @@ async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<()> 
         }
     };
     let plc = Plc::in_process(runtime.port());
-    let sequence = is_demo.then(|| tokio::spawn(run_demo(plc, arguments.config.is_none())));
+    let supervisor = runtime.served_port().supervisor();
+    let sequence = run_demo(plc, arguments.config.is_none());
+    let sequence =
+        is_demo.then(|| tokio::spawn(supervisor.contained("sequence program of the demo", sequence)));
     let _memory = super::memory::give_back();
     announce(&settings, &gateway, is_demo);
     for address in taken {
@@ -119,17 +126,34 @@ async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<()> 
             "{address} is taken by another program, so that the demo has a free port instead."
         ));
     }
-    while let Received::HangUp = signals.received().await {
-        tracing::warn!("SIGHUP: the token file is read again; SIGTERM stops the machine");
-        gateway.read_tokens_again();
-    }
+    let failed = until_stop(&runtime, &gateway, &mut signals).await;
     say("Stopping: motion comes to rest on its path.");
     runtime.shutdown().await;
     if let Some(sequence) = sequence {
         sequence.abort();
     }
     gateway.shutdown().await;
-    Ok(())
+    Ok(failed.is_none())
+}
+
+/// Serves until a signal, or until a fault demands a stop, which is returned.
+async fn until_stop(runtime: &Runtime, gateway: &Gateway, signals: &mut Signals) -> Option<String> {
+    loop {
+        let received = tokio::select! {
+            received = signals.received() => received,
+            why = runtime.failed() => {
+                tracing::error!("the runtime stops after a fault: {why}");
+                return Some(why);
+            }
+        };
+        match received {
+            Received::Stop => return None,
+            Received::HangUp => {
+                tracing::warn!("SIGHUP: the token file is read again; SIGTERM stops the machine");
+                gateway.read_tokens_again();
+            }
+        }
+    }
 }
 
 /// The demo's handlers; the built-in machine opens with a program.

@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use plc_api::TlsFiles;
 use plc_api::wire::hmi::Hmi;
@@ -86,6 +87,8 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
             emergency_stop: mtconnect.emergency_stop.clone(),
             shdr_listen: mtconnect.shdr_listen.clone(),
         }),
+        login_idle: (config.http.login_idle_s > 0)
+            .then(|| Duration::from_secs(config.http.login_idle_s.into())),
         allow_origins: config.http.allow_origins.clone(),
         public_url: config.http.public_url.clone(),
         hmi: hmi_settings(config),
@@ -114,7 +117,9 @@ fn hmi_settings(config: &Config) -> HmiSettings {
         dir: config.hmi.dir.as_ref().map(in_folder),
         machines: config.hmi.machines.clone(),
         secrets: secrets.into_iter().flatten().map(in_folder).collect(),
+        stop_without_login: config.hmi.stop_without_login,
         added: Hmi {
+            jog_step_max: config.hmi.jog_step_max,
             buttons: config.hmi.button.clone(),
             cards: config.hmi.card.clone(),
         },
@@ -135,6 +140,7 @@ fn mqtt_settings(config: &Config, problems: &mut Vec<String>) -> MqttSettings {
         password,
         prefix: mqtt.prefix.clone(),
         websocket: mqtt.websocket,
+        accept_unverified_senders: mqtt.accept_unverified_senders,
         ..MqttSettings::default()
     };
     match &mqtt.broker {

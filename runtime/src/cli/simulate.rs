@@ -84,9 +84,9 @@ pub(super) struct SimulationArguments {
     /// Feed override, percent
     #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
     feed_override: f64,
-    /// Coordinate system that runs the program
-    #[arg(long, default_value_t = 1)]
-    cs: CoordinateSystemNumber,
+    /// Coordinate system that runs the program; without it, the one of --config whose `programs` name the file, else 1
+    #[arg(long)]
+    pub cs: Option<CoordinateSystemNumber>,
     /// Another coordinate system's program at the same time, such as 2=FILE2
     #[arg(long, value_name = "N=FILE", value_parser = parse_with)]
     with: Vec<(CoordinateSystemNumber, PathBuf)>,
@@ -105,7 +105,7 @@ impl SimulationArguments {
             skip: Vec::new(),
             optional_stop: false,
             feed_override: 100.0,
-            cs: 1,
+            cs: None,
             with: Vec::new(),
             max_time_s: MAX_TIME_S,
         }
@@ -217,6 +217,8 @@ impl Plan {
             }
             machine = config.resolve()?;
         }
+        let assigned = machine.system_of_program(&arguments.file);
+        let assigned = assigned.map(|system| system.settings.number);
         machine.unhandled = Unhandled::AutoReset;
         machine.forget_locks();
         if config.is_demo {
@@ -235,7 +237,8 @@ impl Plan {
             programs: BTreeMap::new(),
         };
         let mut diagnostics = Vec::new();
-        let first = (arguments.cs, arguments.file.clone());
+        let assigned = || assigned.unwrap_or(1);
+        let first = (arguments.cs.unwrap_or_else(assigned), arguments.file.clone());
         for (cs, file) in std::iter::once(&first).chain(&arguments.with) {
             plan.add(*cs, file, json, &mut diagnostics)?;
         }

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use plc_api::wire::hmi::{HmiButton, HmiCard};
+use plc_api::wire::hmi::{HmiButton, HmiCard, JOG_STEP_MAX_DEFAULT};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// `[hmi]`
-#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HmiConfig {
     /// Folder with pages and modules of one's own, served below `/hmi/` to everyone who reaches the HMI: endings html, js, mjs, css,
@@ -15,8 +15,27 @@ pub struct HmiConfig {
     pub dir: Option<PathBuf>,
     /// Addresses of further machines that the page of several machines shows, such as `http://mill-2:8080`; at most 31.
     pub machines: Vec<String>,
+    /// The longest jog that needs no refresh, on every transport; it moves its whole distance unless something stops it.
+    #[schemars(range(min = 0, max = 1000), extend("x-unit" = "mm or deg"))]
+    pub jog_step_max: f64,
+    /// Everyone who reaches the HMI may hold, stop and abort without a login, at most 5 times per second and host. For panels beside
+    /// the machine.
+    pub stop_without_login: bool,
     /// `[[hmi.button]]`
     pub button: Vec<HmiButton>,
     /// `[[hmi.card]]`
     pub card: Vec<HmiCard>,
+}
+
+impl Default for HmiConfig {
+    fn default() -> Self {
+        Self {
+            dir: None,
+            machines: Vec::new(),
+            jog_step_max: JOG_STEP_MAX_DEFAULT,
+            stop_without_login: false,
+            button: Vec::new(),
+            card: Vec::new(),
+        }
+    }
 }

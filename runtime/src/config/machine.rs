@@ -1,7 +1,7 @@
 //! A machine as configured: the settings that the stages take.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use plc_api::lock_input::LockRules;
@@ -54,6 +54,8 @@ pub struct Machine {
     pub alarms: BTreeMap<u16, AlarmText>,
     /// Inputs and outputs of the plant.
     pub io: IoDeclarations,
+    /// Time in which a handler may come back that left without an announcement, s.
+    pub handler_grace_s: f64,
     /// Variables that are published when they change: the first of each range, and how many, 1024 of an area in all.
     pub published: BTreeMap<VariableArea, Vec<(u32, u32)>>,
     /// What the file of the sequence side says that it serves; none: there is no file.
@@ -68,6 +70,8 @@ pub struct Machine {
     pub programs_bytes_max: usize,
     /// Manual data input is taken.
     pub takes_mdi: bool,
+    /// The longest jog that needs no refresh, mm or degrees.
+    pub jog_step_max: f64,
 }
 
 /// A coordinate system as configured.
@@ -337,6 +341,17 @@ impl Machine {
         let systems = self.coordinate_systems.iter().map(|system| &system.settings);
         let motors = systems.flat_map(|settings| settings.motors.iter().chain([&settings.spindle]));
         motors.flatten().any(|of_system| of_system.number == motor)
+    }
+
+    /// The coordinate system whose `programs` name this file; `None` if no coordinate system does.
+    pub fn system_of_program(&self, file: &Path) -> Option<&CoordinateSystem> {
+        let file = file.canonicalize().ok()?;
+        let is_file = |source: &ProgramSource| match source {
+            ProgramSource::File(path) => path.canonicalize().is_ok_and(|path| path == file),
+            ProgramSource::Text(_) => false,
+        };
+        let mut systems = self.coordinate_systems.iter();
+        systems.find(|system| system.programs.values().any(is_file))
     }
 
     /// NC dialect of the lowest coordinate system: that of programs of which nothing else is said.

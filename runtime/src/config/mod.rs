@@ -8,11 +8,13 @@ mod broker;
 mod demo;
 mod dgshape;
 mod error;
+mod handlers;
 mod hmi;
 mod identification;
 mod input;
 mod io;
 mod machine;
+mod programs;
 mod reference;
 mod resolve;
 mod text;
@@ -30,21 +32,21 @@ use tandem_gateway::MtconnectVersion;
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
 
-use crate::program_store::PROGRAMS_BYTES_MAX;
-
 pub use alarm::AlarmConfig;
 pub use broker::{Broker, ExternalBroker};
 pub use dgshape::DgshapeConfig;
 pub use error::ConfigError;
+pub use handlers::HandlersConfig;
 pub use hmi::HmiConfig;
 pub use identification::IdentificationConfig;
 pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use io::{IoConfig, IoPointConfig};
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
+pub use programs::ProgramsConfig;
 pub use reference::{ConfigKey, ConfigWord};
 pub use variables::{PublishedConfig, VariablesConfig};
 use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
-pub use words::{OnBusLoss, RoundKind};
+pub use words::{EncoderKind, OnBusLoss, RoundKind};
 
 /// Least rate and window. Reason: nothing moves with less.
 const RATE_MIN: f64 = 1e-9;
@@ -89,6 +91,9 @@ pub struct Config {
     /// `[io]`
     #[serde(default)]
     pub io: IoConfig,
+    /// `[handlers]`
+    #[serde(default)]
+    pub handlers: HandlersConfig,
     /// `[variables]`
     #[serde(default)]
     pub variables: VariablesConfig,
@@ -212,6 +217,12 @@ pub struct MotorConfig {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 10_000.0), extend("x-unit" = "ms"))]
     pub lag_ms: f64,
+    /// Encoder of the simulated drive. Its position is kept over restarts in both cases.
+    #[serde(default)]
+    pub encoder: EncoderKind,
+    /// Machine position of the simulated drive at the first start, within `soft_limits`; default 0, or the limit next to it.
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "units"))]
+    pub start_at: Option<f64>,
     /// Spindle: speed of orientation.
     #[serde(default = "number::<100>")]
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "r/min"))]
@@ -220,6 +231,11 @@ pub struct MotorConfig {
     #[serde(default)]
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "deg"))]
     pub orientation_position: f64,
+    /// Spindle: greatest difference from the commanded speed at which the stock sequence program resets M03 and M04; it resets M05
+    /// at rest.
+    #[serde(default = "number::<10>")]
+    #[schemars(range(min = 0.1, max = 100.0), extend("x-unit" = "%"))]
+    pub at_speed_percent: f64,
 }
 
 /// As many numbers as there must be. An array alone would leave out the ones behind.
@@ -467,6 +483,10 @@ pub struct MqttConfig {
     pub listen: Option<String>,
     /// The embedded broker answers over WebSocket as well, at `/mqtt` of the HTTP address; needs `token_file`.
     pub websocket: bool,
+    /// Behind an external broker, requests on topics that do not name their senders (`cs/1/command/start` in place of
+    /// `client/panel/cs/1/command/start`) are taken. Whoever may publish there can write any sender into the payload, and so act in
+    /// the name of others.
+    pub accept_unverified_senders: bool,
     /// User at an external broker.
     pub username: Option<String>,
     /// File with the password at an external broker.
@@ -493,20 +513,6 @@ pub struct TlsConfig {
     pub key_file: PathBuf,
 }
 
-/// `[programs]`
-#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ProgramsConfig {
-    /// Size of the texts of all programs together, MiB. In memory a program takes about four times its text, at worst twelve times.
-    #[schemars(range(min = 1, max = 16384))]
-    pub total_max_mib: usize,
-    /// Public keys of Ed25519, each in Base64 or as the name of a PEM file: only programs that the owner of one of them has
-    /// signed are loaded and called. Without keys, all are.
-    pub signed_by: Vec<String>,
-    /// Whether manual data input is taken, which nobody signs; default `true`, and `false` with `signed_by`.
-    pub mdi: Option<bool>,
-}
-
 /// `[mtconnect]`: MTConnect, for reading only, below `/mtconnect` of the HTTP address. Without this table there is none.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -527,6 +533,9 @@ pub struct HttpConfig {
     pub listen: String,
     /// File with the users' tokens; needed to listen anywhere but on the loopback.
     pub token_file: Option<PathBuf>,
+    /// A login without activity for this long ends, in seconds; 0: it ends only after 12 h. Activity is every request that does more
+    /// than reading, and every use of the HMI.
+    pub login_idle_s: u32,
     /// Origins of pages of others that may use REST and WebSocket with a token, such as `https://hmi.example.com`; needs
     /// `token_file`.
     pub allow_origins: Vec<String>,
@@ -535,21 +544,12 @@ pub struct HttpConfig {
     pub public_url: Option<String>,
 }
 
-impl Default for ProgramsConfig {
-    fn default() -> Self {
-        Self {
-            total_max_mib: PROGRAMS_BYTES_MAX >> 20,
-            signed_by: Vec::new(),
-            mdi: None,
-        }
-    }
-}
-
 impl Default for HttpConfig {
     fn default() -> Self {
         Self {
             listen: "127.0.0.1:8080".into(),
             token_file: None,
+            login_idle_s: 3600,
             allow_origins: Vec::new(),
             public_url: None,
         }

@@ -8,10 +8,10 @@ use serde_json::Value;
 
 use super::error::known;
 use super::{
-    AlarmConfig, Config, CoordinateSystemConfig, DgshapeConfig, HmiConfig, HttpConfig, IdentificationConfig,
-    IoPointConfig, LockConfig, LockSourceConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig,
-    MtconnectConfig, ProgramsConfig, PublishedConfig, SimulatedRoundConfig, SimulatedSkipConfig, TlsConfig,
-    ToolConfig,
+    AlarmConfig, Config, CoordinateSystemConfig, DgshapeConfig, HandlersConfig, HmiConfig, HttpConfig,
+    IdentificationConfig, IoPointConfig, LockConfig, LockSourceConfig, MCodeConfig, MachineConfig,
+    MotorConfig, MqttConfig, MtconnectConfig, ProgramsConfig, PublishedConfig, SimulatedRoundConfig,
+    SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -102,6 +102,7 @@ impl Config {
             ("input.interlock.source", order_of::<LockSourceConfig>()),
             ("io.in", order_of::<IoPointConfig>()),
             ("io.out", order_of::<IoPointConfig>()),
+            ("handlers", order_of::<HandlersConfig>()),
             ("variables.published", order_of::<PublishedConfig>()),
             ("simulated_skip", order_of::<SimulatedSkipConfig>()),
             ("simulated_round", order_of::<SimulatedRoundConfig>()),
@@ -210,7 +211,7 @@ mod tests {
 
     use super::*;
 
-    const SMALL: &str = "[machine]\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+    const SMALL: &str = "[machine]\n[handlers]\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                          [[motor]]\nnumber = 2\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                          [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\ndialect = \"dgshape\"\ndgshape = {}\n[programs]\n[identification]\n[[tool]]\nid = 1\n[[variables.published]]\nfrom = \"P1\"\n[m_code.5]\n\
                          [[simulated_skip]]\nmotor = 1\nbelow = 0\n\

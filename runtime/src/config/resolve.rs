@@ -136,6 +136,9 @@ impl Config {
         problems
             .of("programs", "[programs] ")
             .check_ranges(&self.programs, &[]);
+        problems
+            .of("handlers", "[handlers] ")
+            .check_ranges(&self.handlers, &[]);
         let signers = self.signers(problems);
         let tools = self.tools(problems);
         let motors = self.motors(problems);
@@ -159,11 +162,13 @@ impl Config {
             m_codes,
             alarms,
             io,
+            handler_grace_s: self.handlers.grace_ms as f64 / 1000.0,
             published,
             served,
             unhandled: Unhandled::Alarm,
             programs_bytes_max: self.programs.total_max_mib << 20,
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),
+            jog_step_max: self.hmi.jog_step_max,
             signers,
             hold_on_bus_loss: self.mqtt.on_bus_loss == OnBusLoss::HoldAtWait,
         }

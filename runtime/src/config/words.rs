@@ -17,6 +17,17 @@ pub enum OnBusLoss {
     HoldAtWait,
 }
 
+/// Whether a simulated drive knows its position when it is switched on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum EncoderKind {
+    /// It does: an absolute encoder.
+    #[default]
+    Absolute,
+    /// It does not: it must be homed.
+    Incremental,
+}
+
 /// What a simulated probe touches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]

@@ -4,10 +4,8 @@
 //! Each output is held once per loss, so that an operator may resume without a broker. A reset that arrives another way is latched, as
 //! during any hold.
 
-use std::mem::replace;
 use std::sync::atomic::Ordering;
 
-use plc_api::handshake::Now;
 use plc_api::types::state::Reason;
 
 use super::CoordinateSystem;
@@ -18,18 +16,13 @@ use crate::journal::Event;
 #[derive(Debug, Default)]
 pub(super) struct Bus {
     is_lost: bool,
-    reconnections: u64,
     /// The output at which the run was held since the loss.
     held_at: Option<u64>,
 }
 
 impl CoordinateSystem {
     /// What the server end for MQTT has said since the last turn.
-    pub(super) fn look_at_bus(&mut self, now: Now) {
-        let reconnections = self.context.shared.bus_reconnections.load(Ordering::Relaxed);
-        if replace(&mut self.inputs.bus.reconnections, reconnections) != reconnections {
-            self.outputs.ledger.republish(now, |_| true);
-        }
+    pub(super) fn look_at_bus(&mut self) {
         let connected = self.context.shared.bus_connected.load(Ordering::Relaxed);
         if connected != self.inputs.bus.is_lost {
             return;
@@ -60,7 +53,7 @@ impl CoordinateSystem {
 #[cfg(test)]
 mod tests {
     use plc_api::server::ServedPort;
-    use plc_api::server::ServerNotice::{self, BusLink};
+    use plc_api::server::ServerNotice::BusLink;
     use plc_api::types::output::{Reset, ResetResult};
     use plc_api::types::request::typed;
     use plc_api::types::state::{Reason, State};
@@ -181,8 +174,7 @@ mod tests {
                 None,
                 "in simulated time there is no servo thread"
             );
-            served.notice(ServerNotice::Reconnected);
-            plc.sleep(std::time::Duration::from_secs(1)).await;
+            served.republish().await;
             let pending = plc.coordinate_system(1).pending().await.unwrap();
             let output = &pending.outputs[0].output;
             assert_eq!((output.m, output.attempt, output.redelivered), (77, 2, true));

@@ -6,16 +6,16 @@ use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
 use plc_api::types::line_start::LineStart;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::run::RunOrder;
-use plc_api::types::state::{Execution, Reason};
 use plc_api::types::upload::{Hashes, ProgramCondition};
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
+use super::conditions::RunStart;
 use super::line_search::LineEntry;
 use super::parts::Parts;
 use super::pending_commands::{Awaiting, Deferred};
 use super::run::{Kind, Run};
-use super::run_state::{Cause, End, Phase, RunEvent};
+use super::run_state::{Cause, End, JogStop, Phase, RunEvent};
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, wire_name};
@@ -70,12 +70,13 @@ impl CoordinateSystem {
 
     fn carry_out_command(&mut self, command: Deferred) {
         // The same command may have come twice before the first was carried out; hold, stop and abort may act twice.
-        let said = self.context.shared.replied(&command.meta.command_id);
+        let said = self.context.shared.replied(&command.meta.memory);
         if let Some(said) = said.filter(|_| !command.command.is_urgent()) {
             if command.wait && self.commands.awaits(&command.meta.command_id) {
                 // sent twice, and both callers wait until it is done
                 self.commands.awaiting.push(Awaiting {
                     verb: command.command.verb(),
+                    ends_jog: false,
                     meta: command.meta,
                     note: said.text.clone(),
                     program: None,
@@ -103,7 +104,8 @@ impl CoordinateSystem {
         let judged = match command.command {
             // whoever began it may end it, whatever holds now
             Command::JogEnd { .. } => Ok(Prepared::default()),
-            _ => (self.commands.judge_order(verb, command.order))
+            _ => (self.remember_jog(&command))
+                .and_then(|()| self.commands.judge_order(verb, command.order))
                 .and_then(|()| self.judge(verb, &command.meta))
                 .and_then(|()| self.prepare_command(&command.command, &command.meta)),
         };
@@ -142,12 +144,13 @@ impl CoordinateSystem {
             // The caller may be gone; the command is carried out all the same.
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
-        if let (Command::Run(order), Some(run_id)) = (&command, &run_id) {
-            self.commands.parts = Some(Parts::new(*order, run_id, &meta));
+        if let (Command::Run(order), Some(run)) = (&command, &run) {
+            self.commands.parts = Some(Parts::new(*order, run, &meta));
         }
         self.commands.awaiting.push(Awaiting {
             meta,
             verb,
+            ends_jog: matches!(command, Command::JogEnd { .. }),
             note,
             program,
             run_id,
@@ -171,6 +174,7 @@ impl CoordinateSystem {
 
     pub(super) fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         let failed = |text: String| Err(Refusal::new(RefusalCode::PreconditionFailed, text));
+        self.context.shared.check_not_after(meta.not_after.as_ref())?;
         if let Some(expect) = &meta.expect {
             let boot_id = &self.context.shared.boot_id;
             if expect
@@ -186,6 +190,9 @@ impl CoordinateSystem {
             }
         }
         self.judge_lease(verb, meta)?;
+        if verb == Verb::Reset {
+            self.judge_servo()?;
+        }
         self.situation().judge(verb)?;
         self.judge_locks(verb)
     }
@@ -195,7 +202,16 @@ impl CoordinateSystem {
         if verb.moves() {
             self.judge_interlock()?;
         }
-        if matches!(verb, Verb::Start | Verb::Run | Verb::Mdi) && self.inputs.start_lock.is_on() {
+        self.judge_start_lock(verb)
+    }
+
+    pub(super) fn judge_start_lock(&self, verb: Verb) -> Result<(), Refusal> {
+        let starts = matches!(verb, Verb::Start | Verb::Run | Verb::Mdi);
+        if starts && let Some(why) = self.context.shared.stored_data.lock().text() {
+            let text = format!("stored files do not fit together: {why}");
+            return Err(Refusal::new(RefusalCode::StartLocked, text));
+        }
+        if starts && self.inputs.start_lock.is_on() {
             let why = self.inputs.start_lock.text();
             return Err(Refusal::new(
                 RefusalCode::StartLocked,
@@ -278,14 +294,14 @@ impl CoordinateSystem {
                     ..Prepared::default()
                 })
             }
-            Command::Start => self.prepare_start(meta, None),
-            Command::StartFrom(from) => self.prepare_start(meta, Some(from)),
+            Command::Start => self.prepare_start(self.next_run_id(), meta, None),
+            Command::StartFrom(from) => self.prepare_start(self.next_run_id(), meta, Some(from)),
             Command::Run(order) => self.prepare_run(*order, meta),
             Command::BackTrace { on } => {
                 self.judge_back_trace(*on)?;
                 Ok(Prepared::default())
             }
-            Command::Mdi { text } => self.prepare_manual(text).map(of_run),
+            Command::Mdi { text, is_macro } => self.prepare_manual(text, *is_macro).map(of_run),
             Command::Home { axes } => self.prepare_home(axes).map(of_run),
             Command::Jog {
                 axis,
@@ -308,16 +324,23 @@ impl CoordinateSystem {
         })?;
         let main = self.context.stored(number)?;
         judge_program(meta, Some(number), Some(main.sum()))?;
+        let note = self.context.check_called(&main)?;
+        let (run, entry) = self.new_program_run(self.next_run_id(), &main, None)?;
         Ok(Prepared {
-            note: self.context.check_called(&main)?,
-            run: Some(self.new_run(Kind::Program, Arc::clone(&main))),
-            entry: None,
+            note,
+            run: Some(run),
+            entry,
             program: Some(main),
         })
     }
 
+    pub(super) fn next_run_id(&self) -> String {
+        self.context.run_id(self.past.count + 1)
+    }
+
     pub(super) fn prepare_start(
         &self,
+        run_id: String,
         meta: &CommandMeta,
         from: Option<&LineStart>,
     ) -> Result<Prepared, Refusal> {
@@ -326,10 +349,10 @@ impl CoordinateSystem {
         judge_program(meta, number, Some(main.sum()))?;
         self.context.check_called(&main)?;
         self.context.check_loaded(main.number, &self.commands.texts)?;
-        let entry = from.map(|from| self.search_line(&main, from)).transpose()?;
+        let (run, entry) = self.new_program_run(run_id, &main, from)?;
         Ok(Prepared {
             note: String::new(),
-            run: Some(self.new_run(Kind::Program, Arc::clone(&main))),
+            run: Some(run),
             entry,
             program: Some(main),
         })
@@ -361,7 +384,7 @@ impl CoordinateSystem {
             }
             Command::Stop => self.end_run(End::Stop),
             Command::Abort => self.end_run(End::Abort),
-            Command::JogEnd { .. } => self.end_run(End::JogEnded),
+            Command::JogEnd { .. } => self.end_run(End::JogEnded(JogStop::Commanded)),
             Command::Reset => {
                 self.servo.control(Control::ResetDrives);
                 self.context.shared.clear_alarms(self.context.number);
@@ -400,15 +423,23 @@ impl CoordinateSystem {
             let goes_on = matches!(run.kind, Kind::Manual) && self.past.manual_goes_on;
             let tree = Arc::clone(&run.main.tree);
             self.pipeline.start(tree, number, self.servo.epoch(), goes_on);
+            if run.restores.is_some() {
+                self.pipeline.read_as_at_start_up();
+            }
             self.past.manual_goes_on = false;
         }
         self.past.count += 1;
         self.past.last_id = Some(run.id.clone());
         let manual = (number == 0).then(|| Arc::clone(&run.main));
-        let began_at_line = run.arrival.is_some();
+        let begun = run.conditions.as_ref().map(|conditions| {
+            Arc::new(RunStart {
+                run_id: run.id.clone(),
+                conditions: Arc::clone(conditions),
+            })
+        });
         self.context.view.update(|place| {
             place.manual = manual;
-            place.began_at_line = began_at_line;
+            place.run = begun;
         });
         let event = Event::Start {
             program: number,
@@ -416,35 +447,24 @@ impl CoordinateSystem {
             program_hash: (number != 0).then(|| run.main.sum().to_owned()),
             from_line: run.arrival.as_ref().map(|arrival| arrival.target.line),
             parts: self.commands.parts.as_ref().map(|parts| parts.ordered),
+            order: self
+                .commands
+                .parts
+                .as_ref()
+                .and_then(|parts| parts.order_of(&run.id)),
         };
         self.context.record(event);
         self.inputs.take_over_skip(1);
         self.publish_inputs();
         self.run = Some(run);
+        self.publish_carried();
         self.drive(RunEvent::Started(phase));
     }
 
     /// Answers the commands whose effect has been reached.
     pub(super) fn complete(&mut self, is_done: &dyn Fn(&Awaiting) -> bool) {
         self.publish_changes();
-        self.commands
-            .answer(&self.context, is_done, CommandStatus::Done, "ok", "");
-    }
-
-    /// Answers the commands that began a run by hand, which was ended early. A jog normally ends so.
-    pub(super) fn on_run_given_up(&mut self, run: &Run, into: (Execution, Option<Reason>)) {
-        if matches!(run.kind, Kind::Jog(_)) && into.0 == Execution::Ready {
-            return;
-        }
-        let reason = into.1.map(|reason| wire_name(&reason)).unwrap_or_default();
-        let text = format!("it was ended before its end: {} {reason}", wire_name(&into.0));
-        self.commands.answer(
-            &self.context,
-            &Awaiting::is_of_run,
-            CommandStatus::Failed,
-            &reason.to_lowercase(),
-            &text,
-        );
+        self.commands.answer(&self.context, is_done, None);
     }
 }
 

@@ -1,10 +1,11 @@
-//! The conditions of a plan: the state of the machine when the plan is made.
+//! The conditions of a plan: the state of the machine when the plan is made, or with which a run began.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::line_start::LineStart;
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Captured, State};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -30,25 +31,50 @@ pub(crate) struct Conditions {
     pub tools: BTreeMap<u16, Tool>,
     pub work_offsets: WorkOffsets,
     pub optional_skip: u32,
+    pub optional_stop: bool,
     pub dry_run: bool,
     pub captured: [f64; AXES_MAX],
-    /// A copy: the plan changes them as the program does.
+    /// A copy, which nothing changes.
     pub variables: Variables,
-    /// Differs when any of them differs.
-    pub revision: u64,
+    /// Whether a text may read variables.
+    pub reads_variables: bool,
+    /// The line at which the run begins; `None`: the head.
+    pub from: Option<LineStart>,
+    /// Differs when any of them differs, except for position and variables.
+    pub key: u64,
+    /// The same for the position, compared to the nanometre: rounding of a sum is no change.
+    pub position_key: u64,
+}
+
+/// The conditions with which a run of a program began.
+#[derive(Debug)]
+pub(crate) struct RunStart {
+    pub run_id: String,
+    pub conditions: Arc<Conditions>,
 }
 
 impl Conditions {
-    /// As they are now.
+    /// As they are now, for a run from the head.
     pub fn now(shared: &Shared, view: &View, configured: &Configured, main: Arc<StoredProgram>) -> Self {
+        Self::of_run(shared, view, configured, main, &shared.store.all(), None)
+    }
+
+    /// As they are now, for a run with these programs from a line or from the head.
+    pub fn of_run(
+        shared: &Shared,
+        view: &View,
+        configured: &Configured,
+        main: Arc<StoredProgram>,
+        all: &BTreeMap<u16, Arc<StoredProgram>>,
+        from: Option<LineStart>,
+    ) -> Self {
         let cs = configured.settings.number;
         let state = state_of(shared, cs).unwrap_or_default();
         let skips = state.optional_skip.iter();
         let optional_skip = skips.filter_map(|n| 1_u32.checked_shl(u32::from(n.checked_sub(1)?)));
-        let all = shared.store.all();
         // manual data input is not in the store
         let mains = main.check.programs.iter().copied().chain([main.number]);
-        let called: BTreeSet<u16> = mains.flat_map(|main| called_by(&all, main)).collect();
+        let called: BTreeSet<u16> = mains.flat_map(|main| called_by(all, main)).collect();
         let texts = all.iter().filter(|(number, program)| {
             called.contains(number) && program.dialect.name == configured.dialect.name
         });
@@ -83,36 +109,39 @@ impl Conditions {
             tools,
             work_offsets,
             optional_skip: optional_skip.fold(0, |bits, bit| bits | bit),
+            optional_stop: state.optional_stop,
             dry_run: state.dry_run,
             captured: captured(shared, configured),
             variables,
-            revision: 0,
+            reads_variables,
+            from,
+            key: 0,
+            position_key: 0,
         };
-        conditions.revision = conditions.digest(reads_variables);
+        conditions.key = conditions.digest();
+        let mut hasher = DefaultHasher::new();
+        let at = conditions.at.0.0.map(|at| ((at * 1e6).round() + 0.0).to_bits());
+        at.hash(&mut hasher);
+        conditions.position_key = hasher.finish();
         conditions
     }
 
-    fn digest(&self, reads_variables: bool) -> u64 {
+    fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         for (number, program) in &self.texts {
             (number, program.sum()).hash(&mut hasher);
         }
-        // positions are compared to the nanometre: rounding of a sum is no change
-        let at = self.at.0.0.map(|at| ((at * 1e6).round() + 0.0).to_bits());
-        (at, self.tool, self.optional_skip, self.dry_run).hash(&mut hasher);
+        let switches = (self.optional_skip, self.optional_stop, self.dry_run);
+        (self.tool, switches).hash(&mut hasher);
+        self.from.hash(&mut hasher);
         for (id, tool) in &self.tools {
             (id, tool.length.to_bits(), tool.radius.to_bits()).hash(&mut hasher);
         }
         for offset in &self.work_offsets.0 {
             offset.0.map(f64::to_bits).hash(&mut hasher);
         }
-        if reads_variables {
+        if self.reads_variables {
             self.captured.map(f64::to_bits).hash(&mut hasher);
-            for array in [&self.variables.global, &self.variables.coordinate_system] {
-                for value in (0..array.len()).filter_map(|i| array.get(i)) {
-                    value.to_bits().hash(&mut hasher);
-                }
-            }
         }
         hasher.finish()
     }

@@ -77,7 +77,7 @@ impl Context {
     /// Publishes a reply to a command, and keeps it.
     pub fn reply(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
         let reply = self.reply_to(meta, status, code, text);
-        self.shared.reply(&meta.client_id, reply)
+        self.shared.reply(meta, reply)
     }
 
     /// The same for one that loads or starts a program.
@@ -93,7 +93,7 @@ impl Context {
             run_id: run_id.map(str::to_owned),
             ..reply
         };
-        self.shared.reply(&meta.client_id, reply)
+        self.shared.reply(meta, reply)
     }
 
     /// Refuses a command.

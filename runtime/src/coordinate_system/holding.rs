@@ -3,20 +3,25 @@
 //! Single block ends each block with its own stop. Blocks that were planned ahead when it is switched on keep their
 //! path: the motion is held at the end point of each block if it stops there, otherwise on the path just behind its joint.
 
+use plc_api::types::handler::Departure;
+use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::{Reason, Transition};
 use tandem_interp::Modal;
-use tandem_model::alarm::{COMPENSATION_REFUSED, SERVO_LATE};
+use tandem_model::alarm::{COMPENSATION_REFUSED, HANDLER_LOST, SERVO_LATE};
 use tandem_servo::Control;
 
-use super::run::Kind;
-use super::run_state::{Cause, End, Phase, RunEvent, Then};
+use super::run::Run;
+use super::run_state::{Cause, End, JogStop, Phase, RunEvent, Then};
 use super::{CoordinateSystem, InputValues};
 use crate::journal::Event;
 
 impl CoordinateSystem {
-    /// Feed hold. True if there is nothing to wait for: no run is active, or it is at rest.
+    /// Feed hold; a jog is ended. True if there is nothing to wait for: no run is active, or it is at rest.
     pub(super) fn hold(&mut self, cause: Cause) -> bool {
+        if self.run.as_ref().is_some_and(Run::is_jog) {
+            return self.end_run(End::JogEnded(JogStop::Held(cause)));
+        }
         self.drive(RunEvent::Hold(cause));
         self.state.transition() != Some(Transition::Holding)
     }
@@ -24,17 +29,13 @@ impl CoordinateSystem {
     /// The runtime itself holds the run and writes a journal line. A jog is ended; its commander has to start a new one.
     pub(super) fn hold_for(&mut self, cause: Cause, reason: Reason) {
         let run = self.run.as_ref().filter(|_| self.state.is_running());
-        let Some(kind) = run.map(|run| &run.kind) else {
-            return;
-        };
-        if matches!(kind, Kind::Jog(_)) {
-            self.end_run(End::JogEnded);
+        if run.is_none() {
             return;
         }
         let seq = self.state.awaited().map(|awaited| awaited.seq);
         self.hold(cause);
-        // a program stop is already at rest
-        if self.state.is_running() {
+        // a program stop is already at rest, and a jog is ended
+        if self.state.is_running() || self.run.is_none() {
             return;
         }
         let open = seq.and_then(|seq| self.outputs.ledger.get(seq));
@@ -44,6 +45,11 @@ impl CoordinateSystem {
 
     /// The servo was late by so many cycles while the motors moved, and holds.
     pub(super) fn on_servo_late(&mut self, cycles: u64) {
+        if self.rests_by_itself() {
+            // the servo holds what has just moved; nothing of the run is to be held
+            self.servo.control(Control::Resume);
+            return;
+        }
         let late_s = cycles as f64 * self.context.configured.settings.servo_period_s;
         let text = format!(
             "for {late_s:.3} s the motors got no set points ({cycles} servo cycles); the motion is held on its path where \
@@ -53,6 +59,12 @@ impl CoordinateSystem {
             .warn_standing(&SERVO_LATE, Some(self.context.number), &text);
         self.inputs.clients.excuse(self.context.now_s());
         self.hold_for(Cause::ServoLate, Reason::ServoLate);
+    }
+
+    /// True when no motion is pending: there is no run, or it waits for an output or at a program stop.
+    fn rests_by_itself(&self) -> bool {
+        let waits = self.state.awaited().is_some() || matches!(self.state.phase(), Some(Phase::Paused(_)));
+        self.state.is_idle() || self.state.is_running() && waits && !self.is_moving()
     }
 
     /// The run continues after a hold: work that the hold delayed is done now.
@@ -75,14 +87,40 @@ impl CoordinateSystem {
         }
     }
 
-    /// A handler is not there any more, and what it has locked follows its `on_loss`.
-    pub(super) fn lose_owner(&mut self, handler_id: &str) {
+    /// A handler is online.
+    pub(super) fn welcome_handler(&mut self, handler_id: &str, presence: &HandlerPresence) {
+        self.inputs.interlock.come(handler_id);
+        self.inputs.start_lock.come(handler_id);
+        let now = self.context.now();
+        self.outputs.ledger.handler_online(now, handler_id, presence);
+    }
+
+    /// An instance of a handler has left: its outputs and levels wait for it, except for sources that are on without it.
+    pub(super) fn on_handler_left(&mut self, handler_id: &str, instance: Option<&str>, departure: Departure) {
+        let (now, grace_s) = (self.context.now(), self.context.shared.machine.handler_grace_s);
+        self.outputs
+            .on_handler_left(now, (handler_id, instance), departure, grace_s);
+        self.await_handler();
         let InputValues {
             interlock,
             start_lock,
             ..
         } = &mut self.inputs;
-        if interlock.lose(handler_id) | start_lock.lose(handler_id) {
+        if interlock.leave(handler_id, departure) | start_lock.leave(handler_id, departure) {
+            self.follow_interlock();
+            self.publish_inputs();
+        }
+    }
+
+    /// Ends the time of handlers that left and did not come back.
+    pub(super) fn look_at_losses(&mut self, now_s: f64) {
+        for (origin, text) in self.outputs.take_losses(now_s) {
+            self.context.warn_of(&HANDLER_LOST, origin, &text);
+        }
+        let Self { inputs, context, .. } = self;
+        let is_there = |id: &str| context.shared.is_online(id);
+        let now_s = now_s + 1e-9;
+        if inputs.interlock.expire(now_s, is_there) | inputs.start_lock.expire(now_s, is_there) {
             self.follow_interlock();
             self.publish_inputs();
         }
@@ -115,6 +153,10 @@ impl CoordinateSystem {
             }
         }
         self.inputs.single_block = on;
+        if self.run.as_ref().is_some_and(Run::is_jog) {
+            // a jog is one block, and ends at rest
+            return Ok(());
+        }
         if on {
             if !self.single_block_waits() {
                 self.stop_behind_what_is_planned();
@@ -342,7 +384,8 @@ mod tests {
             plc.sleep(Duration::from_millis(150)).await;
             let stood = x(plc).await;
             delay(runtime, 120);
-            jog.await.unwrap().unwrap();
+            let ended = jog.await.unwrap().unwrap_err();
+            assert!(ended.to_string().contains("the servo was late"), "{ended}");
             assert_eq!(system.state().await.unwrap().execution, Execution::Ready);
             let rests = x(plc).await;
             assert!(rests < stood + 25.0, "{stood} {rests}");

@@ -1,4 +1,4 @@
-//! Jogging: one axis moves while its refreshes come, with the limits of its motor and within its soft limits.
+//! Jogging: one axis moves while its refreshes arrive, or by a step, with the limits of its motor and within its soft limits.
 
 use std::sync::Arc;
 
@@ -7,8 +7,10 @@ use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_model::Origin;
 
 use super::CoordinateSystem;
+use super::pending_commands::Deferred;
 use super::run::{Jog, Kind, Run};
-use super::run_state::{End, Phase, Then};
+use super::run_state::{End, JogStop, Phase, Then};
+use crate::command_memory::{Asked, Recalled, memory_is_full};
 use crate::program_store::StoredProgram;
 
 /// Time after the last refresh when a jog stops: whoever commands it may be gone.
@@ -18,7 +20,7 @@ pub(super) const REFRESH_S: f64 = 0.2;
 const DISTANCE_MAX: f64 = 1_000_000.0;
 
 /// Distances below this are no motion, mm or degrees.
-const DISTANCE_MIN: f64 = 1e-9;
+pub(super) const DISTANCE_MIN: f64 = 1e-9;
 
 impl CoordinateSystem {
     pub(super) fn prepare_jog(
@@ -39,7 +41,7 @@ impl CoordinateSystem {
                 "distance {distance}: write more than 0, at most {DISTANCE_MAX}"
             ));
         }
-        if self.past.jogs.has_ended(refresh_id) {
+        if self.past.jogs.has_ended(refresh_id, self.context.now_s()) {
             let text = format!("the jog {refresh_id:.64} has ended; begin a new one with another refresh_id");
             return Err(Refusal::new(RefusalCode::NotAllowed, text));
         }
@@ -64,9 +66,12 @@ impl CoordinateSystem {
         }
         let mut to = from;
         to[axis] = end;
+        let is_step = distance.is_some_and(|distance| distance <= self.context.shared.machine.jog_step_max);
         let jog = Jog {
             refresh_id: refresh_id.to_owned(),
-            until_s: self.context.now_s() + REFRESH_S,
+            axis,
+            distance,
+            until_s: (!is_step).then(|| self.context.now_s() + REFRESH_S),
             to,
             settings: Arc::new(settings),
         };
@@ -75,7 +80,19 @@ impl CoordinateSystem {
             self.context.configured.text_rules(),
             false,
         ));
-        Ok(self.new_run(Kind::Jog(jog), nothing))
+        Ok(self.new_run(Kind::Jog(jog), nothing, &self.context.shared.store.all()))
+    }
+
+    /// Remembers a command that begins a jog. Its refreshes are not remembered: they would fill the memory.
+    pub(super) fn remember_jog(&self, command: &Deferred) -> Result<(), Refusal> {
+        if !matches!(command.command, Command::Jog { .. }) {
+            return Ok(());
+        }
+        let asked = Asked::command(self.context.number, &command.command, &command.meta.client_id);
+        match self.context.shared.recall(&command.meta.memory, asked) {
+            Recalled::Full => Err(memory_is_full()),
+            _ => Ok(()),
+        }
     }
 
     /// The motion of a jog that begins.
@@ -94,26 +111,34 @@ impl CoordinateSystem {
         }
     }
 
+    /// Refuses a refresh under another lease, or one that is too old.
+    fn judge_refresh(&self, meta: &CommandMeta) -> Result<(), Refusal> {
+        self.context.shared.check_not_after(meta.not_after.as_ref())?;
+        self.judge_lease(Verb::Jog, meta)
+    }
+
     /// True when the command refreshes the jog that runs, or ends one that does not: nothing else follows from it.
     pub(super) fn needs_no_run(&mut self, command: &Command, meta: &CommandMeta) -> bool {
         let until_s = self.context.now_s() + REFRESH_S;
         match command {
-            Command::Jog { refresh_id, .. } if self.judge_lease(Verb::Jog, meta).is_ok() => self
+            Command::Jog { refresh_id, .. } if self.judge_refresh(meta).is_ok() => self
                 .running_jog(refresh_id)
-                .map(|jog| jog.until_s = until_s)
+                .map(|jog| jog.until_s = jog.until_s.map(|_| until_s))
                 .is_some(),
             Command::JogEnd { refresh_id } if self.running_jog(refresh_id).is_none() => {
-                self.past.jogs.end(refresh_id);
+                self.past
+                    .jogs
+                    .end(&meta.memory.user, refresh_id, self.context.now_s());
                 true
             }
             _ => false,
         }
     }
 
-    /// When the jog that runs stops.
+    /// When the jog that runs stops unless it is refreshed.
     pub(super) fn jog_until_s(&self) -> Option<f64> {
         match &self.run.as_ref()?.kind {
-            Kind::Jog(jog) => Some(jog.until_s),
+            Kind::Jog(jog) => jog.until_s,
             _ => None,
         }
     }
@@ -121,7 +146,7 @@ impl CoordinateSystem {
     /// Stops a jog that is not refreshed, with the motor's highest deceleration.
     pub(super) fn expire_jog(&mut self, now_s: f64) {
         if self.jog_until_s().is_some_and(|until_s| until_s <= now_s + 1e-9) {
-            self.end_run(End::JogEnded);
+            self.end_run(End::JogEnded(JogStop::NotRefreshed));
         }
     }
 }

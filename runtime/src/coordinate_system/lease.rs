@@ -157,7 +157,7 @@ impl CoordinateSystem {
         meta: &CommandMeta,
     ) -> Result<Answer, Refusal> {
         // The same request may have come twice before the first was carried out.
-        if let Some(said) = self.context.shared.replied(&meta.command_id) {
+        if let Some(said) = self.context.shared.replied(&meta.memory) {
             return Ok(Answer::Command(said));
         }
         let before = self.lease.held().cloned();
@@ -172,7 +172,7 @@ impl CoordinateSystem {
             lease,
             ..self.context.reply_to(meta, CommandStatus::Done, "ok", "")
         };
-        Ok(Answer::Command(self.context.shared.reply(&meta.client_id, reply)))
+        Ok(Answer::Command(self.context.shared.reply(meta, reply)))
     }
 
     /// What became of it, and the lease that is held then.

@@ -11,24 +11,38 @@ use tandem_model::alarm::TOOL_DIFFERS;
 use super::CoordinateSystem;
 use super::conditions::Conditions;
 use super::line_search::{LineArrival, LineEntry, search};
+use super::run::{Kind, Run};
 use super::run_state::Then;
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
-    /// What a run of the program from a line begins with.
-    pub(super) fn search_line(
+    /// A run of a program, or the next part of one, and its begin unless that is the head. Its texts stay in the store from
+    /// now on.
+    pub(super) fn new_program_run(
         &self,
+        run_id: String,
         main: &Arc<StoredProgram>,
-        from: &LineStart,
-    ) -> Result<LineEntry, Refusal> {
+        from: Option<&LineStart>,
+    ) -> Result<(Run, Option<LineEntry>), Refusal> {
         let context = &self.context;
-        let conditions = Conditions::now(
+        let all = context.shared.store.all();
+        let conditions = Conditions::of_run(
             &context.shared,
             &context.view,
             &context.configured,
             Arc::clone(main),
+            &all,
+            from.copied(),
         );
-        search(&context.shared, &conditions, from)
+        let entry = from.map(|from| search(&context.shared, &conditions, from));
+        let entry = entry.transpose()?;
+        (context.shared.store).begin_run(context.number, &run_id, &conditions.texts)?;
+        let run = Run {
+            id: run_id,
+            conditions: Some(Arc::new(conditions)),
+            ..self.new_run(Kind::Program, Arc::clone(main), &all)
+        };
+        Ok((run, entry))
     }
 
     /// Everything is as at the line, but for the outputs and the position of the axes.
@@ -63,7 +77,9 @@ impl CoordinateSystem {
         };
         if let Some(output) = arrival.restore.pop_front() {
             run.arrival = Some(arrival);
-            self.stand_still_then(Then::Output(output));
+            let context = &self.context;
+            let refused = context.shared.refused_output(context.number, &output);
+            self.stand_still_then(refused.map_or(Then::Output(output), Then::Alarm));
             return true;
         }
         run.steps.in_block = true;

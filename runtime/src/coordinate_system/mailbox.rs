@@ -10,8 +10,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::{Mutex, MutexGuard};
+use plc_api::supervisor::{Consequence, FaultReport, panic_text};
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::AlarmRecord;
+use plc_api::types::command::Verb;
+use plc_api::types::not_after::NotAfter;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
 use tandem_model::alarm::RUNTIME_FAULT;
 use tokio::sync::{Notify, Semaphore, TryAcquireError, oneshot};
@@ -23,15 +25,27 @@ use crate::shared::Shared;
 /// Requests that wait for one coordinate system; a sender waits for room. Hold, stop and abort have as much of their own.
 const REQUESTS_MAX: usize = 256;
 
+/// Time after which a control is handed over again that the servo had no room for, s.
+const RETRY_S: f64 = 0.001;
+
 /// A request on its way, and where its answer goes.
 pub(super) struct Envelope {
     /// Larger than that of every envelope put there before.
     pub order: u64,
     pub request: CoordinateSystemRequest,
+    /// Its age limit; that of a command is in its meta data.
+    pub not_after: Option<NotAfter>,
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
 }
 
 impl Envelope {
+    fn is_abort(&self) -> bool {
+        let CoordinateSystemRequest::Command { command, .. } = &self.request else {
+            return false;
+        };
+        command.verb() == Verb::Abort
+    }
+
     fn is_command(&self) -> bool {
         matches!(self.request, CoordinateSystemRequest::Command { .. })
     }
@@ -46,6 +60,8 @@ pub(crate) struct Mailbox {
     queues: [Queue; 2],
     count: AtomicU64,
     work: Mutex<Work>,
+    /// Name of its work in reports of faults.
+    task: String,
     /// Wakes the task.
     wake: Arc<Notify>,
 }
@@ -53,8 +69,19 @@ pub(crate) struct Mailbox {
 struct Work {
     /// `None` when it has ended.
     system: Option<CoordinateSystem>,
+    condition: Condition,
     /// When the task wakes by itself, seconds since the start.
     task_wakes_at_s: Option<f64>,
+}
+
+/// Whether an internal fault has occurred.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Condition {
+    Sound,
+    /// One has occurred, and a reset is still to come.
+    Recovered,
+    /// Another one has: it stays stopped until the runtime is restarted.
+    GivenUp,
 }
 
 impl std::fmt::Debug for Mailbox {
@@ -71,28 +98,67 @@ impl Mailbox {
         system.publish_all();
         let wake = Arc::default();
         shared.wakes(Arc::clone(&wake));
+        let task = format!("coordinate system {}", system.context.number);
         Self {
             number: system.context.number,
             view: Arc::clone(&system.context.view),
             shared,
             queues: [Queue::new(), Queue::new()],
             count: AtomicU64::new(0),
+            task,
             work: Mutex::new(Work {
                 system: Some(system),
+                condition: Condition::Sound,
                 task_wakes_at_s: None,
             }),
             wake,
         }
     }
 
-    /// Asks the coordinate system; an urgent request passes those that wait.
+    /// Asks the coordinate system; an urgent request passes those that wait, and is asked again if an internal fault occurs
+    /// while it is carried out.
     ///
     /// # Errors
-    /// What it refuses; that the runtime is stopping.
+    /// What it refuses; that the runtime is stopping, or that an internal fault occurred.
     pub async fn ask(&self, request: CoordinateSystemRequest, urgent: bool) -> Result<Answer, Refusal> {
-        let gone = || Refusal::new(RefusalCode::Unavailable, "the runtime is stopping");
+        self.put_and_wait(request, None, urgent).await
+    }
+
+    /// The same for a request with an age limit, which counts when its turn comes.
+    ///
+    /// # Errors
+    /// As [`Mailbox::ask`].
+    pub async fn ask_not_after(
+        &self,
+        request: CoordinateSystemRequest,
+        not_after: Option<NotAfter>,
+    ) -> Result<Answer, Refusal> {
+        self.put_and_wait(request, not_after, false).await
+    }
+
+    async fn put_and_wait(
+        &self,
+        request: CoordinateSystemRequest,
+        not_after: Option<NotAfter>,
+        urgent: bool,
+    ) -> Result<Answer, Refusal> {
+        let again = urgent.then(|| request.clone());
+        let mut answer = self.ask_once(request, not_after, urgent).await;
+        if let (None, Some(request)) = (&answer, again) {
+            answer = self.ask_once(request, None, urgent).await;
+        }
+        answer.unwrap_or_else(|| Err(self.unanswered()))
+    }
+
+    /// `None`: an internal fault occurred, or the runtime is stopping.
+    async fn ask_once(
+        &self,
+        request: CoordinateSystemRequest,
+        not_after: Option<NotAfter>,
+        urgent: bool,
+    ) -> Option<Result<Answer, Refusal>> {
         if self.shared.closing.is_cancelled() {
-            return Err(gone());
+            return None;
         }
         let (reply, answer) = oneshot::channel();
         let queue = &self.queues[usize::from(!urgent)];
@@ -100,17 +166,31 @@ impl Mailbox {
         let envelope = Envelope {
             order,
             request,
+            not_after,
             reply,
         };
         queue.put(envelope).await;
         self.work_if_free(Share::OF_CALLER);
-        answer.await.unwrap_or_else(|_| Err(gone()))
+        answer.await.ok()
+    }
+
+    fn unanswered(&self) -> Refusal {
+        let text = if self.shared.closing.is_cancelled() {
+            "the runtime is stopping".to_owned()
+        } else {
+            format!(
+                "an internal fault occurred in coordinate system {} before it answered; alarm {} says what to do",
+                self.number, RUNTIME_FAULT.number
+            )
+        };
+        Refusal::new(RefusalCode::Unavailable, text)
     }
 
     /// Publishes the spindle's state where it has changed: its speed follows the command in its own time. Left to the
     /// next call while another thread is at work.
     pub fn publish_spindle(&self) {
         if let Some(work) = self.work.try_lock()
+            && work.condition != Condition::GivenUp
             && let Some(system) = &work.system
         {
             system.publish_spindle();
@@ -166,7 +246,8 @@ impl Mailbox {
         }
         let system = self.work.lock().system.take();
         if let Some(system) = system {
-            system.end();
+            // whatever fails in it, the runtime closes
+            let _ = catch_unwind(AssertUnwindSafe(|| system.end()));
         }
     }
 
@@ -183,8 +264,14 @@ impl Mailbox {
         let Some(system) = &mut work.system else {
             return Left::default();
         };
+        if work.condition == Condition::GivenUp {
+            return self.work_given_up(system, share);
+        }
+        let mut aborts = false;
         let worked = catch_unwind(AssertUnwindSafe(|| {
+            self.shared.supervisor.fault_point(&self.task);
             if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take(share)) {
+                aborts = envelope.is_abort();
                 system.handle(envelope);
             }
             Left {
@@ -192,26 +279,67 @@ impl Mailbox {
                 due_s: system.next_deadline_s(),
             }
         }));
-        let Ok(left) = worked else {
-            work.system = None;
-            self.close();
-            self.shared.raise(AlarmRecord {
-                number: RUNTIME_FAULT.number,
-                text: format!("{}: {}", RUNTIME_FAULT.title, RUNTIME_FAULT.remedy),
-                cs: Some(self.number),
-                ..AlarmRecord::default()
-            });
-            return Left::default();
-        };
+        match worked {
+            Ok(left) => {
+                if work.condition == Condition::Recovered && system.has_recovered() {
+                    work.condition = Condition::Sound;
+                }
+                Left {
+                    busy: left.busy || !self.queues.iter().all(Queue::is_empty),
+                    ..left
+                }
+            }
+            Err(panicked) => {
+                let why = panic_text(panicked.as_ref());
+                work.condition = contain(system, work.condition, aborts, why);
+                self.report(work.condition, why);
+                Left {
+                    busy: true,
+                    due_s: None,
+                }
+            }
+        }
+    }
+
+    fn report(&self, condition: Condition, why: &str) {
+        self.shared.supervisor.report(&FaultReport {
+            task: self.task.clone(),
+            consequence: match condition {
+                Condition::GivenUp => Consequence::CoordinateSystemNeedsRestart,
+                Condition::Sound | Condition::Recovered => Consequence::StopsCoordinateSystem,
+            },
+            text: why.to_owned(),
+        });
+    }
+
+    /// Requests to a coordinate system that stays stopped.
+    fn work_given_up(&self, system: &mut CoordinateSystem, share: Share) -> Left {
+        let worked = catch_unwind(AssertUnwindSafe(|| {
+            if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take(share)) {
+                system.answer_given_up(envelope);
+            }
+            system.follow_servo_given_up()
+        }));
+        let is_backlogged = worked.unwrap_or(true);
         Left {
-            busy: left.busy || !self.queues.iter().all(Queue::is_empty),
-            ..left
+            busy: !self.queues.iter().all(Queue::is_empty),
+            due_s: is_backlogged.then(|| self.shared.clock.now_s() + RETRY_S),
         }
     }
 
     fn close(&self) {
         self.queues.iter().for_each(Queue::close);
     }
+}
+
+/// After a panic: motion brakes, then the coordinate system is made whole, or given up if that fails too.
+fn contain(system: &mut CoordinateSystem, before: Condition, aborts: bool, why: &str) -> Condition {
+    system.brake_at_once(aborts);
+    if before == Condition::Sound && catch_unwind(AssertUnwindSafe(|| system.recover(why))).is_ok() {
+        return Condition::Recovered;
+    }
+    system.give_up(why);
+    Condition::GivenUp
 }
 
 /// Throws away the coordinate system and what it is asked for.
@@ -302,6 +430,7 @@ mod tests {
     use plc_api::types::topic::{CsTopic, Topic};
     use tandem_servo::Servo;
 
+    mod faults;
     mod many;
 
     use super::*;
@@ -345,6 +474,7 @@ mod tests {
         CoordinateSystemRequest::Command {
             command: Command::Mdi {
                 text: "G04 P1".into(),
+                is_macro: false,
             },
             meta: CommandMeta {
                 command_id: "1".into(),
@@ -444,35 +574,5 @@ mod tests {
         mailbox.shared.clock.set_ns(6_000_000_000);
         assert!(!mailbox.turn_alone(), "the lease has ended");
         assert!(mailbox.turn_alone());
-    }
-
-    #[test]
-    fn a_panic_is_an_alarm_of_this_coordinate_system_and_does_not_reach_who_asks() {
-        let sink = Arc::new(std::sync::Mutex::new(|_line: &crate::journal::Line| -> bool {
-            panic!("the journal's sink")
-        }));
-        let (mailbox, _servo) = mailbox(Journal::to_sink(sink));
-        let mut command = Box::pin(mailbox.ask(mdi(), false));
-        assert_eq!((&mut command).now_or_never(), None);
-        mailbox.work_as_task();
-        let answers = [
-            command.now_or_never(),
-            mailbox.ask(optional_stop(true), false).now_or_never(),
-        ];
-        for answer in answers {
-            let refusal = answer.and_then(Result::err);
-            assert_eq!(
-                refusal.map(|refusal| refusal.code),
-                Some(RefusalCode::Unavailable)
-            );
-        }
-        let alarms = mailbox.shared.alarm_history();
-        assert_eq!(
-            alarms
-                .iter()
-                .map(|alarm| (alarm.number, alarm.cs))
-                .collect::<Vec<_>>(),
-            [(RUNTIME_FAULT.number, Some(1))]
-        );
     }
 }

@@ -1,7 +1,9 @@
 //! Manual data input and homing: short programs of the language, without a number, that lead back to READY.
 //!
 //! Each input is a run of its own, checked first. The modal state of one stays for the next one, until a program, homing,
-//! a stop, an alarm or a reset comes between; else an input begins in the start-up modal state.
+//! a stop, an alarm or a reset comes between; else an input begins in the start-up modal state. An input that is a macro
+//! reads its numbers in the unit of the settings and as positions, whatever inputs before it have left in force. At its end,
+//! however it ends, the runtime restores what was in force before.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,12 +14,16 @@ use tandem_model::limits::MDI_BYTES_MAX;
 use tandem_model::{Axis, AxisSet};
 
 use super::CoordinateSystem;
-use super::run::{AtRest, Kind, Run, Steps};
+use super::run::{AtRest, Kind, Restores, Run, Steps};
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
-    /// A run of manual data input; one or several lines.
-    pub(super) fn prepare_manual(&self, text: &str) -> Result<(String, Option<Run>), Refusal> {
+    /// A run of manual data input; one or several lines. At the end of a macro everything that is in force now is restored.
+    pub(super) fn prepare_manual(
+        &self,
+        text: &str,
+        is_macro: bool,
+    ) -> Result<(String, Option<Run>), Refusal> {
         if !self.context.shared.machine.takes_mdi {
             let text = "this machine takes no manual data input: it is not signed; write a signed program, or set mdi = true in [programs]";
             return Err(Refusal::new(RefusalCode::NotSigned, text));
@@ -30,7 +36,23 @@ impl CoordinateSystem {
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         // An input needs no end of its own.
-        self.prepare_text(Kind::Manual, text, self.past.manual_goes_on)
+        let (note, mut run) = self.prepare_text(Kind::Manual, text, self.past.manual_goes_on)?;
+        if let Some(run) = run.as_mut().filter(|_| is_macro) {
+            run.restores = Some(Box::new(Restores {
+                in_force: self.pipeline.in_force_at_rest(),
+                manual_goes_on: self.past.manual_goes_on,
+            }));
+        }
+        Ok((note, run))
+    }
+
+    /// Restores what was in force before a macro that has ended, and publishes it.
+    pub(super) fn restore_after_macro(&mut self, restores: Restores) {
+        self.pipeline.restore(restores.in_force, self.servo.epoch());
+        self.past.manual_goes_on = restores.manual_goes_on;
+        let transform = self.pipeline.in_force.transform;
+        self.context.view.update(|place| place.transform = transform);
+        self.publish_modal(&self.pipeline.in_force.modal);
     }
 
     /// A run of a text, to which the end of the program is added.
@@ -40,7 +62,10 @@ impl CoordinateSystem {
         let program = StoredProgram::manual(&text, self.context.configured.text_rules(), in_modal);
         let program = Arc::new(program);
         let warning = self.context.check_called(&program)?;
-        Ok((warning, Some(self.new_run(kind, program))))
+        Ok((
+            warning,
+            Some(self.new_run(kind, program, &self.context.shared.store.all())),
+        ))
     }
 
     /// A run that takes motors to their first reference points: all motors at once, each alone.
@@ -76,10 +101,14 @@ impl CoordinateSystem {
     }
 
     /// A run of a program, with all that it may call as they are now.
-    pub(super) fn new_run(&self, kind: Kind, main: Arc<StoredProgram>) -> Run {
-        let all = self.context.shared.store.all();
+    pub(super) fn new_run(
+        &self,
+        kind: Kind,
+        main: Arc<StoredProgram>,
+        all: &BTreeMap<u16, Arc<StoredProgram>>,
+    ) -> Run {
         let (mut programs, mut refused) = (BTreeMap::new(), self.context.shared.store.damaged());
-        for (number, program) in all.iter() {
+        for (number, program) in all {
             match self.context.refuses(program) {
                 Some(refusal) => drop(refused.insert(*number, refusal.text)),
                 None => drop(programs.insert(*number, Arc::clone(&program.tree))),
@@ -90,12 +119,16 @@ impl CoordinateSystem {
             programs.insert(main.number, Arc::clone(&main.tree));
         }
         Run {
-            id: self.context.run_id(self.past.count + 1),
+            id: self.next_run_id(),
             kind,
             main,
             programs,
+            conditions: None,
             refused,
             first_segment: self.pipeline.planner.last_segment() + 1,
+            from: self.pipeline.path.position().0,
+            restores: None,
+            missed_touch: None,
             steps: Steps::default(),
             at_rest: AtRest::default(),
             arrival: None,

@@ -9,6 +9,8 @@ mod bus;
 mod commands;
 mod conditions;
 mod context;
+mod cut_short;
+mod fault;
 mod holding;
 mod jog;
 mod lease;
@@ -29,6 +31,7 @@ mod replanning;
 mod run;
 mod run_state;
 mod servo_link;
+mod start_conditions;
 mod validation;
 mod view;
 mod watched_clients;
@@ -49,8 +52,9 @@ use crate::config::CoordinateSystem as Configured;
 use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
 use crate::shared::Shared;
 use bus::Bus;
-pub(crate) use conditions::{Conditions, state_of};
+pub(crate) use conditions::{Conditions, RunStart, state_of};
 use context::Context;
+use cut_short::CutShort;
 use lease::ControlLease;
 use mailbox::Envelope;
 pub(crate) use mailbox::Mailbox;
@@ -62,10 +66,10 @@ pub(crate) use preparation::rest_refused;
 use publish::Published;
 pub(crate) use publish::published_modal;
 use replanning::Replanning;
-use run::{Kind, PastRuns, Run};
+use run::{Kind, PastRuns, Restores, Run};
 use run_state::{End, RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
-pub(crate) use view::View;
+pub(crate) use view::{Prediction, View};
 use watched_clients::WatchedClients;
 
 /// Its whole state.
@@ -77,6 +81,10 @@ pub(crate) struct CoordinateSystem {
     state: RunState,
     /// The run that the state is of.
     run: Option<Run>,
+    /// A run by hand that was ended before its end, until the machine rests.
+    cut_short: Option<CutShort>,
+    /// What is restored when the machine rests after a macro.
+    restores: Option<Box<Restores>>,
     past: PastRuns,
     inputs: InputValues,
     outputs: Outputs,
@@ -102,6 +110,8 @@ struct InputValues {
     spindle: (SpindleDirection, f64),
     /// It turns by M03 or M04 of the stock sequence program: a change of S from this segment on is newer than that.
     spindle_at_s_from: Option<u64>,
+    /// Waits for the speed of the spindle that were begun.
+    spindle_waits: u64,
     /// Number of the tool in the spindle; `None`: what was kept of it is lost.
     tool: Option<u16>,
 }
@@ -152,6 +162,8 @@ impl CoordinateSystem {
             replanning: Replanning::default(),
             state: RunState::Idle(first_state),
             run: None,
+            cut_short: None,
+            restores: None,
             past: PastRuns::default(),
             inputs: InputValues {
                 tool,
@@ -179,6 +191,7 @@ impl CoordinateSystem {
         while let Some(event) = self.servo.next_event() {
             self.on_servo_event(event);
         }
+        self.follow_servo_failure();
         let now = self.context.now();
         if let Some(run) = &mut self.run {
             run.at_rest.on_time(now.monotonic_s);
@@ -188,7 +201,8 @@ impl CoordinateSystem {
         self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
         self.look_at_away(now);
-        self.look_at_bus(now);
+        self.look_at_losses(now.monotonic_s);
+        self.look_at_bus();
         self.look_at_clients(now.monotonic_s);
         self.carry_out_effects();
         self.expire_validation(now.monotonic_s);
@@ -200,6 +214,7 @@ impl CoordinateSystem {
         let busy = self.prepare(share) || self.has_command_to_judge() || self.part_is_due();
         self.hold_without_bus();
         self.publish_changes();
+        self.publish_start_conditions();
         self.note_published();
         self.context.shared.publish_variables_simulated();
         busy
@@ -215,15 +230,24 @@ impl CoordinateSystem {
             .chain(goes_on_s)
             .chain(self.jog_until_s())
             .chain(self.commands.validation.as_ref().map(|asked| asked.deadline_s))
+            .chain(self.parts_again_s())
             .chain(self.lease.until_s())
             .chain(self.inputs.clients.until_s())
+            .chain(self.inputs.interlock.next_deadline_s())
+            .chain(self.inputs.start_lock.next_deadline_s())
             .min_by(f64::total_cmp)
     }
 
     fn on_servo_event(&mut self, event: Event) {
         match event {
-            Event::Started { segment, origin, .. } => {
+            Event::Started {
+                segment,
+                origin,
+                base,
+                ..
+            } => {
                 self.follow_changes(segment);
+                self.servo.started = Some(base);
                 let in_run = segment.saturating_sub(self.run.as_ref().map_or(0, |run| run.first_segment - 1));
                 let since_s = self.context.now_s();
                 self.context.view.update(|place| {
@@ -253,10 +277,12 @@ impl CoordinateSystem {
             }
             Event::Stopped { epoch, position } => self.on_servo_stopped(epoch, position),
             Event::Oriented => self.on_oriented(),
+            Event::SpindleReached { id } => self.on_spindle_reached(id),
             Event::Captured {
                 position, captured, ..
             } => {
                 self.pipeline.path.skipped_to(position);
+                self.note_touch(captured);
                 self.publish_captured(position, captured);
             }
             Event::Fault(fault) => {
@@ -300,7 +326,8 @@ impl CoordinateSystem {
 
     fn act(&mut self, action: RunAction) {
         match action {
-            RunAction::HoldServo => self.servo.control(Control::Hold),
+            RunAction::HoldServo { in_phase: true } => self.servo.control(Control::HoldInPhase),
+            RunAction::HoldServo { in_phase: false } => self.servo.control(Control::Hold),
             RunAction::ResumeServo => self.servo.control(Control::Resume),
             RunAction::GoForward => self.go_forward(),
             RunAction::GoOn => self.go_on(),
@@ -330,7 +357,9 @@ impl CoordinateSystem {
             .run
             .as_ref()
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
-        if let Some(run) = self.run.take() {
+        self.context.view.update(|place| place.run = None);
+        if let Some(mut run) = self.run.take() {
+            self.restores = run.restores.take();
             let (outcome, reason) = why.at_rest();
             let executing = self.context.view.executing();
             let has_run = executing.line > 0 && executing.program != 0;
@@ -341,8 +370,9 @@ impl CoordinateSystem {
                 line: has_run.then_some(executing.line),
             };
             self.context.record(Happened::End(end));
-            self.past.jogs.remember(&run.kind);
-            self.on_run_given_up(&run, why.at_rest());
+            self.past.jogs.remember(&run.kind, self.context.now_s());
+            self.cut_short = CutShort::new(&run, why, &self.past.alarm);
+            (self.context.shared.store).end_run(self.context.number, &run.id);
         }
         self.end_parts_by(why);
         self.carry_out_effects();
@@ -357,14 +387,19 @@ impl CoordinateSystem {
 
     /// The machine rests after a run was ended.
     fn on_rest_after_end(&mut self, why: End) {
+        let restores = self.restores.take();
         if matches!(why, End::Reset { .. }) {
             self.pipeline.interpreter.reset();
             self.context
                 .view
                 .update(|place| place.transform = Transform::default());
             self.publish_modal(self.pipeline.interpreter.modal());
+        } else if let Some(restores) = restores {
+            self.restore_after_macro(*restores);
         }
-        self.complete(&|awaiting| awaiting.is_end() || awaiting.is_of_run());
+        self.publish_carried();
+        self.answer_cut_short();
+        self.complete(&Awaiting::is_end);
     }
 
     /// Raises an alarm: it stops this coordinate system and cancels its outputs.
@@ -397,6 +432,7 @@ impl CoordinateSystem {
     }
 
     fn stop_by_alarm(&mut self, alarm: RaisedAlarm) {
+        self.past.alarm = alarm.said();
         self.context.record(Happened::Alarm(alarm));
         self.end_run(End::Alarm);
     }
@@ -405,8 +441,14 @@ impl CoordinateSystem {
         let Envelope {
             order,
             request,
+            not_after,
             reply,
         } = envelope;
+        if let Err(refusal) = self.context.shared.check_not_after(not_after.as_ref()) {
+            // The caller may have gone; nothing was done.
+            let _ = reply.send(Err(refusal));
+            return;
+        }
         let answer = match request {
             CoordinateSystemRequest::Command { command, meta, wait } => {
                 return self.command(Deferred {
@@ -433,11 +475,17 @@ impl CoordinateSystem {
                 Ok(Answer::Done)
             }
             CoordinateSystemRequest::Handler(id, presence) => {
-                self.outputs.on_handler_changed(&self.context, &id, &presence);
-                if !presence.online {
-                    self.await_handler();
-                    self.lose_owner(&id);
-                }
+                self.welcome_handler(&id, &presence);
+                self.forget_start_conditions();
+                Ok(Answer::Done)
+            }
+            CoordinateSystemRequest::HandlerLeft(id, instance, departure) => {
+                self.on_handler_left(&id, instance.as_deref(), departure);
+                self.forget_start_conditions();
+                Ok(Answer::Done)
+            }
+            CoordinateSystemRequest::Republish => {
+                self.outputs.ledger.republish(self.context.now(), |_| true);
                 Ok(Answer::Done)
             }
             CoordinateSystemRequest::SkipInput(motor, value) => {
@@ -445,20 +493,25 @@ impl CoordinateSystem {
                 Ok(Answer::Done)
             }
             CoordinateSystemRequest::Tool(id) => {
-                self.inputs.tool = Some(id);
-                self.pipeline.planner.bar_way_back();
-                self.publish_tool();
-                if !self.state.is_running() {
-                    // while a run is active, the block that comes into force publishes it
-                    self.publish_modal(self.pipeline.interpreter.modal());
-                }
+                self.set_tool(id);
                 Ok(Answer::Done)
             }
         };
         self.carry_out_effects();
         self.publish_changes();
+        self.publish_start_conditions();
         // The caller may have gone; the request is carried out all the same.
         let _ = reply.send(answer);
+    }
+
+    fn set_tool(&mut self, id: u16) {
+        self.inputs.tool = Some(id);
+        self.pipeline.planner.bar_way_back();
+        self.publish_tool();
+        if !self.state.is_running() {
+            // while a run is active, the block that comes into force publishes it
+            self.publish_modal(self.pipeline.interpreter.modal());
+        }
     }
 
     fn set_input(&mut self, input: Input) -> Result<(), Refusal> {
@@ -480,14 +533,18 @@ impl CoordinateSystem {
             Input::OptionalStop(on) => self.inputs.optional_stop = on,
             Input::StartLock(set) => {
                 let Self { inputs, context, .. } = self;
-                inputs.start_lock.set(set, |id| context.shared.is_online(id))?;
+                inputs
+                    .start_lock
+                    .set(set, |id, instance| context.shared.judge_writer(id, instance))?;
             }
             Input::Override(change) => self.set_overrides(change)?,
             Input::SingleBlock(on) => self.set_single_block(on)?,
             Input::DryRun(on) => self.pipeline.path.set_dry_run(on),
             Input::Interlock(set) => {
                 let Self { inputs, context, .. } = self;
-                inputs.interlock.set(set, |id| context.shared.is_online(id))?;
+                inputs
+                    .interlock
+                    .set(set, |id, instance| context.shared.judge_writer(id, instance))?;
                 self.follow_interlock();
             }
         }

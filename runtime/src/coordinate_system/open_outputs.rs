@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use plc_api::handshake::{Ledger, Now};
+use plc_api::types::handler::Departure;
 use plc_api::types::output::{
-    CancelReason, HandlerPresence, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, ResetResult,
+    CancelReason, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Redelivery, ResetResult,
 };
 use plc_api::types::request::{OutputRequest, Refusal};
 use tandem_model::Origin;
-use tandem_model::alarm::HANDLER_LOST;
 
 use super::context::Context;
 use super::run_state::{Awaited, Phase};
@@ -26,14 +26,35 @@ pub(super) struct Outputs {
     pub stock: Vec<StockWork>,
     /// Outputs whose handler has left and comes back, with the time until which they wait for it, seconds since the start.
     pub away: Vec<(u64, f64)>,
+    /// Outputs whose owner was lost, of which nothing is reported yet.
+    losses: BTreeMap<u64, Loss>,
+}
+
+/// The loss of the owner of an output.
+#[derive(Debug, Clone, PartialEq)]
+struct Loss {
+    /// When it is reported, unless the output is claimed before; seconds since the start.
+    report_s: f64,
+    handler_id: String,
 }
 
 /// An output that the stock sequence program works on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StockWork {
     pub seq: u64,
-    /// When it resets; `None`: when the spindle is oriented.
-    pub due_s: Option<f64>,
+    /// When its time is over, seconds since the start.
+    pub due_s: f64,
+    /// What the spindle has to reach before it resets.
+    pub awaits: Option<SpindleGoal>,
+}
+
+/// What an output waits for that commands the spindle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum SpindleGoal {
+    /// M19: the orientation position.
+    Orientation,
+    /// M03, M04: the speed; M05: rest. `id`: of the wait of the servo.
+    Speed { id: u64 },
 }
 
 impl Outputs {
@@ -44,6 +65,7 @@ impl Outputs {
             since_s: BTreeMap::new(),
             stock: Vec::new(),
             away: Vec::new(),
+            losses: BTreeMap::new(),
         }
     }
 
@@ -61,7 +83,7 @@ impl Outputs {
         };
         awaited.map(|open| Awaited {
             seq: open.notice.seq,
-            is_lost: open.lost,
+            is_lost: open.lost && !self.losses.contains_key(&open.notice.seq),
         })
     }
 
@@ -74,10 +96,13 @@ impl Outputs {
 
     /// When the ledger or the stock sequence program has something to do, seconds since the start.
     pub fn next_deadline_s(&self) -> Option<f64> {
-        let stock = self.stock.iter().filter_map(|work| work.due_s);
+        let timed = self.stock.iter().filter(|work| work.awaits.is_none());
+        let stock = timed.map(|work| work.due_s);
         let ledger = self.ledger.next_deadline_s();
         let away = self.away.iter().map(|(_, until_s)| *until_s);
-        stock.chain(ledger).chain(away).min_by(f64::total_cmp)
+        let losses = self.losses.values().map(|loss| loss.report_s);
+        let all = stock.chain(ledger).chain(away).chain(losses);
+        all.min_by(f64::total_cmp)
     }
 
     /// Takes the stock work that is done.
@@ -98,6 +123,7 @@ impl Outputs {
         self.ledger.cancel_all(now, reason);
         self.stock.clear();
         self.away.clear();
+        self.losses.clear();
     }
 
     /// Carries out what is said of an output; what counts is written to the journal.
@@ -150,22 +176,45 @@ impl Outputs {
         })
     }
 
-    pub fn on_handler_changed(&mut self, context: &Context, id: &str, presence: &HandlerPresence) {
-        let now = context.now();
-        if presence.online {
-            self.ledger.handler_online(now, id, presence);
-        } else {
-            let instance = presence.instance.as_deref();
-            let owned = self.ledger.open().iter();
-            let owned: Vec<_> = owned
-                .filter(|output| output.is_owned_by(id, instance))
-                .map(|output| (origin(&output.notice), format!("M{:02} of {id}", output.notice.m)))
-                .collect();
-            self.ledger.handler_lost(now, id, instance);
-            for (origin, text) in owned {
-                context.warn_of(&HANDLER_LOST, origin, &text);
-            }
+    /// An instance of a handler has left. The loss of an output that another instance may claim is reported when the time of the handler
+    /// has ended; one that waits for a decision of an operator, after the grace time.
+    pub fn on_handler_left(
+        &mut self,
+        now: Now,
+        (id, instance): (&str, Option<&str>),
+        departure: Departure,
+        grace_s: f64,
+    ) {
+        let owned = self.ledger.open().iter();
+        let owned: Vec<_> = owned
+            .filter(|output| output.is_owned_by(id, instance))
+            .map(|output| output.notice.seq)
+            .collect();
+        self.ledger.handler_lost(now, id, instance);
+        let grace_end_s = now.monotonic_s + grace_s;
+        for seq in owned {
+            let said = self.ledger.get(seq).and_then(|output| output.redelivery);
+            let goes_on = said.is_some_and(|said| said != Redelivery::Ask);
+            let until_s = departure.until_s().filter(|_| goes_on);
+            let loss = Loss {
+                report_s: until_s.unwrap_or(grace_end_s).max(grace_end_s),
+                handler_id: id.to_owned(),
+            };
+            self.losses.insert(seq, loss);
         }
+    }
+
+    /// Takes the losses that are due; of those whose output is still lost, the block and the text of the warning.
+    pub fn take_losses(&mut self, now_s: f64) -> Vec<(Origin, String)> {
+        let due = self
+            .losses
+            .extract_if(.., |_, loss| loss.report_s <= now_s + 1e-9);
+        let lost = due.filter_map(|(seq, loss)| {
+            let output = self.ledger.get(seq).filter(|output| output.lost)?;
+            let text = format!("M{:02} of {}", output.notice.m, loss.handler_id);
+            Some((origin(&output.notice), text))
+        });
+        lost.collect()
     }
 }
 
@@ -183,7 +232,7 @@ mod tests {
 
     use plc_api::handshake::OutputSpec;
     use plc_api::types::BootId;
-    use plc_api::types::output::{Claim, Timing};
+    use plc_api::types::output::{Claim, HandlerPresence, Timing};
     use tandem_model::flow::Output;
 
     use super::*;
@@ -248,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn an_output_whose_handler_has_gone_is_lost() {
+    fn an_output_whose_handler_has_gone_is_lost_after_the_grace_time() {
         let mut outputs = open(&[10]);
         let seq = outputs.ledger.open()[0].notice.seq;
         let claim = Claim {
@@ -257,21 +306,34 @@ mod tests {
             handler_id: "gripper".to_owned(),
             instance: None,
         };
+        let presence = HandlerPresence {
+            online: true,
+            ..HandlerPresence::default()
+        };
+        outputs.ledger.handler_online(now(), "gripper", &presence);
         outputs.ledger.claim(now(), None, &claim);
         let lost = |outputs: &Outputs| outputs.awaited(&Phase::LastOutputs, true);
         assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: false }));
-        outputs.ledger.handler_lost(now(), "gripper", None);
+        let departure = Departure::Unannounced { until_s: 2.0 };
+        outputs.on_handler_left(now(), ("gripper", None), departure, 2.0);
+        assert_eq!(
+            (lost(&outputs), outputs.next_deadline_s()),
+            (Some(Awaited { seq, is_lost: false }), Some(2.0))
+        );
+        assert_eq!(outputs.take_losses(1.9), []);
+        assert_eq!(outputs.take_losses(2.0).len(), 1);
         assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: true }));
     }
 
     #[test]
     fn stock_work_is_taken_once_when_it_is_due() {
         let mut outputs = open(&[]);
-        for (seq, due_s) in [(1, Some(2.0)), (2, None), (3, Some(1.0))] {
-            outputs.stock.push(StockWork { seq, due_s });
+        let orientation = Some(SpindleGoal::Orientation);
+        for (seq, due_s, awaits) in [(1, 2.0, None), (2, 0.0, orientation), (3, 1.0, None)] {
+            outputs.stock.push(StockWork { seq, due_s, awaits });
         }
         assert_eq!(outputs.next_deadline_s(), Some(1.0));
-        let due = |work: &StockWork| work.due_s.is_some_and(|due_s| due_s <= 2.0);
+        let due = |work: &StockWork| work.awaits.is_none() && work.due_s <= 2.0;
         let taken: Vec<_> = outputs.take_stock_work(due).iter().map(|work| work.seq).collect();
         assert_eq!((taken, outputs.next_deadline_s()), (vec![1, 3], None));
     }

@@ -12,7 +12,7 @@ use tandem_model::flow::Output;
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
-use super::open_outputs::{StockWork, origin};
+use super::open_outputs::{SpindleGoal, StockWork, origin};
 use super::run_state::{Phase, RunEvent, Then};
 use crate::config::Unhandled;
 use crate::journal::Event;
@@ -72,7 +72,7 @@ impl CoordinateSystem {
             return false;
         };
         // D18: while held no output is made; it stays QUEUED until the resume.
-        if self.state.is_running() || self.pipeline.in_thread {
+        if self.state.is_running() || self.leaves_thread() {
             self.outputs.ledger.put_out(self.context.now(), seq);
         }
         self.carry_out_effects();
@@ -214,8 +214,10 @@ impl CoordinateSystem {
     pub(super) fn await_handler(&mut self) {
         let (shared, cs) = (&self.context.shared, self.context.number);
         let open = self.outputs.ledger.open().iter();
-        let unclaimed =
-            open.filter(|open| open.state == OutputState::Output && !shared.is_handled(cs, open.notice.m));
+        // one that its owner lost waits for a claim or an operator
+        let unclaimed = open.filter(|open| {
+            open.state == OutputState::Output && !open.lost && !shared.is_handled(cs, open.notice.m)
+        });
         let away =
             unclaimed.filter_map(|open| Some((open.notice.seq, shared.handler_back_s(cs, open.notice.m)?)));
         self.outputs.away = away.collect();
@@ -259,7 +261,7 @@ impl CoordinateSystem {
     }
 
     fn start_stock_work(&mut self, seq: u64, action: StockAction, simulated_s: f64) {
-        let mut due_s = Some(self.context.now_s() + simulated_s);
+        let mut awaits = None;
         match action {
             StockAction::Nothing => {}
             StockAction::SelectTool(id) => {
@@ -268,7 +270,7 @@ impl CoordinateSystem {
             }
             StockAction::Spindle(SpindleDirection::Orient) => {
                 self.turn_spindle(SpindleDirection::Orient, 0.0);
-                due_s = None;
+                awaits = Some(SpindleGoal::Orientation);
             }
             StockAction::Spindle(direction) => {
                 let rpm = self.pipeline.interpreter.modal().spindle_speed_r_min;
@@ -276,18 +278,91 @@ impl CoordinateSystem {
                 if matches!(direction, SpindleDirection::Cw | SpindleDirection::Ccw) {
                     self.inputs.spindle_at_s_from = Some(self.pipeline.next_segment());
                 }
+                awaits = Some(SpindleGoal::Speed { id: 0 });
             }
         }
-        self.outputs.stock.push(StockWork { seq, due_s });
+        self.outputs.stock.push(StockWork {
+            seq,
+            due_s: self.context.now_s() + simulated_s,
+            awaits,
+        });
+        self.await_spindle();
     }
 
     pub(super) fn do_stock_work(&mut self, now: Now) {
-        self.finish_stock_work(|work| work.due_s.is_some_and(|due_s| due_s <= now.monotonic_s + 1e-9));
+        self.finish_stock_work(|work| work.awaits.is_none() && work.due_s <= now.monotonic_s + 1e-9);
     }
 
     pub(super) fn on_oriented(&mut self) {
         self.publish_spindle();
-        self.finish_stock_work(|work| work.due_s.is_none());
+        self.end_waits_for_spindle(|goal| goal == SpindleGoal::Orientation);
+    }
+
+    /// The spindle has reached what was commanded before the wait of this id began.
+    pub(super) fn on_spindle_reached(&mut self, id: u64) {
+        self.publish_spindle();
+        self.end_waits_for_spindle(|goal| matches!(goal, SpindleGoal::Speed { id: of } if of <= id));
+    }
+
+    fn end_waits_for_spindle(&mut self, is_reached: impl Fn(SpindleGoal) -> bool) {
+        for work in &mut self.outputs.stock {
+            if work.awaits.is_some_and(&is_reached) {
+                work.awaits = None;
+            }
+        }
+        self.do_stock_work(self.context.now());
+    }
+
+    /// Outputs that wait for the speed of the spindle wait for the speed that is commanded now. At override 0 percent they wait
+    /// for a higher one: a spindle that rests would be at its commanded speed.
+    fn await_spindle(&mut self) {
+        let Some(spindle) = &self.context.configured.settings.spindle else {
+            return;
+        };
+        self.inputs.spindle_waits += 1;
+        let id = self.inputs.spindle_waits;
+        let mut waiting = Vec::new();
+        for work in &mut self.outputs.stock {
+            if let Some(SpindleGoal::Speed { id: of }) = &mut work.awaits {
+                *of = id;
+                waiting.push(work.seq);
+            }
+        }
+        if waiting.is_empty() {
+            return;
+        }
+        let within = spindle.at_speed_percent / 100.0;
+        let (direction, programmed) = self.inputs.spindle;
+        let turns = matches!(direction, SpindleDirection::Cw | SpindleDirection::Ccw) && programmed > 0.0;
+        let rpm = self.commanded_rpm().min(spindle.max_velocity);
+        let text = if turns && rpm == 0.0 {
+            "the spindle override is 0 percent; raise it".to_owned()
+        } else {
+            self.servo.control(Control::AwaitSpindle { id, within });
+            if turns {
+                format!(
+                    "the spindle is to reach {rpm:.0} r/min within {:.0} percent",
+                    within * 100.0
+                )
+            } else {
+                "the spindle is to come to rest".to_owned()
+            }
+        };
+        for seq in waiting {
+            self.outputs.ledger.note_wait(seq, Some(&text));
+        }
+    }
+
+    /// Speed with the override, r/min.
+    fn commanded_rpm(&self) -> f64 {
+        let (_, rpm) = self.inputs.spindle;
+        let wanted = rpm * self.inputs.overrides.spindle / 100.0;
+        if rpm > 0.0 {
+            let options = &self.context.configured.settings.nc;
+            options.spindle_speed_within(wanted)
+        } else {
+            wanted
+        }
     }
 
     fn finish_stock_work(&mut self, is_done: impl Fn(&StockWork) -> bool) {
@@ -368,21 +443,15 @@ impl CoordinateSystem {
         if self.context.configured.settings.spindle.is_none() {
             return;
         }
-        let (direction, rpm) = self.inputs.spindle;
-        let direction = match direction {
+        let direction = match self.inputs.spindle.0 {
             SpindleDirection::Cw => Direction::Cw,
             SpindleDirection::Ccw => Direction::Ccw,
             SpindleDirection::Stop => Direction::Stop,
             SpindleDirection::Orient => Direction::Orient,
         };
-        let wanted = rpm * self.inputs.overrides.spindle / 100.0;
-        let rpm = if rpm > 0.0 {
-            let options = &self.context.configured.settings.nc;
-            options.spindle_speed_within(wanted)
-        } else {
-            wanted
-        };
+        let rpm = self.commanded_rpm();
         self.servo.control(Control::Spindle { direction, rpm });
+        self.await_spindle();
         self.publish_spindle();
     }
 }

@@ -1,14 +1,22 @@
 //! The parts of an ordered run that are still to be made. Each begins only after `PROGRAM_COMPLETED`, under the lease of the order; an
 //! alarm, a stop, a reset or another command ends the order. The interlock and the start lock only delay the next part.
 
+use std::collections::BTreeMap;
+
 use plc_api::types::command::{CommandMeta, Verb};
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::run::{RunEndedHow, RunOrder};
 use plc_api::types::state::Execution;
 
 use super::CoordinateSystem;
+use super::run::Run;
 use super::run_state::End;
 use crate::journal::Event;
+use crate::order_key::OrderKey;
+use crate::program_store::shown_to_be_called_by;
+
+/// A part waits so long while a program that it may call is being stored, s.
+const STORING_S: f64 = 0.01;
 
 /// What was ordered, and how far it is.
 #[derive(Debug)]
@@ -18,39 +26,90 @@ pub(super) struct Parts {
     /// Who has ordered, and under which lease.
     meta: CommandMeta,
     pub ordered: u32,
+    order: OrderKey,
     done: u32,
     /// Why the next one does not begin yet.
     waits_for: Option<String>,
+    /// When the next one is tried again, seconds since the start.
+    again_s: Option<f64>,
+    /// Hashes of the programs that all parts have: the main program, those that its text calls, and those that it has called.
+    hashes: BTreeMap<u16, String>,
 }
 
 impl Parts {
-    pub fn new(order: RunOrder, run_id: &str, meta: &CommandMeta) -> Self {
+    pub fn new(order: RunOrder, run: &Run, meta: &CommandMeta) -> Self {
+        let texts = run.texts();
+        let shown = shown_to_be_called_by(texts, run.main.number);
+        let hash = |number: u16| Some((number, texts.get(&number)?.sum().to_owned()));
         Self {
-            run_id: run_id.to_owned(),
+            run_id: run.id.clone(),
+            hashes: shown.into_iter().filter_map(hash).collect(),
             meta: CommandMeta {
                 expect: None,
+                not_after: None,
                 ..meta.clone()
             },
             ordered: order.parts,
+            order: OrderKey::new(order, meta),
             done: 0,
             waits_for: None,
+            again_s: None,
         }
     }
 }
 
+impl Parts {
+    /// The order that begins this run with its first part.
+    pub fn order_of(&self, run_id: &str) -> Option<OrderKey> {
+        (self.done == 0 && self.run_id == run_id).then(|| self.order.clone())
+    }
+}
+
 impl CoordinateSystem {
-    /// A part is completed.
-    pub(super) fn count_part(&mut self) {
+    /// A part of a run is completed, or the only one. Until the run has ended, the programs of its parts stay as they are.
+    pub(super) fn count_part(&mut self, run: &Run) {
+        let (cs, store) = (self.context.number, &self.context.shared.store);
         if let Some(parts) = &mut self.commands.parts {
             parts.done += 1;
+            let texts = run.texts();
+            for number in self.pipeline.interpreter.called() {
+                if let Some(text) = texts.get(&number) {
+                    let hash = || text.sum().to_owned();
+                    parts.hashes.entry(number).or_insert_with(hash);
+                }
+            }
+            store.end_part(cs, &run.id, parts.hashes.keys().copied().collect());
         }
         self.commands.parts.take_if(|parts| parts.done >= parts.ordered);
+        if self.commands.parts.is_none() {
+            store.end_run(cs, &run.id);
+        }
+    }
+
+    /// Refuses a part whose programs are not those of the parts before it.
+    fn judge_hashes(&self, parts: &Parts) -> Result<(), Refusal> {
+        for (number, hash) in &parts.hashes {
+            let now = self.context.shared.store.get(*number);
+            if now.is_none_or(|now| now.sum() != hash) {
+                let text = format!(
+                    "program {number} was changed since the run began; order the parts that are missing"
+                );
+                return Err(Refusal::new(RefusalCode::PreconditionFailed, text));
+            }
+        }
+        Ok(())
     }
 
     /// True when the next part may begin, as far as is known.
     pub(super) fn part_is_due(&self) -> bool {
         let parts = self.commands.parts.as_ref();
-        self.state.is_idle() && parts.is_some_and(|parts| parts.waits_for.is_none())
+        let is_due = |parts: &Parts| parts.waits_for.is_none() && parts.again_s.is_none();
+        self.state.is_idle() && parts.is_some_and(is_due)
+    }
+
+    /// When the next part is tried again.
+    pub(super) fn parts_again_s(&self) -> Option<f64> {
+        self.commands.parts.as_ref()?.again_s
     }
 
     /// Begins the next part, holds it back, or gives the rest up.
@@ -58,26 +117,25 @@ impl CoordinateSystem {
         if !self.state.is_idle() || self.is_in_transition() {
             return;
         }
+        if let Some(parts) = &mut self.commands.parts {
+            parts.again_s = None;
+        }
         let Some(parts) = &self.commands.parts else { return };
-        let meta = parts.meta.clone();
+        let (meta, run_id) = (parts.meta.clone(), parts.run_id.clone());
+        let are_same = self.judge_hashes(parts);
         if self.state.state_word() != (Execution::ProgramCompleted, None) {
             return self.end_parts(RunEndedHow::Replaced, "");
         }
         self.publish_changes();
-        let prepared = self
-            .judge(Verb::Start, &meta)
-            .and_then(|()| self.prepare_start(&meta, None));
+        let prepared = are_same
+            .and_then(|()| self.judge(Verb::Start, &meta))
+            .and_then(|()| self.prepare_start(run_id, &meta, None));
         match prepared {
             Ok(prepared) => {
                 if let Some(parts) = &mut self.commands.parts {
                     parts.waits_for = None;
                 }
-                if let Some(mut run) = prepared.run {
-                    run.id = self
-                        .commands
-                        .parts
-                        .as_ref()
-                        .map_or(run.id, |parts| parts.run_id.clone());
+                if let Some(run) = prepared.run {
                     self.start(run, None);
                 }
             }
@@ -96,6 +154,13 @@ impl CoordinateSystem {
                 }
                 parts.waits_for = Some(refusal.text.clone());
                 self.context.record(Event::PartsWait { text: refusal.text });
+            }
+            // a program that the next part may call, and none before it has called
+            RefusalCode::Unavailable if self.context.shared.store.is_storing() => {
+                let again_s = self.context.now_s() + STORING_S;
+                if let Some(parts) = &mut self.commands.parts {
+                    parts.again_s = Some(again_s);
+                }
             }
             RefusalCode::Busy | RefusalCode::LeaseLost => {
                 self.end_parts(RunEndedHow::LeaseLost, &refusal.text);
@@ -124,7 +189,7 @@ impl CoordinateSystem {
     pub(super) fn end_parts_by(&mut self, why: End) {
         let how = match why {
             End::Stop => RunEndedHow::Stopped,
-            End::Abort | End::JogEnded => RunEndedHow::Aborted,
+            End::Abort | End::JogEnded(_) => RunEndedHow::Aborted,
             End::Reset { .. } => RunEndedHow::Reset,
             End::Alarm => RunEndedHow::Alarm,
         };
@@ -132,7 +197,8 @@ impl CoordinateSystem {
     }
 
     fn end_parts(&mut self, how: RunEndedHow, text: &str) {
-        if self.commands.parts.take().is_some() {
+        if let Some(parts) = self.commands.parts.take() {
+            (self.context.shared.store).end_run(self.context.number, &parts.run_id);
             let text = text.to_owned();
             self.context.record(Event::PartsEnded { how, text });
         }

@@ -1,9 +1,9 @@
 //! Pending commands: those to be judged, those whose parameters handlers check, and those whose effect is awaited.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
+use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
 use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
 use plc_api::types::question::{Validate, ValidateResult};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
@@ -49,6 +49,8 @@ impl Deferred {
 pub(super) struct Awaiting {
     pub meta: CommandMeta,
     pub verb: Verb,
+    /// It is the end of a jog.
+    pub ends_jog: bool,
     /// What was worth knowing when it was accepted.
     pub note: String,
     /// What is loaded or started.
@@ -66,13 +68,24 @@ impl Awaiting {
 
     /// Done when a run has been ended and the machine rests. A hold that an end overtook is done then, too.
     pub fn is_end(&self) -> bool {
-        matches!(self.verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset)
+        self.ends_jog || matches!(self.verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset)
     }
 
     /// Done when the run that it began has ended by itself.
     pub fn is_of_run(&self) -> bool {
-        matches!(self.verb, Verb::Mdi | Verb::Home | Verb::Jog)
+        !self.ends_jog && matches!(self.verb, Verb::Mdi | Verb::Home | Verb::Jog)
     }
+}
+
+/// What prevented the effect of a command that was accepted.
+#[derive(Debug)]
+pub(super) struct Failure {
+    /// Of the reply.
+    pub code: &'static str,
+    /// For people.
+    pub text: String,
+    /// Distance covered by axis letter, mm or degrees.
+    pub moved: BTreeMap<char, f64>,
 }
 
 /// A load or start that waits for the answers of handlers.
@@ -206,23 +219,23 @@ impl Commands {
         awaiting.any(|awaiting| awaiting.meta.command_id == command_id)
     }
 
-    /// Tells those commands what has become of them; with `done` each its own note instead of the text.
+    /// Answers those commands: `done`, each with its own note, or `failed` with what prevented their effect.
     pub fn answer(
         &mut self,
         context: &Context,
         is_it: &dyn Fn(&Awaiting) -> bool,
-        status: CommandStatus,
-        code: &str,
-        text: &str,
+        failure: Option<&Failure>,
     ) {
         let answered = self.awaiting.extract_if(.., |awaiting| is_it(awaiting));
         for awaiting in answered {
-            let text = if status == CommandStatus::Done {
-                &awaiting.note
-            } else {
-                text
+            let meta = &awaiting.meta;
+            let said = match failure {
+                None => context.reply_to(meta, CommandStatus::Done, "ok", &awaiting.note),
+                Some(failure) => CommandReply {
+                    moved: failure.moved.clone(),
+                    ..context.reply_to(meta, CommandStatus::Failed, failure.code, &failure.text)
+                },
             };
-            let said = context.reply_to(&awaiting.meta, status, code, text);
             let said = context.said(
                 &awaiting.meta,
                 said,

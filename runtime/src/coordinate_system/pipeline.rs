@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use plc_api::types::state::CallSite;
-use tandem_interp::{Dialect, Inputs, Interpreter, Modal};
+use tandem_interp::{Dialect, Inputs, Interpreter, Modal, ModalState};
 use tandem_model::flow::{
     Action, Block, Compensation, Item, MultiBlock, Segment, SegmentEnd, SegmentMotion, TapLeg,
 };
@@ -44,6 +44,14 @@ pub(crate) struct Pipeline {
     watched: Option<(OnPlan, Box<CoordinateSystemSettings>)>,
 }
 
+/// What is in force between two runs: the modal state, the transform and what is published of them.
+#[derive(Debug)]
+pub(crate) struct InForce {
+    modal: ModalState,
+    path: PathStage,
+    change: Change,
+}
+
 /// An item that the path stage has not been given yet.
 #[derive(Debug)]
 pub(crate) struct SetAside {
@@ -78,6 +86,26 @@ impl Pipeline {
             in_thread: false,
             watched: None,
         }
+    }
+
+    /// Replaces all stages by new ones, after a fault in one of them, with the machine at this position. Segment numbers
+    /// and the operator's dry run continue.
+    pub fn renew(
+        &mut self,
+        settings: &CoordinateSystemSettings,
+        dialect: &'static Dialect,
+        at: MachinePosition,
+    ) {
+        let is_dry_run = self.path.is_dry_run();
+        let (last_segment, watched) = (self.planner.last_segment(), self.watched.take());
+        let mut new = Self::new(settings, dialect, at);
+        std::mem::swap(&mut new.planner, &mut self.planner);
+        new.planner.renew(settings);
+        new.path.set_dry_run(is_dry_run);
+        new.watched = watched;
+        new.last.after_segment = last_segment;
+        new.in_force = new.last.clone();
+        *self = new;
     }
 
     /// Tells what it plans from now on.
@@ -292,6 +320,35 @@ impl Pipeline {
             self.interpreter.start(program, number);
         }
         self.in_force.modal = self.interpreter.modal().clone();
+        self.last = self.in_force.clone();
+    }
+
+    /// Lets the text that has begun read its numbers as at start-up: in the unit of the settings, and as positions.
+    pub fn read_as_at_start_up(&mut self) {
+        self.interpreter.read_as_at_start_up();
+        self.in_force.modal = self.interpreter.modal().clone();
+        self.last = self.in_force.clone();
+    }
+
+    /// Returns what is in force between two runs.
+    pub fn in_force_at_rest(&self) -> InForce {
+        InForce {
+            modal: self.interpreter.modal_state(),
+            path: self.path.clone(),
+            change: self.in_force.clone(),
+        }
+    }
+
+    /// Restores what was in force before, with the machine at rest where it is.
+    pub fn restore(&mut self, before: InForce, epoch: u32) {
+        let at = self.path.position();
+        self.restart(epoch, at, true);
+        self.interpreter.restore(before.modal);
+        self.path.restore_transform(at, &before.path);
+        self.in_force = Change {
+            after_segment: self.planner.last_segment(),
+            ..before.change
+        };
         self.last = self.in_force.clone();
     }
 

@@ -10,7 +10,6 @@ use tandem_model::{Alarm, Origin};
 use plc_api::types::state::Execution;
 
 use super::CoordinateSystem;
-use super::pending_commands::Awaiting;
 use super::run::Kind;
 use super::run_state::{Phase, RunEvent, Then};
 use crate::journal::{Event, RunEnd};
@@ -91,14 +90,19 @@ impl CoordinateSystem {
         true
     }
 
+    /// True while a thread is cut and no hold acts in it: the operator's waits for the end of the thread, so what leads out of it
+    /// is still prepared and put out.
+    pub(super) fn leaves_thread(&self) -> bool {
+        self.pipeline.in_thread && !self.state.holds_in_thread()
+    }
+
     /// One step of the run. False when it has to wait.
     fn advance(&mut self) -> bool {
         if self.plan_set_aside() {
             return true;
         }
+        let held = !self.state.is_running() && !self.leaves_thread();
         let Some(run) = &mut self.run else { return false };
-        // While a thread is cut, feed hold waits for its end, so the blocks needed to leave it are still prepared.
-        let held = !self.state.is_running() && !self.pipeline.in_thread;
         let single_block = self.inputs.single_block;
         let waits = run.at_rest.until_s().is_some();
         let Some(phase) = self.state.phase() else {
@@ -196,6 +200,7 @@ impl CoordinateSystem {
             self.context.configured.settings.servo_period_s,
         );
         self.note_interpreted();
+        let item = item.and_then(|item| self.take_output(item));
         match item {
             Ok(Item::Block(_)) => {}
             Ok(Item::Warning(origin, text)) => self.context.warn(PROGRAM_WARNING.number, origin, text),
@@ -215,6 +220,16 @@ impl CoordinateSystem {
                 self.stand_still_then(Then::Alarm(alarm));
             }
         }
+    }
+
+    /// Refuses an output with a computed parameter that a declaration does not take.
+    fn take_output(&self, item: Item) -> Result<Item, Alarm> {
+        let Item::Output(output) = &item else {
+            return Ok(item);
+        };
+        let context = &self.context;
+        let refused = context.shared.refused_output(context.number, output);
+        refused.map_or(Ok(item), Err)
     }
 
     fn note_interpreted(&mut self) {
@@ -295,19 +310,24 @@ impl CoordinateSystem {
     }
 
     fn complete_run(&mut self) {
-        let Some(run) = self.run.take() else { return };
+        let Some(mut run) = self.run.take() else { return };
+        self.context.view.update(|place| place.run = None);
         let into = match run.kind {
             Kind::Program => Execution::ProgramCompleted,
             Kind::Manual | Kind::Home | Kind::Jog(_) => Execution::Ready,
         };
         self.drive(RunEvent::Completed(into));
-        self.past.jogs.remember(&run.kind);
+        self.past.jogs.remember(&run.kind, self.context.now_s());
         self.past.manual_goes_on |= matches!(run.kind, Kind::Manual);
+        if let Some(restores) = run.restores.take() {
+            self.restore_after_macro(*restores);
+        }
+        self.publish_carried();
         let end = RunEnd::Completed { outcome: into };
         self.context.record(Event::End(end));
         if matches!(run.kind, Kind::Program) {
-            self.count_part();
+            self.count_part(&run);
         }
-        self.complete(&Awaiting::is_of_run);
+        self.answer_completed_run(&run);
     }
 }

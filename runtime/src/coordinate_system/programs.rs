@@ -86,16 +86,10 @@ impl Context {
 
     /// Parameters in a program that its M codes do not take here, as handlers that are there and the configuration declare them.
     fn wrong_params(&self, program: &StoredProgram, m_codes: &[u16]) -> Vec<ProgramDiagnostic> {
-        let mut declared = Vec::new();
-        let handlers = self.shared.handlers();
-        for m in m_codes {
-            let of_config = self.m_code(*m).and_then(|settings| settings.declared.clone());
-            declared.extend(of_config.map(Declared::in_config));
-            for (id, handler) in handlers.iter().filter(|(_, handler)| handler.online) {
-                let of_handler = handler.declaration(self.number, *m).cloned();
-                declared.extend(of_handler.map(|declaration| Declared::by_handler(id, declaration)));
-            }
-        }
+        let each = m_codes.iter();
+        let declared: Vec<Declared> = each
+            .flat_map(|m| self.shared.declared_of(self.number, *m))
+            .collect();
         let found = wrong_params(&program.tree, program.dialect, &declared);
         locate(program.tree.source(), &found)
     }

@@ -7,11 +7,15 @@ use plc_api::handshake::OpenOutput;
 use plc_api::types::Timestamp;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::question::Question;
-use plc_api::types::state::{Captured, Modal, OptionalSkip, Spindle, State, Switch, Tool, WaitingOn};
+use plc_api::types::state::{
+    Captured, Execution, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, WaitingOn,
+};
 use plc_api::types::topic::{CsTopic, Topic};
+use tandem_model::profile::TimeBase;
 use tandem_model::{AXES_MAX, Axis, AxisSet, MachinePosition};
 
 use super::CoordinateSystem;
+use super::start_conditions::PublishedStart;
 use crate::config::CoordinateSystem as Configured;
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
@@ -19,11 +23,14 @@ use crate::program_store::StoredProgram;
 /// What was published last.
 #[derive(Debug, Default)]
 pub(super) struct Published {
-    state: Option<Arc<Message>>,
+    pub state: Option<Arc<Message>>,
+    pub start: PublishedStart,
     /// Since when the output that it waits for is in its state.
     waiting_since: Option<SystemTime>,
     /// How often programs had changed when it was made.
     changes: u64,
+    /// Codes other than those at start-up in which the next manual data input begins.
+    carried: Vec<String>,
     /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
     /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
     pub captured: [f64; AXES_MAX],
@@ -40,7 +47,7 @@ impl Published {
 
 impl CoordinateSystem {
     fn state(&self) -> State {
-        let (execution, reason) = self.state.state_word();
+        let (execution, reason) = self.published_word();
         let waiting_on = self.awaited_output().map(|open| WaitingOn {
             m: open.notice.m,
             seq: open.notice.seq,
@@ -71,6 +78,23 @@ impl CoordinateSystem {
             optional_skip: skip_numbers(self.inputs.optional_skip),
             alarm_count: self.context.alarm_count(),
             last_command_id: self.commands.last_id.clone(),
+        }
+    }
+
+    /// The state word, with the reason for which a motion stands that nothing holds.
+    fn published_word(&self) -> (Execution, Option<Reason>) {
+        let word = self.state.state_word();
+        let overrides = &self.inputs.overrides;
+        let percent = match self.servo.started {
+            Some(TimeBase::Feed) => overrides.feed,
+            Some(TimeBase::Rapid) => overrides.rapid,
+            Some(TimeBase::Fixed) | None => return word,
+        };
+        let stands = percent <= 0.0 && word == (Execution::Active, None) && self.is_moving();
+        if stands {
+            (Execution::Active, Some(Reason::OverrideZero))
+        } else {
+            word
         }
     }
 
@@ -123,7 +147,7 @@ impl CoordinateSystem {
             last_command_id,
         } = state;
         self.is_waiting_on(waiting_on.as_ref())
-            && (*execution, *reason) == self.state.state_word()
+            && (*execution, *reason) == self.published_word()
             && *transition == self.state.transition()
             && self.published.changes == self.context.shared.store.changes()
             && (*program, run_id) == (self.commands.program, &self.past.last_id)
@@ -152,6 +176,7 @@ impl CoordinateSystem {
     /// Publishes every state topic once, at the start.
     pub(super) fn publish_all(&mut self) {
         self.publish_changes();
+        self.publish_start_conditions();
         self.publish_modal(self.pipeline.interpreter.modal());
         self.publish_inputs();
         self.publish_spindle();
@@ -253,8 +278,27 @@ impl CoordinateSystem {
     }
 
     pub(super) fn publish_modal(&self, modal: &tandem_interp::Modal) {
-        let modal = published_modal(modal, &self.context.configured, self.inputs.tool);
+        let modal = Modal {
+            mdi: self.published.carried.clone(),
+            ..published_modal(modal, &self.context.configured, self.inputs.tool)
+        };
         self.context.publish(CsTopic::Modal, Payload::Modal(modal));
+    }
+
+    /// Publishes in which codes the next manual data input begins, if that has changed.
+    pub(super) fn publish_carried(&mut self) {
+        let codes = self.pipeline.interpreter.codes_unlike_start_up();
+        let codes = codes.filter(|_| self.past.manual_goes_on).map(str::to_owned);
+        let carried: Vec<String> = codes.collect();
+        if carried != self.published.carried {
+            self.published.carried = carried;
+            let pipeline = &self.pipeline;
+            self.publish_modal(if self.run.is_some() {
+                &pipeline.in_force.modal
+            } else {
+                pipeline.interpreter.modal()
+            });
+        }
     }
 }
 
@@ -276,6 +320,7 @@ pub(crate) fn published_modal(
         ts: modal.ts_ms,
         tool,
         work_offset: modal.work_offset().map(str::to_owned),
+        mdi: Vec::new(),
     }
 }
 

@@ -7,11 +7,14 @@ use plc_api::types::state::RunKind;
 use tandem_interp::not_there;
 use tandem_model::alarm::{PROGRAM_NOT_FOUND, PROGRAM_REFUSED};
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Alarm, AxisVector};
+use tandem_model::{Alarm, Axis, AxisVector, Origin};
 use tandem_syntax::NcProgram;
 
+use super::conditions::Conditions;
 use super::line_search::LineArrival;
+use super::pipeline::InForce;
 use crate::clock::Clock;
+use crate::command_memory::COMMAND_MEMORY;
 use crate::program_store::StoredProgram;
 
 /// A run of the loaded program, of manual data input, or of a motion by hand.
@@ -21,17 +24,46 @@ pub(super) struct Run {
     /// What it begins with; number 0: without one.
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
+    /// With which it begins; `None`: it is no run of a program.
+    pub conditions: Option<Arc<Conditions>>,
     /// Programs that it may not call, and why.
     pub refused: BTreeMap<u16, String>,
     /// The number of its first segment.
     pub first_segment: u64,
+    /// Where the machine rested when it began.
+    pub from: AxisVector,
+    /// Of a macro: what is restored at its end.
+    pub restores: Option<Box<Restores>>,
+    /// The first G31 that ended without a touch.
+    pub missed_touch: Option<Origin>,
     pub steps: Steps,
     pub at_rest: AtRest,
     /// It begins at a line, and has not come there yet.
     pub arrival: Option<Box<LineArrival>>,
 }
 
+/// What was in force when a macro began.
+#[derive(Debug)]
+pub(super) struct Restores {
+    pub in_force: InForce,
+    /// The next manual data input continues in it.
+    pub manual_goes_on: bool,
+}
+
+static NO_TEXTS: BTreeMap<u16, Arc<StoredProgram>> = BTreeMap::new();
+
 impl Run {
+    pub fn is_jog(&self) -> bool {
+        matches!(self.kind, Kind::Jog(_))
+    }
+
+    /// The program that runs and those that it may call; none of a run by hand.
+    pub fn texts(&self) -> &BTreeMap<u16, Arc<StoredProgram>> {
+        self.conditions
+            .as_ref()
+            .map_or(&NO_TEXTS, |conditions| &conditions.texts)
+    }
+
     /// The alarm of a call: of one that the program computes, nobody could say before that it may not be made.
     pub fn refusal_of_call(&self, alarm: Alarm) -> Alarm {
         if alarm.entry != &PROGRAM_NOT_FOUND {
@@ -58,38 +90,72 @@ pub(super) struct PastRuns {
     pub last_id: Option<String>,
     /// The next manual data input continues in the modal state of the last one.
     pub manual_goes_on: bool,
+    /// Number and text of the alarm that was raised last.
+    pub alarm: String,
     pub jogs: Jogs,
 }
 
-/// Jogs that have ended and whose late refreshes are refused.
-const ENDED_JOGS_MAX: usize = 16;
+/// Ends of jogs that have not begun, for each user; the user's oldest is forgotten. Reason: such an end overtakes its begin by
+/// a moment only, and needs no answer from memory.
+const ENDS_MAX: usize = 16;
 
-/// Jogs that have ended, the oldest first.
+/// Jogs that have ended, the oldest first: for as long as commands are remembered. Each began with a command that had room in
+/// that memory, which bounds their number.
 #[derive(Debug, Default)]
-pub(super) struct Jogs(VecDeque<String>);
+pub(super) struct Jogs {
+    ended: VecDeque<(String, f64)>,
+    /// Of jogs that have not begun: user, name and time.
+    ends: VecDeque<(String, String, f64)>,
+}
 
 impl Jogs {
     /// A jog that has ended is not begun again by a refresh that comes late.
-    pub fn remember(&mut self, ended: &Kind) {
+    pub fn remember(&mut self, ended: &Kind, now_s: f64) {
         if let Kind::Jog(jog) = ended {
-            self.end(&jog.refresh_id);
+            self.forget(now_s);
+            self.ended.push_back((jog.refresh_id.clone(), now_s));
         }
     }
 
-    /// From now on the jog of this name has ended, whether it has begun or not.
-    pub fn end(&mut self, refresh_id: &str) {
-        if self.has_ended(refresh_id) {
+    /// From now on the jog of this name has ended, although it has not begun.
+    pub fn end(&mut self, user: &str, refresh_id: &str, now_s: f64) {
+        self.forget(now_s);
+        if self.has_ended(refresh_id, now_s) {
             return;
         }
-        self.0.push_back(refresh_id.to_owned());
-        if self.0.len() > ENDED_JOGS_MAX {
-            self.0.pop_front();
+        let own = self.ends.iter().filter(|(by, ..)| by == user).count();
+        if own >= ENDS_MAX
+            && let Some(oldest) = self.ends.iter().position(|(by, ..)| by == user)
+        {
+            self.ends.remove(oldest);
         }
+        self.ends
+            .push_back((user.to_owned(), refresh_id.to_owned(), now_s));
     }
 
-    pub fn has_ended(&self, refresh_id: &str) -> bool {
-        self.0.iter().any(|ended| ended == refresh_id)
+    pub fn has_ended(&self, refresh_id: &str, now_s: f64) -> bool {
+        let mut ended = self.ended.iter();
+        let mut ends = self.ends.iter();
+        ended.any(|(name, at_s)| name == refresh_id && is_remembered(*at_s, now_s))
+            || ends.any(|(_, name, at_s)| name == refresh_id && is_remembered(*at_s, now_s))
     }
+
+    fn forget(&mut self, now_s: f64) {
+        while self
+            .ended
+            .pop_front_if(|(_, at_s)| !is_remembered(*at_s, now_s))
+            .is_some()
+        {}
+        while self
+            .ends
+            .pop_front_if(|(.., at_s)| !is_remembered(*at_s, now_s))
+            .is_some()
+        {}
+    }
+}
+
+fn is_remembered(at_s: f64, now_s: f64) -> bool {
+    now_s - at_s <= COMMAND_MEMORY.as_secs_f64()
 }
 
 /// What a run runs.
@@ -119,8 +185,12 @@ impl Kind {
 #[derive(Debug)]
 pub(super) struct Jog {
     pub refresh_id: String,
-    /// When it stops, unless it is refreshed.
-    pub until_s: f64,
+    pub axis: Axis,
+    /// The distance that was commanded, mm or degrees; `None`: to the soft limit.
+    pub distance: Option<f64>,
+    /// When it stops, unless it is refreshed; `None`: it is a step, which needs no refresh.
+    pub until_s: Option<f64>,
+    /// Where it ends: at the distance, or before it at the soft limit.
     pub to: AxisVector,
     /// With the jog's velocity as rapid velocity.
     pub settings: Arc<CoordinateSystemSettings>,
@@ -191,31 +261,40 @@ mod tests {
         let machine = crate::Config::demo().resolve().unwrap();
         Kind::Jog(Jog {
             refresh_id: refresh_id.to_owned(),
-            until_s: 0.2,
+            axis: Axis::X,
+            distance: None,
+            until_s: Some(0.2),
             to: AxisVector::ZERO,
             settings: Arc::new(machine.coordinate_systems[0].settings.clone()),
         })
     }
 
     #[test]
-    fn a_jog_that_has_ended_is_known_until_as_many_others_have_ended_as_are_kept() {
-        let numbered = |count: usize| (1..=count).map(|n| n.to_string()).collect::<Vec<_>>();
-        for (ended, asked, is_known) in [
-            (0, "1", false),
-            (1, "1", true),
-            (1, "2", false),
-            (2, "1", true),
-            (ENDED_JOGS_MAX, "1", true),
-            (ENDED_JOGS_MAX + 1, "1", false),
-            (ENDED_JOGS_MAX + 1, "2", true),
-            (ENDED_JOGS_MAX + 1, "17", true),
-        ] {
-            let mut jogs = Jogs::default();
-            for refresh_id in numbered(ended) {
-                jogs.remember(&jog(&refresh_id));
-            }
-            assert_eq!(jogs.has_ended(asked), is_known, "{asked} of {ended}");
+    fn a_jog_that_has_ended_is_known_for_ten_minutes_however_many_others_end() {
+        let mut jogs = Jogs::default();
+        for n in 0..1000 {
+            jogs.remember(&jog(&n.to_string()), 0.0);
         }
+        assert!(!jogs.has_ended("1000", 0.0));
+        for (now_s, is_known) in [(0.0, true), (600.0, true), (600.1, false)] {
+            assert_eq!(jogs.has_ended("0", now_s), is_known, "{now_s}");
+        }
+        jogs.remember(&jog("later"), 601.0);
+        assert_eq!(jogs.ended.len(), 1, "the others are forgotten");
+    }
+
+    #[test]
+    fn ends_of_jogs_that_have_not_begun_are_bounded_for_each_user() {
+        let mut jogs = Jogs::default();
+        jogs.end("anna", "a", 0.0);
+        for n in 0..=ENDS_MAX {
+            jogs.end("bert", &n.to_string(), 0.0);
+        }
+        assert!(
+            jogs.has_ended("a", 0.0),
+            "another user's ends evict nothing of hers"
+        );
+        assert!(!jogs.has_ended("0", 0.0) && jogs.has_ended("1", 0.0));
     }
 
     #[test]
@@ -253,8 +332,8 @@ mod tests {
             (jog(""), true),
         ] {
             let mut jogs = Jogs::default();
-            jogs.remember(&ended);
-            assert_eq!(jogs.has_ended(""), is_known, "{ended:?}");
+            jogs.remember(&ended, 0.0);
+            assert_eq!(jogs.has_ended("", 0.0), is_known, "{ended:?}");
         }
     }
 }

@@ -114,8 +114,19 @@ pub(super) enum End {
         has_program: bool,
     },
     Alarm,
-    /// A jog was ended, was not refreshed, or may not go on by itself.
-    JogEnded,
+    /// A jog is ended while the machine stays ready.
+    JogEnded(JogStop),
+}
+
+/// Why a jog is ended while the machine stays ready.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum JogStop {
+    /// Its end was commanded.
+    Commanded,
+    /// No refresh arrived in time.
+    NotRefreshed,
+    /// A cause that holds other runs. A jog is ended instead: it never continues without a new command.
+    Held(Cause),
 }
 
 impl End {
@@ -123,7 +134,7 @@ impl End {
     pub fn cancel_reason(self) -> CancelReason {
         match self {
             End::Stop => CancelReason::Stop,
-            End::Abort | End::JogEnded => CancelReason::Abort,
+            End::Abort | End::JogEnded(_) => CancelReason::Abort,
             End::Reset { .. } => CancelReason::Reset,
             End::Alarm => CancelReason::Alarm,
         }
@@ -136,7 +147,7 @@ impl End {
             End::Abort => (Execution::Stopped, Some(Reason::Aborted)),
             End::Alarm => (Execution::Stopped, Some(Reason::Alarm)),
             End::Reset { has_program: false } => (Execution::Stopped, Some(Reason::NoProgram)),
-            End::Reset { has_program: true } | End::JogEnded => (Execution::Ready, None),
+            End::Reset { has_program: true } | End::JogEnded(_) => (Execution::Ready, None),
         }
     }
 
@@ -187,8 +198,8 @@ pub(super) enum RunEvent {
 /// What is to be done, in order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum RunAction {
-    /// The servo holds on the path.
-    HoldServo,
+    /// The servo holds on the path; `in_phase`: also in a thread.
+    HoldServo { in_phase: bool },
     /// The servo continues.
     ResumeServo,
     /// The motion turns round: forward again, from where it is.
@@ -204,6 +215,15 @@ pub(super) enum RunAction {
 }
 
 impl Cause {
+    /// True when the motion comes to rest at once in a thread, too. The operator's hold waits until the tool is out, as the
+    /// manual demands.
+    pub fn acts_in_thread(self) -> bool {
+        matches!(
+            self,
+            Cause::Interlock | Cause::BusLoss | Cause::ServoLate | Cause::ClientLost
+        )
+    }
+
     /// State word and reason at rest.
     fn state_word(self) -> StateWord {
         match self {
@@ -322,6 +342,14 @@ impl RunState {
         matches!(self, RunState::Run(Hold::Off, _))
     }
 
+    /// True while a hold acts that brings the motion to rest in a thread, too.
+    pub fn holds_in_thread(&self) -> bool {
+        let Self::Run(Hold::Begun(cause) | Hold::AtRest(cause), _) = self else {
+            return false;
+        };
+        cause.acts_in_thread()
+    }
+
     /// Takes what follows a standstill that the run has reached; after that it interprets.
     pub fn take_then(&mut self) -> Option<Then> {
         let RunState::Run(_, Progress { phase, .. }) = self else {
@@ -348,14 +376,14 @@ impl RunState {
             (
                 state @ RunState::Idle(_),
                 RunEvent::End {
-                    why: End::Stop | End::Abort | End::JogEnded,
+                    why: End::Stop | End::Abort | End::JogEnded(_),
                     ..
                 },
             )
             | (
                 state @ RunState::Ending { .. },
                 RunEvent::End {
-                    why: End::Stop | End::JogEnded,
+                    why: End::Stop | End::JogEnded(_),
                     ..
                 },
             ) => state,
@@ -377,11 +405,19 @@ impl Progress {
         let is_paused = self.is_paused();
         let hold = match (hold, event) {
             (Hold::Off, RunEvent::Hold(cause)) if !is_paused => {
-                actions.push(RunAction::HoldServo);
+                let in_phase = cause.acts_in_thread();
+                actions.push(RunAction::HoldServo { in_phase });
+                Hold::Begun(cause)
+            }
+            // a hold that waits for the end of a thread waits no longer
+            (Hold::Begun(before), RunEvent::Hold(cause))
+                if cause.acts_in_thread() && !before.acts_in_thread() =>
+            {
+                actions.push(RunAction::HoldServo { in_phase: true });
                 Hold::Begun(cause)
             }
             (Hold::Off, RunEvent::Passed { segment }) if !is_paused && self.back_to == Some(segment) => {
-                actions.push(RunAction::HoldServo);
+                actions.push(RunAction::HoldServo { in_phase: false });
                 Hold::Begun(Cause::WayBackEnded)
             }
             (Hold::Off, RunEvent::ServoHeld { behind_block: true } | RunEvent::BlockEnded) if !is_paused => {

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use rtrb::{Producer, RingBuffer};
-use tandem_model::profile::{PathPlace, Profile};
-use tandem_servo::{ChannelHandle, Control, Event, Splice};
+use tandem_model::MachinePosition;
+use tandem_model::profile::{PathPlace, Profile, TimeBase};
+use tandem_servo::{ChannelHandle, Control, Event, ProfileProducer, Splice, profile_queue};
 
 use super::pipeline::Pipeline;
 
@@ -14,8 +14,12 @@ pub(super) struct ServoLink {
     handle: ChannelHandle,
     backlog: VecDeque<Control>,
     /// Profiles of plans that the servo has not answered yet.
-    spliced: VecDeque<Producer<Profile>>,
+    spliced: VecDeque<ProfileProducer>,
     epoch: u32,
+    /// Which override scales the motion that began last.
+    pub started: Option<TimeBase>,
+    /// The servo has failed: nothing is sent any more, and nothing comes.
+    has_failed: bool,
     /// The segment whose end the servo reported last.
     pub finished_segment: u64,
 }
@@ -27,16 +31,27 @@ impl ServoLink {
             backlog: VecDeque::new(),
             spliced: VecDeque::new(),
             epoch: 0,
+            started: None,
+            has_failed: false,
             finished_segment: 0,
         }
     }
 
     pub fn next_event(&mut self) -> Option<Event> {
         self.hand_over();
-        self.handle.events.pop().ok()
+        self.handle.events.pop().ok().filter(|_| !self.has_failed)
+    }
+
+    /// The servo has failed; true the first time.
+    pub fn fail(&mut self) -> bool {
+        self.backlog.clear();
+        !std::mem::replace(&mut self.has_failed, true)
     }
 
     pub fn control(&mut self, control: Control) {
+        if self.has_failed {
+            return;
+        }
         self.backlog.push_back(control);
         self.hand_over();
     }
@@ -63,6 +78,18 @@ impl ServoLink {
         } else {
             Control::Stop { epoch }
         });
+    }
+
+    /// As [`ServoLink::stop`], before every control that waits: those are dropped. Needs nothing that a fault could have left
+    /// undone.
+    pub fn stop_at_once(&mut self, abort: bool) {
+        self.backlog.clear();
+        self.stop(self.epoch.saturating_add(1), abort);
+    }
+
+    /// The commanded position of the last servo cycle.
+    pub fn commanded(&self) -> MachinePosition {
+        self.handle.readings.read().commanded
     }
 
     pub fn epoch(&self) -> u32 {
@@ -92,7 +119,7 @@ impl ServoLink {
     /// Profiles that are to run in place of those handed over, from a place on, or where the machine rests: as many as
     /// there is room for. [`Event::Spliced`] answers.
     pub fn splice(&mut self, at: Option<PathPlace>, profiles: &mut VecDeque<Profile>) {
-        let (mut producer, consumer) = RingBuffer::new(self.handle.profiles.buffer().capacity());
+        let (mut producer, consumer) = profile_queue(self.handle.profiles.capacity());
         fill(&mut producer, profiles);
         let splice = Splice {
             at,
@@ -125,10 +152,11 @@ impl ServoLink {
     }
 }
 
-// A profile is large: each one is moved once, and none while the ring is full.
-fn fill(ring: &mut Producer<Profile>, profiles: &mut VecDeque<Profile>) {
-    let count = ring.slots().min(profiles.len());
-    if let Ok(places) = ring.write_chunk_uninit(count) {
-        places.fill_from_iter(profiles.drain(..count));
+// A profile is large: none is moved while the queue is full.
+fn fill(queue: &mut ProfileProducer, profiles: &mut VecDeque<Profile>) {
+    let count = queue.slots().min(profiles.len());
+    for profile in profiles.drain(..count) {
+        // the servo only makes room
+        let _ = queue.push(profile);
     }
 }

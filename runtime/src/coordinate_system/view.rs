@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use parking_lot::Mutex;
 use plc_api::types::heartbeat::Heartbeat;
+use plc_api::types::start::StartObstacle;
 use plc_api::types::state::{CallSite, Position, ProgramPlace};
 use plc_api::types::trace::{Trace, TraceAxis, TraceQuery};
 use tandem_model::flow::Transform;
@@ -15,6 +16,7 @@ use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
 use tandem_path::work_position;
 use tandem_servo::{Readings, Trace as ServoTrace, TraceMotion, TraceSample};
 
+use super::conditions::RunStart;
 use crate::program_store::{ProgramStore, StoredProgram};
 
 /// The servo's readings, and where the program is.
@@ -26,6 +28,15 @@ pub(crate) struct View {
     trace: Arc<ServoTrace>,
     place: Mutex<Place>,
     published_line: AtomicU64,
+    prediction: Mutex<Option<Arc<Prediction>>>,
+}
+
+/// The alarm in which the rehearsal of a program ends.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Prediction {
+    /// Of the program.
+    pub hash: String,
+    pub obstacle: StartObstacle,
 }
 
 /// Where the program is.
@@ -38,8 +49,8 @@ pub(super) struct Place {
     pub segment: u64,
     /// When the block that is executed began, seconds since the start.
     pub since_s: f64,
-    /// The run has begun at a line: its segments are not those of the whole program.
-    pub began_at_line: bool,
+    /// The run of a program that is under way.
+    pub run: Option<Arc<RunStart>>,
     pub interpreted_line: u32,
     /// What runs or ran last without a number: manual data input.
     pub manual: Option<Arc<StoredProgram>>,
@@ -54,6 +65,7 @@ impl View {
             trace,
             place: Mutex::default(),
             published_line: AtomicU64::default(),
+            prediction: Mutex::default(),
         }
     }
 
@@ -98,15 +110,36 @@ impl View {
         self.readings.read().commanded
     }
 
+    /// The commanded position of the last servo cycle; `None` while a motor is not homed.
+    pub fn homed_position(&self) -> Option<MachinePosition> {
+        let reading = self.readings.read();
+        (reading.homed == self.axes).then_some(reading.commanded)
+    }
+
     /// The segment that runs, by its number in the run, the block that is executed, and since when, seconds since the start.
     pub fn segment(&self) -> (u64, Origin, f64) {
         let place = self.place.lock();
         (place.segment, place.executing, place.since_s)
     }
 
-    /// Whether the run began at a line, so that its segments are not those of the whole program.
-    pub fn began_at_line(&self) -> bool {
-        self.place.lock().began_at_line
+    /// The alarm in which the rehearsal of the loaded program ends.
+    pub fn prediction(&self) -> Option<Arc<Prediction>> {
+        self.prediction.lock().clone()
+    }
+
+    /// Notes it. True if it was another one.
+    pub fn predict(&self, prediction: Option<Prediction>) -> bool {
+        let mut kept = self.prediction.lock();
+        let is_other = kept.as_deref() != prediction.as_ref();
+        if is_other {
+            *kept = prediction.map(Arc::new);
+        }
+        is_other
+    }
+
+    /// The run of a program that is under way, with the conditions with which it began.
+    pub fn run(&self) -> Option<Arc<RunStart>> {
+        self.place.lock().run.clone()
     }
 
     /// Place of the block that is executed.

@@ -4,12 +4,15 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use plc_api::types::BootId;
+use plc_api::types::io::IoDeclarations;
 use plc_api::types::state::{Execution, Reason};
+use plc_api::types::stored_data::StoredDataPart;
+use plc_api::types::{BootId, Timestamp};
 use tandem_model::alarm::{JOURNAL_DAMAGED, NOT_READ, STORE_DAMAGED};
 use tandem_servo::{Hardware, HardwareFactory};
 
 use super::StartError;
+use crate::clock::time_of_day;
 use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
 use crate::data_watch::{DataWatch, list, warn_changed, warn_once, warn_standing};
@@ -17,16 +20,19 @@ use crate::disk::fs;
 use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
 use crate::journal::Event;
 use crate::persistence::journal_file::JournalThread;
-use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest};
+use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest, newest};
+use crate::persistence::positions::{KeptPositions, POSITION};
 use crate::persistence::{
     Condition, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source, StateWriterThread, Store,
-    judge, page_name, pages, replay_last_runs, restore,
+    forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
 };
 use crate::program_store::signing::read_signature_beside;
 use crate::program_store::{
-    Edit, EditKind, ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text,
+    Edit, EditKind, HeldBack, ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text,
 };
 use crate::shared::Shared;
+use crate::stored_data::OpenQuestion;
+use crate::stored_data::inspection::Inspection;
 use crate::tables::{Tables, value_key};
 
 /// What is kept in the data folder, opened.
@@ -38,8 +44,11 @@ pub(super) struct Data {
     /// What a person should know of the store.
     notes: Vec<String>,
     pub journal: JournalThread,
-    newest: Newest,
+    pub newest: Newest,
     pub health: Arc<Health>,
+    /// What of the folder is held back.
+    pub held: HeldBack,
+    pub question: OpenQuestion,
     lock: Option<Lock>,
 }
 
@@ -60,12 +69,21 @@ impl Data {
         };
         let locked = make_folder(folder).and_then(|()| Lock::take(folder));
         let lock = locked.map_err(|error| refused(folder, error))?;
-        let mut judged = judge(folder);
-        if judged.is_all_lost {
-            judged.lose(everything(machine));
+        let mut inspection = Inspection::new(folder, &machine.name);
+        if inspection.judged.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
+            inspection.judged.lose(everything(machine));
         }
         let health = Arc::new(Health::default());
-        let (store, aside) = match Store::open(folder, &judged) {
+        let journal = folder.join(JOURNAL_FOLDER);
+        let since = Timestamp::from_system_time(time_of_day());
+        let question = inspection.ask(folder, since, newest(&journal, 0, 1).time());
+        let held = HeldBack {
+            generations: Arc::clone(&inspection.generations),
+            programs: inspection.holds_back(StoredDataPart::Programs),
+            folders: inspection.holds_back(StoredDataPart::Folders),
+        };
+        let judged = inspection.judged;
+        let (store, aside) = match Store::open(folder, &judged, &held.generations) {
             Ok((store, aside)) => (Some(store), aside),
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => return Err(refused(folder, error)),
             refused => {
@@ -73,11 +91,14 @@ impl Data {
                 (None, None)
             }
         };
-        let notes = notes(folder, &judged, aside.as_deref());
+        let mut notes = notes(folder, &judged, aside.as_deref());
+        if inspection.lacks_folders {
+            notes.push("programs/folders.json: it is missing; programs are in no folder".to_owned());
+        }
         let image = judged.image;
-        let journal = folder.join(JOURNAL_FOLDER);
-        let (journal, newest) =
-            JournalThread::start(&journal, boot_id, Arc::clone(&health)).map_err(StartError::Thread)?;
+        let generations = Arc::clone(&held.generations);
+        let (journal, newest) = JournalThread::start(&journal, boot_id, generations, Arc::clone(&health))
+            .map_err(StartError::Thread)?;
         Ok(Some(Self {
             folder: folder.clone(),
             store,
@@ -86,15 +107,24 @@ impl Data {
             journal,
             newest,
             health,
+            held,
+            question,
             lock,
         }))
     }
 
     /// What was kept, and what the journal adds to it, which is then kept, too.
-    pub fn restore(&mut self, tables: &Tables) -> Restored {
+    pub fn restore(&mut self, tables: &Tables, io: &IoDeclarations) -> Restored {
         let mut restored = restore(tables, &self.image);
+        restored.outputs = restore_outputs(io, &self.image);
+        let lost = restored.outputs.iter().filter(|(_, last)| last.is_none());
+        self.notes.extend(lost.map(|(point, _)| {
+            format!("the last value of {point} is lost: look at the machine, then write or force this output")
+        }));
         let lines = &self.newest.lines;
-        let change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, lines);
+        let mut change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, lines);
+        change.values.extend(forget_outputs(io, &self.image));
+        let change = change.beyond(&self.image);
         if let (false, Some(store)) = (change.is_empty(), &mut self.store) {
             let written = store.commit(&change);
             self.health.note(Part::Store, &written);
@@ -103,6 +133,11 @@ impl Data {
                 Err(_) => self.store = None,
             }
         }
+        self.notes.extend(self.positions().lost().map(|cs| {
+            format!(
+                "where the motors of coordinate system {cs} stand is lost: they are not homed; a reset after alarm 208 homes simulated ones"
+            )
+        }));
         let replayed = &restored.last_runs;
         let lost = restored.lost_runs.iter().filter(|cs| !replayed.contains_key(cs));
         self.notes.extend(lost.map(|cs| {
@@ -111,6 +146,11 @@ impl Data {
             )
         }));
         restored
+    }
+
+    /// Where the motors stood.
+    pub fn positions(&self) -> KeptPositions {
+        KeptPositions::new(&self.image)
     }
 
     /// Begins to keep what changes.
@@ -136,9 +176,13 @@ impl Data {
             views: views
                 .map(|mailbox| (mailbox.number, Arc::clone(&mailbox.view)))
                 .collect(),
+            settings: (shared.machine.coordinate_systems.iter())
+                .map(|system| system.settings.clone())
+                .collect(),
             last_runs,
             health: Arc::clone(&shared.health),
             runs: Arc::clone(&shared.runs),
+            generations: self.held.generations,
         };
         let state = StateWriterThread::start(folder.clone(), self.store, self.image, source);
         Ok(Keepers {
@@ -159,9 +203,15 @@ pub(crate) fn everything(machine: &Machine) -> Vec<String> {
     for cs in tables.coordinate_systems() {
         let array = tables.variables(cs).coordinate_system;
         names.extend((0..pages(&array)).map(|place| page_name(cs, place)));
-        names.extend(["tool", "last_run"].map(|what| value_key(what, cs)));
+        names.extend(["tool", "last_run", POSITION].map(|what| value_key(what, cs)));
     }
     names.extend(tables.kept(&tables.read().clone()).into_keys());
+    let outputs = machine.io.points().map(|(point, _)| point);
+    names.extend(
+        outputs
+            .filter(|point| machine.io.keeps_last(point))
+            .map(|point| point.to_string()),
+    );
     names
 }
 
@@ -188,7 +238,7 @@ fn notes(folder: &Path, judged: &Judged, aside: Option<&Path>) -> Vec<String> {
     }
     if let Some(fault) = &judged.sums_fault {
         notes.push(format!(
-            "the sums beside {}: {fault}; nothing is lost",
+            "the checksums beside {}: {fault}; the values are kept, and are not verified",
             path.display()
         ));
     }
@@ -202,9 +252,18 @@ fn refused(path: &Path, error: io::Error) -> StartError {
     }
 }
 
-pub(super) fn bring_up(factory: HardwareFactory, machine: &Machine) -> Result<Hardware, StartError> {
+/// Simulated drives are where they stood.
+pub(super) fn bring_up(
+    factory: HardwareFactory,
+    machine: &Machine,
+    kept: &KeptPositions,
+) -> Result<Hardware, StartError> {
     let systems = machine.coordinate_systems.iter();
-    let settings: Vec<_> = systems.map(|system| &system.settings).collect();
+    let mut settings: Vec<_> = systems.map(|system| system.settings.clone()).collect();
+    for settings in &mut settings {
+        kept.apply(settings);
+    }
+    let settings: Vec<_> = settings.iter().collect();
     factory(&settings).map_err(StartError::Hardware)
 }
 
@@ -248,13 +307,13 @@ pub(super) struct Programs {
 impl Programs {
     /// Opens the store and puts the configuration's programs into it. A folder that refuses prevents nothing: `health`
     /// says why.
-    pub fn open(machine: &Machine, health: &Health) -> Result<Self, StartError> {
+    pub fn open(machine: &Machine, health: &Health, held: &HeldBack) -> Result<Self, StartError> {
         let mut store = machine.new_store();
         let (mut findings, mut reason) = (ProgramFindings::default(), Reason::NoProgram);
         if let Some(folder) = &machine.data_dir {
             let programs = folder.join("programs");
             let is_lost = !fs::exists(&programs).unwrap_or(true);
-            let (found, opened) = store.open_folder(&programs);
+            let (found, opened) = store.open_folder(&programs, held);
             health.note(Part::Programs, &opened);
             findings = found;
             findings.lost =
@@ -309,6 +368,10 @@ impl ProgramFindings {
                 self.without_sum
             );
             warn_once(shared, &STORE_DAMAGED, &text);
+        }
+        if let Some(fault) = &self.folders_fault {
+            let text = format!("programs/folders.json: {fault}; programs are in no folder");
+            warn_standing(shared, &STORE_DAMAGED, &text);
         }
     }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 
 use parking_lot::Mutex;
+use plc_api::supervisor::Supervisor;
 use tandem_model::alarm::{AlarmEntry, JOURNAL_FAILED, PROGRAMS_FAILED, STORE_FAILED};
 
 /// What is kept.
@@ -29,12 +30,16 @@ impl Part {
 
 /// Why each part cannot be written, as its last attempt has found.
 #[derive(Debug, Default)]
-pub(crate) struct Health(Mutex<BTreeMap<Part, String>>);
+pub(crate) struct Health {
+    faults: Mutex<BTreeMap<Part, String>>,
+    /// Of the threads that write, and of all others.
+    pub supervisor: Supervisor,
+}
 
 impl Health {
     /// Notes the result of an attempt to write; the log tells of the first that fails and of the first that does not.
     pub fn note<T, E: Display>(&self, part: Part, attempt: &Result<T, E>) {
-        let mut faults = self.0.lock();
+        let mut faults = self.faults.lock();
         match attempt {
             Ok(_) => {
                 if faults.remove(&part).is_some() {
@@ -53,6 +58,6 @@ impl Health {
 
     /// Why a part cannot be written; `None`: its last attempt succeeded.
     pub fn fault(&self, part: Part) -> Option<String> {
-        self.0.lock().get(&part).cloned()
+        self.faults.lock().get(&part).cloned()
     }
 }

@@ -3,7 +3,10 @@
 //! Each line of the journal has a number `n` that rises over all starts of the runtime: it orders lines, whatever the clock of the day
 //! says.
 
+use plc_api::execution::wire_name;
 use serde_json::Value;
+
+use super::generations::{Kind, SEAL, Seal};
 
 /// What the check sum stands behind, and ends with.
 const SUM: (&str, &str) = (",\"crc\":\"", "\"}");
@@ -38,27 +41,53 @@ pub(crate) enum Read {
     Damaged,
 }
 
-/// Reads a line without its end. Lines of versions before 0.2 have neither number nor check sum.
-pub(crate) fn read(line: &[u8]) -> Read {
-    let Ok(mut value) = serde_json::from_slice::<Value>(line) else {
-        return Read::Damaged;
-    };
-    let is_old = value.is_object() && value.get("n").is_none() && value.get("crc").is_none();
-    if is_old {
-        return Read::Whole(value);
-    }
-    let open = line.len().checked_sub(SUM.0.len() + 8 + SUM.1.len());
-    let sealed = open.and_then(|open| line.split_at_checked(open));
-    let is_whole = sealed.is_some_and(|(open, sum)| {
+/// A line whose check sum matches, without the check sum and its seal; `None`: it is damaged.
+fn open(line: &[u8]) -> Option<(Value, Option<Seal>)> {
+    let mut value = serde_json::from_slice::<Value>(line).ok()?;
+    let fields = value.as_object_mut()?;
+    let seal = fields.remove(SEAL).map(serde_json::from_value).transpose().ok()?;
+    if fields.contains_key("n") || fields.contains_key("crc") {
+        let open = line.len().checked_sub(SUM.0.len() + 8 + SUM.1.len())?;
+        let (open, sum) = line.split_at_checked(open)?;
         let expected = format!("{}{:08x}{}", SUM.0, crc32fast::hash(open), SUM.1);
-        sum == expected.as_bytes()
-    });
-    match value.as_object_mut().filter(|_| is_whole) {
-        Some(fields) => {
-            fields.remove("crc");
-            Read::Whole(value)
+        (sum == expected.as_bytes()).then_some(())?;
+        fields.remove("crc");
+    }
+    Some((value, seal))
+}
+
+/// Reads a line of the journal without its end. Lines of earlier versions have no seal, and those before 0.2
+/// neither number nor check sum.
+pub(crate) fn read(kind: Kind, line: &[u8]) -> Read {
+    match open(line) {
+        Some((value, seal)) if seal.as_ref().is_none_or(|seal| seal.kind == kind) => Read::Whole(value),
+        _ => Read::Damaged,
+    }
+}
+
+/// Why a sealed line cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Unusable {
+    Damaged,
+    /// It is of another file, or of an earlier version; in words.
+    Foreign(String),
+}
+
+/// Reads a sealed line without its end.
+///
+/// # Errors
+/// It is damaged, or of another kind.
+pub(crate) fn read_sealed(kind: Kind, line: &[u8]) -> Result<(Value, Seal), Unusable> {
+    match open(line) {
+        None => Err(Unusable::Damaged),
+        Some((_, None)) => Err(Unusable::Foreign(
+            "it is of an earlier version, whose lines have no seal".to_owned(),
+        )),
+        Some((_, Some(seal))) if seal.kind != kind => {
+            let text = format!("it contains lines of {}", wire_name(&seal.kind));
+            Err(Unusable::Foreign(text))
         }
-        None => Read::Damaged,
+        Some((value, Some(seal))) => Ok((value, seal)),
     }
 }
 
@@ -72,18 +101,19 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::disk::Generations;
 
     #[test]
     fn a_line_is_sealed_and_read_and_any_flipped_bit_makes_it_no_line() {
         let object = json!({"event": "output", "m": 100, "n": 7});
         let text = seal(&object.to_string());
         let line = text.strip_suffix('\n').unwrap().as_bytes();
-        assert_eq!(read(line), Read::Whole(object.clone()));
+        assert_eq!(read(Kind::Journal, line), Read::Whole(object.clone()));
         for place in 0..line.len() * 8 {
             let mut flipped = line.to_vec();
             flipped[place / 8] ^= 1 << (place % 8);
             assert_eq!(
-                read(&flipped),
+                read(Kind::Journal, &flipped),
                 Read::Damaged,
                 "{}",
                 String::from_utf8_lossy(&flipped)
@@ -98,9 +128,32 @@ mod tests {
     }
 
     #[test]
+    fn a_line_of_another_kind_and_one_without_a_seal_are_not_read_as_sealed() {
+        let generations = Generations::new("mill");
+        let mut line = json!({"n": 7});
+        generations.seal(Kind::Anchor, 3).put(&mut line);
+        let text = seal(&line.to_string());
+        let line = text.trim_end().as_bytes();
+        let (value, read_seal) = read_sealed(Kind::Anchor, line).unwrap();
+        assert_eq!((value, read_seal.generation), (json!({"n": 7}), 3));
+        let other = read_sealed(Kind::StoreSums, line);
+        assert_eq!(
+            other,
+            Err(Unusable::Foreign("it contains lines of anchor".to_owned()))
+        );
+        assert_eq!(read(Kind::Journal, line), Read::Damaged);
+        let unsealed = seal("{\"n\":7}");
+        assert!(matches!(
+            read_sealed(Kind::Anchor, unsealed.trim_end().as_bytes()),
+            Err(Unusable::Foreign(_))
+        ));
+        assert_eq!(read_sealed(Kind::Anchor, &line[1..]), Err(Unusable::Damaged));
+    }
+
+    #[test]
     fn a_line_of_an_older_version_is_read_and_what_is_none_is_not() {
         assert_eq!(
-            read(b"{\"event\":\"boot\"}"),
+            read(Kind::Journal, b"{\"event\":\"boot\"}"),
             Read::Whole(json!({"event": "boot"}))
         );
         for damaged in [
@@ -111,7 +164,7 @@ mod tests {
             b"{\"crc\":\"00000000\"}",
             b"null",
         ] {
-            assert_eq!(read(damaged), Read::Damaged);
+            assert_eq!(read(Kind::Journal, damaged), Read::Damaged);
         }
     }
 }

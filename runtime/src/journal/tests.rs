@@ -131,6 +131,7 @@ fn of_programs() -> Vec<(Event, &'static str)> {
                 program_hash: Some("b2".to_owned()),
                 from_line: None,
                 parts: None,
+                order: None,
             },
             r#""event":"start","program":60,"program_hash":"b2","run_id":"1-1""#,
         ),

@@ -17,7 +17,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use serde_json::Value;
 
 use crate::disk::fs::{File, FileExt as _, OpenOptions};
-use crate::disk::{Read, number, open_regular, read, read_regular, seal_in_place};
+use crate::disk::{Generations, Kind, number, open_regular, read_regular, read_sealed, seal_in_place};
 use crate::journal::{Event, Line, WriteAhead};
 
 /// Its file in the journal's folder.
@@ -40,6 +40,8 @@ pub(super) const OPEN: &str = "open";
 pub(crate) struct Ahead {
     file: File,
     boot_id: BootId,
+    /// Text of the seal of each line. Reason: it is the same in all lines of a start.
+    seal: String,
     /// Open outputs of each coordinate system.
     open: Mutex<BTreeMap<CoordinateSystemNumber, Vec<u64>>>,
 }
@@ -49,13 +51,19 @@ impl Ahead {
     ///
     /// # Errors
     /// The disk refuses.
-    pub fn begin(folder: &Path, boot_id: BootId) -> io::Result<Self> {
+    pub fn begin(folder: &Path, boot_id: BootId, generations: &Generations) -> io::Result<Self> {
         let path = folder.join(AHEAD_FILE);
         let file = open_regular(&path, OpenOptions::new().write(true).create(true).truncate(false))?;
         file.set_len(0)?;
         file.write_all_at(&vec![b'\n'; SLOT_BYTES * usize::try_from(SLOTS).unwrap_or(0)], 0)?;
         let open = Mutex::default();
-        Ok(Self { file, boot_id, open })
+        let seal = serde_json::to_string(&generations.plain_seal(Kind::Ahead))?;
+        Ok(Self {
+            file,
+            boot_id,
+            seal,
+            open,
+        })
     }
 
     /// Writes which outputs before this one are open, and counts it among them. A run begins without any.
@@ -80,10 +88,10 @@ impl WriteAhead for Ahead {
         let mut text = [0; SLOT_BYTES];
         let mut cursor = Cursor::new(&mut text[..]);
         let (boot, ts) = (&self.boot_id.0, Timestamp::from_system_time(time).0);
-        let (t_s, cs) = (line.t_s, line.cs);
+        let (t_s, cs, seal) = (line.t_s, line.cs, &self.seal);
         write!(
             cursor,
-            "{{\"n\":{n},\"boot_id\":\"{boot}\",\"ts\":\"{ts}\",\"t_s\":{t_s:?},\"cs\":{cs}"
+            "{{\"n\":{n},\"boot_id\":\"{boot}\",\"seal\":{seal},\"ts\":\"{ts}\",\"t_s\":{t_s:?},\"cs\":{cs}"
         )?;
         self.write_open(line, &mut cursor)?;
         let joint = cursor.position();
@@ -106,16 +114,15 @@ impl WriteAhead for Ahead {
     }
 }
 
-/// The whole lines of a ring, ascending by number; none where there is no ring.
-pub(crate) fn recover(folder: &Path) -> Vec<Value> {
+/// The whole lines of a ring of this machine, ascending by number; none where there is no ring.
+pub(crate) fn recover(folder: &Path, machine: &str) -> Vec<Value> {
     let bytes = read_regular(&folder.join(AHEAD_FILE), SLOTS * SLOT_BYTES as u64).unwrap_or_default();
     let mut lines: Vec<Value> = bytes
         .chunks(SLOT_BYTES)
         .filter_map(|slot| slot.split(|byte| *byte == b'\n').next())
-        .filter_map(|line| match read(line) {
-            Read::Whole(line) => Some(line).filter(|line| number(line) > 0),
-            Read::Damaged => None,
-        })
+        .filter_map(|line| read_sealed(Kind::Ahead, line).ok())
+        .filter(|(line, seal)| number(line) > 0 && seal.machine == machine)
+        .map(|(line, _)| line)
         .collect();
     lines.sort_by_key(number);
     lines
@@ -140,6 +147,7 @@ mod tests {
                 program_hash: None,
                 from_line: None,
                 parts: None,
+                order: None,
             },
         }
     }
@@ -147,19 +155,19 @@ mod tests {
     #[test]
     fn what_was_written_ahead_is_found_in_the_order_of_its_numbers_and_a_new_start_begins_anew() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(recover(folder.path()), Vec::<Value>::new());
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned())).unwrap();
+        assert_eq!(recover(folder.path(), ""), Vec::<Value>::new());
+        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         let numbers = [SLOTS - 1, SLOTS, SLOTS + 1, 2 * SLOTS];
         for n in numbers {
             ahead.write(n, &line(n), UNIX_EPOCH).unwrap();
         }
-        let found = recover(folder.path());
+        let found = recover(folder.path(), "");
         assert_eq!(found.iter().map(number).collect::<Vec<_>>(), [511, 513, 1024]);
         assert_eq!(Line::from_json(&found[2]), Some(line(1024)));
         assert_eq!(found[2]["boot_id"], "b1");
         assert_eq!(found[2]["ts"], "1970-01-01T00:00:00.000000Z");
-        Ahead::begin(folder.path(), BootId("b2".to_owned())).unwrap();
-        assert_eq!(recover(folder.path()), Vec::<Value>::new());
+        Ahead::begin(folder.path(), BootId("b2".to_owned()), &Generations::default()).unwrap();
+        assert_eq!(recover(folder.path(), ""), Vec::<Value>::new());
     }
 
     fn output(seq: u64) -> Line {
@@ -173,7 +181,7 @@ mod tests {
     #[test]
     fn the_line_of_an_output_says_which_outputs_before_it_are_open() {
         let folder = tempfile::tempdir().unwrap();
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned())).unwrap();
+        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         let reset = |seq| Line {
             event: Event::Reset {
                 seq,
@@ -193,7 +201,7 @@ mod tests {
         for seq in 6..24 {
             ahead.write(seq, &output(seq), UNIX_EPOCH).unwrap();
         }
-        let open: Vec<Value> = recover(folder.path())
+        let open: Vec<Value> = recover(folder.path(), "")
             .iter()
             .map(|line| line[OPEN].clone())
             .collect();
@@ -210,7 +218,7 @@ mod tests {
     #[test]
     fn a_line_that_has_no_room_is_refused_and_a_damaged_slot_is_none() {
         let folder = tempfile::tempdir().unwrap();
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned())).unwrap();
+        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         let long = Line {
             event: Event::Start {
                 program: 1,
@@ -218,12 +226,13 @@ mod tests {
                 program_hash: None,
                 from_line: None,
                 parts: None,
+                order: None,
             },
             ..line(1)
         };
         assert!(ahead.write(1, &long, UNIX_EPOCH).is_err());
         ahead.write(2, &line(2), UNIX_EPOCH).unwrap();
         ahead.file.write_all_at(b"9", 2 * SLOT_BYTES as u64 + 5).unwrap();
-        assert_eq!(recover(folder.path()), Vec::<Value>::new());
+        assert_eq!(recover(folder.path(), ""), Vec::<Value>::new());
     }
 }

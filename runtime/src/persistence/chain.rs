@@ -13,7 +13,9 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use crate::disk::fs;
-use crate::disk::{Read, number, read, read_regular, seal, write_whole};
+use crate::disk::{
+    Generations, Kind, Read, Seal, StoredPart, number, read, read_regular, read_sealed, seal, write_whole,
+};
 
 /// File of the anchor in the journal's folder.
 const ANCHOR_FILE: &str = "anchor";
@@ -81,7 +83,7 @@ pub(super) enum Entry<'a> {
 
 /// Reads a line without its end.
 pub(super) fn entry(line: &[u8]) -> Entry<'_> {
-    let Read::Whole(value) = read(line) else {
+    let Read::Whole(value) = read(Kind::Journal, line) else {
         return Entry::Damaged;
     };
     let linked = || {
@@ -176,10 +178,15 @@ impl AnchorRead {
 
 impl Anchor {
     pub fn read(folder: &Path) -> AnchorRead {
+        Self::read_with_seal(folder).0
+    }
+
+    /// The anchor, and what its line says about itself.
+    pub fn read_with_seal(folder: &Path) -> (AnchorRead, Option<Seal>) {
         let bytes = match read_regular(&folder.join(ANCHOR_FILE), ANCHOR_BYTES_MAX) {
             Ok(bytes) => bytes,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return AnchorRead::Missing,
-            Err(_) => return AnchorRead::Damaged,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return (AnchorRead::Missing, None),
+            Err(_) => return (AnchorRead::Damaged, None),
         };
         let of_line = |line: &Value| {
             Some(Self {
@@ -189,19 +196,30 @@ impl Anchor {
                 first: line["first"].as_u64()?,
             })
         };
-        match bytes.strip_suffix(b"\n").map(read) {
-            Some(Read::Whole(line)) => of_line(&line).map_or(AnchorRead::Damaged, AnchorRead::There),
-            _ => AnchorRead::Damaged,
+        let line = bytes.strip_suffix(b"\n");
+        let sealed = line.and_then(|line| read_sealed(Kind::Anchor, line).ok());
+        match sealed.and_then(|(line, seal)| Some((of_line(&line)?, seal))) {
+            Some((anchor, seal)) => (AnchorRead::There(anchor), Some(seal)),
+            None => (AnchorRead::Damaged, None),
         }
     }
 
     /// On disk when this returns.
-    pub fn write(&self, folder: &Path) -> io::Result<()> {
-        let line = json!({
+    pub fn write(&self, folder: &Path, generations: &Generations) -> io::Result<()> {
+        let mut line = json!({
             "file": self.file, "first": self.first, "hash": self.hash.to_string(), "n": self.n,
         });
-        write_whole(&folder.join(ANCHOR_FILE), seal(&line.to_string()).as_bytes())
+        let generation = generations.next();
+        generations.seal(Kind::Anchor, generation).put(&mut line);
+        write_whole(&folder.join(ANCHOR_FILE), seal(&line.to_string()).as_bytes())?;
+        generations.note_on_disk(StoredPart::Journal, generation);
+        Ok(())
     }
+}
+
+/// What the anchor of a journal says about itself; `None`: there is no anchor that can be used.
+pub(crate) fn anchor_seal(folder: &Path) -> Option<Seal> {
+    Anchor::read_with_seal(folder).1
 }
 
 /// Removes what a kill has left of an anchor that was being written.
@@ -303,7 +321,7 @@ mod tests {
             file: 9,
             first: 2,
         };
-        anchor.write(folder.path()).unwrap();
+        anchor.write(folder.path(), &Generations::default()).unwrap();
         assert_eq!(Anchor::read(folder.path()), AnchorRead::There(anchor));
         let path = folder.path().join(ANCHOR_FILE);
         let bytes = fs::read(&path).unwrap();

@@ -2,6 +2,7 @@
 //! beside the store, from which a person may restore lost values. It is never used
 //! automatically, because it is older than the store.
 
+use std::borrow::Cow;
 use std::io;
 use std::path::Path;
 
@@ -11,9 +12,9 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 use tandem_model::lost::is_lost;
 
-use super::image::{Image, PAGE_VARIABLES, Page};
+use super::image::{Image, PAGE_VARIABLES, Page, page_name};
 use crate::clock::time_of_day;
-use crate::disk::{read_regular, sum_of, write_whole};
+use crate::disk::{SumOfParts, read_regular, sum_of, write_whole};
 
 /// Name of the last good generation in the data folder.
 pub(crate) const GENERATION_FILE: &str = "state.last-good.json";
@@ -23,6 +24,9 @@ const BYTES_MAX: u64 = 256 << 20;
 
 /// The only form of the document so far.
 const FORM: u32 = 1;
+
+/// Stands for the checksum until all values are known.
+const NO_SUM: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 #[derive(Debug, Deserialize)]
 struct Document {
@@ -40,6 +44,8 @@ struct Document {
 pub(crate) struct Generation {
     pub written: Timestamp,
     pub image: Image,
+    /// Names of values that were lost when it was written; they are not in the image.
+    pub lost: Vec<String>,
 }
 
 fn invalid(text: impl Into<String>) -> io::Error {
@@ -47,24 +53,38 @@ fn invalid(text: impl Into<String>) -> io::Error {
 }
 
 fn sum(values: &Map<String, Value>) -> String {
-    sum_of(Value::Object(values.clone()).to_string().as_bytes())
+    sum_of(serde_json::to_string(values).unwrap_or_default().as_bytes())
 }
 
 impl Generation {
-    /// The text of what is kept now.
+    /// The text of what is kept now. One value at a time is converted: all at once would take twenty times the memory of the text.
     pub fn text(image: &Image) -> String {
-        let values: Map<String, Value> = image
-            .records()
-            .map(|(name, payload)| {
-                let value = to_json(image, &name, &payload);
-                (name, value)
-            })
-            .collect();
-        let line = |(name, value): (&String, &Value)| format!("{}:{value}", Value::from(name.as_str()));
-        let lines: Vec<String> = values.iter().map(line).collect();
-        let (written, sum) = (Timestamp::from_system_time(time_of_day()).0, sum(&values));
-        let head = format!("\"tandem_store\":{FORM},\"written\":\"{written}\",\"sum\":\"{sum}\"");
-        format!("{{{head},\"values\":{{\n{}\n}}}}\n", lines.join(",\n"))
+        let pages = image.pages.keys();
+        let pages = pages.map(|(area, place)| Cow::from(page_name(*area, *place)));
+        let values = image.values.keys().map(|name| Cow::from(name.as_str()));
+        let mut names: Vec<Cow<'_, str>> = pages.chain(values).collect();
+        names.sort_unstable();
+        let written = Timestamp::from_system_time(time_of_day()).0;
+        let mut text = format!("{{\"tandem_store\":{FORM},\"written\":\"{written}\",\"sum\":\"");
+        let place_of_sum = text.len();
+        text.push_str(NO_SUM);
+        text.push_str("\",\"values\":{\n");
+        let mut sum = SumOfParts::default();
+        sum.add(b"{");
+        for (number, name) in names.iter().enumerate() {
+            let payload = image.values.get(&**name).map_or(&[][..], Vec::as_slice);
+            let line = format!("{}:{}", Value::from(&**name), to_json(image, name, payload));
+            if number > 0 {
+                text.push_str(",\n");
+                sum.add(b",");
+            }
+            sum.add(line.as_bytes());
+            text.push_str(&line);
+        }
+        sum.add(b"}");
+        text.push_str("\n}}\n");
+        text.replace_range(place_of_sum..place_of_sum + NO_SUM.len(), &sum.finish());
+        text
     }
 
     /// Writes the last good generation of a folder.
@@ -80,7 +100,15 @@ impl Generation {
     /// # Errors
     /// There is none, or it is damaged.
     pub fn read(folder: &Path) -> io::Result<Self> {
-        let bytes = read_regular(&folder.join(GENERATION_FILE), BYTES_MAX)?;
+        Self::read_from(&folder.join(GENERATION_FILE))
+    }
+
+    /// The values of a file.
+    ///
+    /// # Errors
+    /// It does not exist, or is damaged.
+    pub fn read_from(path: &Path) -> io::Result<Self> {
+        let bytes = read_regular(path, BYTES_MAX)?;
         Self::of_text(&String::from_utf8_lossy(&bytes), true)
     }
 
@@ -103,10 +131,13 @@ impl Generation {
                 "its sum is wrong: it is damaged; one that was edited by hand has no \"sum\"",
             ));
         }
-        let mut image = Image::default();
+        let (mut image, mut lost) = (Image::default(), Vec::new());
         for (name, value) in &document.values {
             let taken = match value {
-                Value::Null => continue,
+                Value::Null => {
+                    lost.push(name.clone());
+                    continue;
+                }
                 value if Image::is_page(name) => {
                     page_of(value).is_some_and(|page| image.take_record(name, &page.to_bytes()))
                 }
@@ -119,6 +150,7 @@ impl Generation {
         Ok(Self {
             written: document.written,
             image,
+            lost,
         })
     }
 }

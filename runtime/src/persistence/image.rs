@@ -30,6 +30,9 @@ pub(crate) const RUN_KEYS: &str = "run/";
 /// Name of the production counters.
 pub(crate) const PRODUCTION_KEY: &str = "production";
 
+/// Name of the numbers of the newest lines of the journal that runs and counters include.
+pub(crate) const RUN_LINES_KEY: &str = "run_lines";
+
 /// Name of a run that has ended, by its number.
 pub(crate) fn run_key(n: u64) -> String {
     format!("{RUN_KEYS}{}", n % RUNS_KEPT as u64)

@@ -15,7 +15,7 @@ use super::ahead::{Ahead, OPEN, recover};
 use super::journal_folder::{FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
 use super::replay::REPLAYED_LINES_MAX;
 use crate::clock::time_of_day;
-use crate::disk::{Health, Part, number, tighten};
+use crate::disk::{Generations, Health, Part, number, tighten};
 use crate::journal::{JournalWriter, Line, Message, WriteAhead};
 use crate::threads::{self, Thread};
 
@@ -54,9 +54,9 @@ fn as_written(line: &Value) -> Object {
     Object::of(&line)
 }
 
-fn begin(folder: &Path, boot_id: BootId) -> Begun {
+fn begin(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> Begun {
     let mut newest = newest(folder, 0, REPLAYED_LINES_MAX);
-    let missing = newest.missing(recover(folder));
+    let missing = newest.missing(recover(folder, generations.machine()));
     let objects: Vec<Object> = missing.iter().map(as_written).collect();
     newest.lines.extend(missing);
     newest.lines.sort_by_key(number);
@@ -65,11 +65,13 @@ fn begin(folder: &Path, boot_id: BootId) -> Begun {
         boot_id,
         started: Instant::now(),
         last: Arc::new(AtomicU64::new(last)),
+        generations,
     };
     let files = Files::open(folder, FILE_BYTES_MAX, own.clone()).and_then(|mut files| {
         files.append(&objects)?;
         Ok(files)
     });
+    newest.why_anew = files.as_ref().ok().and_then(|files| files.why_anew.clone());
     Begun { newest, own, files }
 }
 
@@ -77,8 +79,8 @@ fn begin(folder: &Path, boot_id: BootId) -> Begun {
 ///
 /// # Errors
 /// The disk refuses.
-pub(crate) fn append_line(folder: &Path, line: &Line) -> io::Result<()> {
-    let Begun { own, files, .. } = begin(folder, BootId("command-line".to_owned()));
+pub(crate) fn append_line(folder: &Path, generations: Arc<Generations>, line: &Line) -> io::Result<()> {
+    let Begun { own, files, .. } = begin(folder, BootId("command-line".to_owned()), generations);
     let mut files = files?;
     let n = own.last.fetch_add(1, Ordering::Relaxed) + 1;
     files.append(&[object(&own.boot_id, n, line, time_of_day())])?;
@@ -98,12 +100,21 @@ impl JournalThread {
     ///
     /// # Errors
     /// The operating system gives no thread.
-    pub fn start(folder: &Path, boot_id: BootId, health: Arc<Health>) -> io::Result<(Self, Newest)> {
+    pub fn start(
+        folder: &Path,
+        boot_id: BootId,
+        generations: Arc<Generations>,
+        health: Arc<Health>,
+    ) -> io::Result<(Self, Newest)> {
         tighten(folder);
-        let Begun { newest, own, files } = begin(folder, boot_id);
-        let opened = files.and_then(|files| Ok((files, Ahead::begin(folder, own.boot_id.clone())?)));
+        let Begun { newest, own, files } = begin(folder, boot_id, generations);
+        let opened = files.and_then(|files| {
+            let ahead = Ahead::begin(folder, own.boot_id.clone(), &own.generations)?;
+            Ok((files, ahead))
+        });
         health.note(Part::Journal, &opened);
         let (files, ahead) = opened.ok().unzip();
+        let supervisor = health.supervisor.clone();
         let (lines, inbox) = sync_channel(WAITING_MAX);
         let writer = JournalWriter {
             lines,
@@ -121,7 +132,7 @@ impl JournalThread {
             #[cfg(test)]
             worked: Instant::now(),
         };
-        let thread = Some(Thread::start("journal", work)?);
+        let thread = Some(Thread::start("journal", &supervisor, work)?);
         Ok((Self { writer, thread }, newest))
     }
 
@@ -192,7 +203,7 @@ impl threads::Work for Work {
         let mut written = self.write(batch);
         if written.is_err() {
             self.lost.fetch_add(count, Ordering::Relaxed);
-        } else if is_quiet {
+        } else if is_quiet || self.files.as_ref().is_some_and(Files::is_anchor_overdue) {
             written = self.anchor();
         }
         if written.is_err() {
@@ -296,7 +307,7 @@ mod tests {
     }
 
     fn start(folder: &Path) -> (JournalThread, Newest) {
-        JournalThread::start(folder, BootId("b1".to_owned()), Arc::default()).unwrap()
+        JournalThread::start(folder, BootId("b1".to_owned()), Arc::default(), Arc::default()).unwrap()
     }
 
     fn work(folder: &Path) -> Work {
@@ -304,6 +315,7 @@ mod tests {
             boot_id: BootId("b1".to_owned()),
             started: Instant::now(),
             last: Arc::default(),
+            generations: Arc::default(),
         };
         Work {
             own,
@@ -396,7 +408,8 @@ mod tests {
         let no_folder = path("journal.jsonl");
         let health = Arc::<Health>::default();
         let boot_id = BootId("b1".to_owned());
-        let (thread, newest) = JournalThread::start(&no_folder, boot_id, Arc::clone(&health)).unwrap();
+        let (thread, newest) =
+            JournalThread::start(&no_folder, boot_id, Arc::default(), Arc::clone(&health)).unwrap();
         assert_eq!(newest.lines, Vec::<Value>::new());
         assert!(health.fault(Part::Journal).is_some());
         write(&thread.writer(), 1);
@@ -413,13 +426,14 @@ mod tests {
                 program_hash: None,
                 from_line: None,
                 parts: None,
+                order: None,
             },
             ..line(0)
         };
         thread.writer().write(started(1), SystemTime::UNIX_EPOCH);
         drop(thread);
         // as a kill leaves it
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned())).unwrap();
+        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         for n in 1..4 {
             ahead.write(n + 1, &started(n), SystemTime::UNIX_EPOCH).unwrap();
         }

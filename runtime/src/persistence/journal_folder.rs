@@ -9,6 +9,7 @@ use std::io::{self, Read as _, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use plc_api::types::{BootId, Timestamp};
 use serde_json::{Value, json};
@@ -19,7 +20,8 @@ use super::resume::{Head, Resumed, resume};
 use crate::clock::time_of_day;
 use crate::disk::fs::{self, File, OpenOptions};
 use crate::disk::{
-    Identity, Read, make_folder_in, number, open_regular, read, read_regular, sync_folder, tighten,
+    Generations, Identity, Kind, PartGenerations, Read, StoredPart, make_folder_in, number, open_regular,
+    read, read_regular, sync_folder, tighten,
 };
 
 /// The folder of the journal in `data_dir`.
@@ -30,6 +32,10 @@ pub(super) const FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// Files of the journal, the newest included; the oldest is removed.
 pub(super) const FILES_MAX: usize = 8;
+
+/// Longest time between two anchors while lines keep coming. Reason: an older copy of a file is recognized by what the
+/// anchor knows of it, and each anchor is another wait for the disk.
+const ANCHOR_EVERY: Duration = Duration::from_secs(10);
 
 /// Bytes of a file of the journal that are read at the most: one write may go beyond [`FILE_BYTES_MAX`].
 const FILE_READ_MAX: u64 = 64 << 20;
@@ -43,6 +49,8 @@ pub(crate) struct Newest {
     pub damaged: BTreeMap<PathBuf, u64>,
     /// Files that cannot be read, and why.
     pub unreadable: BTreeMap<PathBuf, String>,
+    /// Why the chain begins anew at this start although there was one.
+    pub why_anew: Option<String>,
 }
 
 impl Newest {
@@ -54,14 +62,26 @@ impl Newest {
             format!("{path}: {lines} damaged lines are left out; the machine does not need them")
         });
         let unreadable = self.unreadable.iter();
-        damaged.chain(unreadable.map(|(path, why)| format!("{}: it cannot be read: {why}", path.display())))
+        let unreadable =
+            unreadable.map(|(path, why)| format!("{}: it cannot be read: {why}", path.display()));
+        let anew = self.why_anew.iter();
+        let anew = anew.map(|why| format!("the chain of lines begins anew: {why}; tandem journal verify"));
+        damaged.chain(unreadable).chain(anew)
     }
 
-    /// Those of these lines that it lacks.
+    /// Those of these lines that it lacks. A line that is older than all that were read is not missing: it may have been
+    /// left out.
     pub(super) fn missing(&self, mut lines: Vec<Value>) -> Vec<Value> {
         let there: BTreeSet<u64> = self.lines.iter().map(number).collect();
-        lines.retain(|line| !there.contains(&number(line)));
+        let first = there.first().copied().unwrap_or(0);
+        lines.retain(|line| number(line) >= first && !there.contains(&number(line)));
         lines
+    }
+
+    /// Time of the newest line.
+    pub fn time(&self) -> Option<Timestamp> {
+        let ts = self.lines.iter().rev().find_map(|line| line["ts"].as_str())?;
+        Some(Timestamp(ts.to_owned()))
     }
 }
 
@@ -88,7 +108,7 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
             if newest.lines.len() >= wanted {
                 break;
             }
-            match read(line) {
+            match read(Kind::Journal, line) {
                 Read::Whole(line) => newest.lines.push(line),
                 Read::Damaged => *newest.damaged.entry(path.clone()).or_default() += 1,
             }
@@ -124,6 +144,7 @@ pub(super) struct Own {
     pub started: Instant,
     /// Number of the last line.
     pub last: Arc<AtomicU64>,
+    pub generations: Arc<Generations>,
 }
 
 impl Own {
@@ -148,7 +169,12 @@ pub(super) struct Files {
     head: Head,
     /// What the anchor says.
     anchored: Head,
+    /// What was on disk of other parts when the anchor was written.
+    anchored_known: PartGenerations,
+    anchored_at: Instant,
     own: Own,
+    /// Why the chain begins anew although there was one; `None`: it continues.
+    pub why_anew: Option<String>,
 }
 
 impl Files {
@@ -162,26 +188,35 @@ impl Files {
         tidy_up(folder).map_err(|error| of(folder, &error))?;
         let path = place(folder, 0);
         let (newest, bytes, is_cut) = open_whole(&path).map_err(|error| of(&path, &error))?;
-        let Resumed { head, mark } = resume(folder, is_cut).map_err(|error| of(&path, &error))?;
+        let Resumed {
+            head,
+            mark,
+            may_lack_lines,
+        } = resume(folder, is_cut).map_err(|error| of(&path, &error))?;
         let mut files = Self {
             folder: folder.to_owned(),
             newest,
             bytes,
             bytes_max,
             anchored: head.clone(),
+            anchored_known: PartGenerations::new(),
+            anchored_at: Instant::now(),
             head,
             own,
+            why_anew: None,
         };
-        if let Some(mark) = mark {
-            let begun = files.begin(&mark);
-            begun.map_err(|error| of(&path, &error))?;
-        }
+        // with a mark, too: whatever is found later was written after it
+        let begun = files.anchor().and_then(|()| match &mark {
+            Some(mark) => files.begin(mark),
+            None => Ok(()),
+        });
+        begun.map_err(|error| of(&path, &error))?;
+        files.why_anew = mark.filter(|_| may_lack_lines).and_then(|mark| mark.why);
         Ok(files)
     }
 
-    /// A file, or the chain, begins. Whatever is found later was after that, so the anchor says it first.
+    /// A file, or the chain, begins.
     fn begin(&mut self, mark: &Mark) -> io::Result<()> {
-        self.anchor()?;
         let line = self.own.line(mark.to_json());
         self.write(&[line])
     }
@@ -198,17 +233,26 @@ impl Files {
         if lines.is_empty() {
             return Ok(());
         }
-        let bytes: u64 = lines.iter().map(|line| line.text.len() as u64 + LINK_BYTES).sum();
+        let with_seal = LINK_BYTES + self.seal()?.len() as u64;
+        let bytes: u64 = lines.iter().map(|line| line.text.len() as u64 + with_seal).sum();
         if self.bytes > 0 && self.bytes + bytes > self.bytes_max {
             self.begin_file()?;
         }
         self.write(lines)
     }
 
+    /// The seal of a line, as its first field.
+    fn seal(&self) -> io::Result<String> {
+        let seal = self.own.generations.plain_seal(Kind::Journal);
+        Ok(format!("\"seal\":{},", serde_json::to_string(&seal)?))
+    }
+
     fn write(&mut self, lines: &[Object]) -> io::Result<()> {
         let (mut text, mut head) = (String::new(), self.head.clone());
+        let seal = self.seal()?;
         for line in lines {
-            let (linked, hash) = link(head.hash, &line.text);
+            let object = line.text.strip_prefix('{').unwrap_or_default();
+            let (linked, hash) = link(head.hash, &format!("{{{seal}{object}"));
             text += &linked;
             (head.hash, head.n) = (hash, line.n);
         }
@@ -224,14 +268,26 @@ impl Files {
 
     /// Notes the newest line beside the files. On disk when this returns.
     pub(super) fn anchor(&mut self) -> io::Result<()> {
-        self.head.anchor().write(&self.folder)?;
+        let known = self.own.generations.on_disk();
+        self.head.anchor().write(&self.folder, &self.own.generations)?;
         self.anchored = self.head.clone();
+        self.anchored_known = known;
+        self.anchored_at = Instant::now();
         Ok(())
     }
 
-    /// True where the anchor does not know the newest line.
+    /// True if the anchor is written although lines keep coming.
+    pub(super) fn is_anchor_overdue(&self) -> bool {
+        self.anchored_at.elapsed() >= ANCHOR_EVERY
+    }
+
+    /// True if the anchor lacks the newest line, or the newest generation of another part.
     pub(super) fn is_ahead_of_anchor(&self) -> bool {
-        self.anchored != self.head
+        let mut known = self.own.generations.on_disk();
+        let mut anchored = self.anchored_known.clone();
+        known.remove(&StoredPart::Journal);
+        anchored.remove(&StoredPart::Journal);
+        self.anchored != self.head || anchored != known
     }
 
     fn begin_file(&mut self) -> io::Result<()> {
@@ -289,6 +345,7 @@ mod tests {
             boot_id: BootId("b1".to_owned()),
             started: Instant::now(),
             last: Arc::default(),
+            generations: Arc::default(),
         };
         Files::open(folder, bytes_max, own).unwrap()
     }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::chain::{Ending, next_line, place};
 use super::journal_folder::{FILES_MAX, Newest};
 use crate::disk::fs::{self, File, OpenOptions};
-use crate::disk::{Identity, Read, open_regular, read};
+use crate::disk::{Identity, Kind, Read, open_regular, read};
 
 /// How often files are opened again that were renamed meanwhile.
 pub(super) const TRIES_MAX: usize = 10;
@@ -74,7 +74,7 @@ pub(crate) fn damage(folder: &Path) -> Newest {
     let mut each = |place: &Place, ending: Ending, line: &[u8]| {
         // the last line may not be written in full yet
         let is_damaged = match ending {
-            Ending::Whole => matches!(read(line), Read::Damaged),
+            Ending::Whole => matches!(read(Kind::Journal, line), Read::Damaged),
             Ending::TooLong => true,
             Ending::Cut => false,
         };

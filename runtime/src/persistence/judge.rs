@@ -2,7 +2,8 @@
 //!
 //! The store has a sum in each value, and check sums of its own in its structure; beside it stands a file with the number
 //! of the last change and the sum of each value. Three cases:
-//! - The structure is whole and not older than the sums: all of it is believed.
+//! - The structure is whole and not older than the sums: all of it is believed. If the file of sums cannot be used, a whole
+//!   structure is believed all the same, and reported as not verified.
 //! - Otherwise a value is believed if its sum matches the recorded one, wherever it is in the file: it is then the last
 //!   value written. All others are lost.
 //! - Without recorded sums the last value cannot be told from an older one: then all values are lost.
@@ -15,10 +16,10 @@ use std::path::Path;
 use redb::{Builder, Database, ReadableDatabase, ReadableTable, StorageBackend, TableError};
 
 use super::generation::{GENERATION_FILE, Generation};
-use super::image::{Image, Page};
-use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS};
+use super::image::{Image, PRODUCTION_KEY, Page, RUN_KEYS, RUN_LINES_KEY};
+use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS, SEAL};
 use crate::disk::fs;
-use crate::disk::{Sums, read_regular};
+use crate::disk::{Kind, Seal, Sums, read_regular};
 
 /// Name of the store in the data folder, and of the sums beside it.
 pub(crate) const STORE_FILE: &str = "state.redb";
@@ -57,40 +58,95 @@ pub(crate) struct Judged {
     pub last: u64,
     /// What is wrong with the file of sums.
     pub sums_fault: Option<String>,
+    /// Seal of the newest record in the store.
+    pub store_seal: Option<Seal>,
+    /// Seal of the newest line of the sums.
+    pub sums_seal: Option<Seal>,
 }
 
 /// Looks at the store of a folder.
 pub(crate) fn judge(folder: &Path) -> Judged {
-    let sums = Sums::read(&folder.join(SUMS_FILE));
-    let was_started = [STARTED_FILE, GENERATION_FILE]
-        .iter()
-        .any(|name| fs::exists(folder.join(name)).unwrap_or(false));
+    judge_known(folder, false)
+}
+
+/// The same. `is_known`: other files know a store of this folder.
+pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
+    let bytes = read_regular(&folder.join(STORE_FILE), STORE_BYTES_MAX);
+    let content = (bytes.as_ref().ok())
+        .filter(|bytes| !bytes.is_empty())
+        .map(|bytes| read_database(bytes));
+    let of_store = content.as_ref().and_then(|content| content.as_ref().ok());
+    let of_store = of_store.and_then(|content| content.seal.as_ref());
+    let sums = of_same_machine(Sums::read(&folder.join(SUMS_FILE), Kind::StoreSums), of_store);
+    let was_started = is_known
+        || [STARTED_FILE, GENERATION_FILE]
+            .iter()
+            .any(|name| fs::exists(folder.join(name)).unwrap_or(false));
     let named = || {
         Generation::read(folder)
             .map(|generation| generation.image.names())
             .unwrap_or_default()
     };
-    let mut judged = match read_regular(&folder.join(STORE_FILE), STORE_BYTES_MAX) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => of_nothing("it is gone", &sums, was_started),
-        Err(error) => damaged(&error.to_string(), &[], &sums),
-        Ok(bytes) if bytes.is_empty() => of_nothing("it is empty", &sums, was_started),
-        Ok(bytes) => of_bytes(&bytes, &sums, was_started),
+    let mut judged = match (bytes, content) {
+        (Err(error), _) if error.kind() == io::ErrorKind::NotFound => {
+            of_nothing("it is gone", &sums, was_started)
+        }
+        (Err(error), _) => damaged(&error.to_string(), &[], &sums),
+        (Ok(_), None) => of_nothing("it is empty", &sums, was_started),
+        (Ok(bytes), Some(Err(how))) => damaged(&how, &bytes, &sums),
+        (Ok(bytes), Some(Ok(content))) => Judged {
+            store_seal: content.seal.clone(),
+            ..of_content(content, &bytes, &sums, was_started)
+        },
     };
     if matches!(judged.condition, Condition::Damaged(_)) && (!sums.is_there || sums.is_damaged) {
         judged.lose(named());
     }
-    judged.last = judged.last.max(sums.last);
     if judged.condition == Condition::Whole {
-        judged.sums_fault = match (sums.is_there, sums.is_damaged) {
-            (false, _) => Some("it is gone or damaged".to_owned()),
-            (_, true) => Some("lines of it are damaged".to_owned()),
-            _ => None,
-        };
+        // a kill between the store and its sums leaves one change without sums
+        let is_older = judged.last > sums.last + 1;
+        judged.sums_fault = sums
+            .fault()
+            .or_else(|| is_older.then(|| "it is older than the store".to_owned()));
     }
+    judged.last = judged.last.max(sums.last);
+    judged.sums_seal = sums.seal.filter(|_| !sums.is_damaged);
     judged
 }
 
 impl Judged {
+    /// Generation of the newest change that is in the store.
+    pub fn generation(&self) -> u64 {
+        self.store_seal.as_ref().map_or(0, |seal| seal.generation)
+    }
+
+    /// The seal that tells how new the believed values are; `None`: nothing does.
+    pub fn seal(&self) -> Option<&Seal> {
+        match self.condition {
+            // of a damaged store only values are believed whose sums are recorded
+            Condition::Damaged(_) => self.sums_seal.as_ref().or(self.store_seal.as_ref()),
+            _ => self.store_seal.as_ref(),
+        }
+    }
+
+    /// Loses all values that could be wrong without notice, in addition to those that are lost already: the history of runs
+    /// and the counters stay.
+    pub fn hold_back(&mut self, how: String) {
+        let statistics = |name: &String| {
+            name.starts_with(RUN_KEYS)
+                || name.starts_with("open_run/")
+                || [PRODUCTION_KEY, RUN_LINES_KEY].contains(&name.as_str())
+        };
+        let mut names = self.image.names();
+        names.retain(|name| !statistics(name));
+        for name in names {
+            self.image.lose(&name);
+            self.lost.insert(name);
+        }
+        self.condition = Condition::Damaged(how);
+        self.sums_fault = None;
+    }
+
     /// Marks values as lost that may have been kept and are missing.
     pub fn lose(&mut self, names: impl IntoIterator<Item = String>) {
         for name in names {
@@ -111,6 +167,8 @@ fn believed(condition: Condition, image: Image, last: u64) -> Judged {
         is_all_lost: false,
         last,
         sums_fault: None,
+        store_seal: None,
+        sums_seal: None,
     }
 }
 
@@ -121,11 +179,20 @@ fn of_nothing(how: &str, sums: &Sums, was_started: bool) -> Judged {
     believed(Condition::New, Image::default(), 0)
 }
 
-fn of_bytes(bytes: &[u8], sums: &Sums, was_started: bool) -> Judged {
-    let content = match read_database(bytes) {
-        Ok(content) => content,
-        Err(how) => return damaged(&how, bytes, sums),
-    };
+/// Sums of another machine than that of a whole store say nothing about it.
+fn of_same_machine(sums: Sums, of_store: Option<&Seal>) -> Sums {
+    match (&sums.seal, of_store) {
+        (Some(of_sums), Some(of_store)) if of_sums.machine != of_store.machine => Sums {
+            is_there: true,
+            is_damaged: true,
+            foreign: Some(format!("it belongs to machine {}", of_sums.machine)),
+            ..Sums::default()
+        },
+        _ => sums,
+    }
+}
+
+fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) -> Judged {
     let is_missing = |name: &&String| !content.image.has(name);
     if content.is_without_sums && !sums.is_there {
         return believed(Condition::WithoutSums, content.image, 0);
@@ -159,6 +226,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
     }
     let change = |payload: &&[u8]| std::str::from_utf8(payload).ok()?.parse::<u64>().ok();
     let changes = found.remove(CHANGE).unwrap_or_default();
+    found.remove(SEAL);
     let last = changes.iter().filter_map(change).max().unwrap_or(0);
     // sums are recorded after each change, so at most one change has no recorded sums
     let is_noted = sums.is_there && last <= sums.last + 1;
@@ -195,6 +263,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
 struct Content {
     image: Image,
     last: u64,
+    seal: Option<Seal>,
     /// It has no records: it is of a version without sums.
     is_without_sums: bool,
     /// The structure needed no repair beyond that of a kill.
@@ -237,6 +306,12 @@ fn read_tables(database: &Database) -> Result<Content, String> {
                 .ok()
                 .and_then(|text| text.parse().ok());
             content.last = last.ok_or("its last change has no number")?;
+        } else if name == SEAL {
+            let seal: Seal = serde_json::from_slice(payload).map_err(|error| text(&error))?;
+            if seal.kind != Kind::Store {
+                return Err("its seal is of another kind".to_owned());
+            }
+            content.seal = Some(seal);
         } else if !content.image.take_record(name, payload) {
             return Err(format!("{name} is of no known form"));
         }

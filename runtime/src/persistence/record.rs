@@ -10,6 +10,9 @@ pub(super) const RECORDS: TableDefinition<'_, &str, &[u8]> = TableDefinition::ne
 /// Name of the record with the number of the last change.
 pub(super) const CHANGE: &str = "change";
 
+/// Name of the record with the seal of the last change.
+pub(super) const SEAL: &str = "seal";
+
 /// The tables of versions before 0.2, without sums: pages of variables, and values.
 pub(super) const OLD_VARIABLES: TableDefinition<'_, (u8, u16), &[u8]> = TableDefinition::new("variables");
 pub(super) const OLD_VALUES: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("values");

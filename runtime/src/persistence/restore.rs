@@ -9,14 +9,17 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::{ToolData, ToolTable, WorkOffsetTable};
-use plc_api::types::run::{Production, Run};
+use plc_api::types::io::{IoDeclarations, IoPoint, IoValue};
+use plc_api::types::run::Production;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tandem_model::lost::LOST;
 
-use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, RUN_KEYS};
-use crate::runs::KeptRuns;
-use crate::tables::{Kept, KeptOffset, LOST_VALUE, Tables, keep, tool_key, value_key, work_offset_key};
+use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, RUN_KEYS, RUN_LINES_KEY};
+use crate::runs::{BegunRun, KeptRuns, LinesIncluded};
+use crate::tables::{
+    Kept, KeptOffset, KeptValues, LOST_VALUE, Tables, keep, tool_key, value_key, work_offset_key,
+};
 
 /// Kept data that belongs to no table.
 #[derive(Debug, Default)]
@@ -28,7 +31,12 @@ pub(crate) struct Restored {
     /// Coordinate systems whose last run is lost.
     pub lost_runs: BTreeSet<CoordinateSystemNumber>,
     pub runs: KeptRuns,
+    /// Last values of outputs of the plant that begin with them; `None`: it is lost.
+    pub outputs: BTreeMap<IoPoint, Option<IoValue>>,
 }
+
+/// Beginning of the names of last values of outputs.
+const OUTPUT_KEYS: &str = "io/out/";
 
 /// A kept value.
 enum Read<T> {
@@ -69,6 +77,34 @@ pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
     restored
 }
 
+/// Last values of the outputs that begin with them.
+pub(crate) fn restore_outputs(io: &IoDeclarations, image: &Image) -> BTreeMap<IoPoint, Option<IoValue>> {
+    let points = io.points().map(|(point, _)| point);
+    let kept = points.filter(|point| io.keeps_last(point)).filter_map(|point| {
+        let last = match read::<Option<IoValue>>(image, &point.to_string()) {
+            Read::Never | Read::Value(None) => return None,
+            Read::Lost => None,
+            Read::Value(last) => last,
+        };
+        Some((point, last))
+    });
+    kept.collect()
+}
+
+/// Forgets the last values of outputs that do not begin with them: a later configuration must not find a value of an earlier time.
+pub(crate) fn forget_outputs(io: &IoDeclarations, image: &Image) -> KeptValues {
+    let names = image.values.keys().filter(|name| name.starts_with(OUTPUT_KEYS));
+    let kept: BTreeSet<_> = io.points().map(|(point, _)| point).collect();
+    let kept: BTreeSet<_> = (kept.iter().filter(|point| io.keeps_last(point)))
+        .map(ToString::to_string)
+        .collect();
+    let mut forgotten = KeptValues::new();
+    for name in names.filter(|name| !kept.contains(*name)) {
+        keep(&mut forgotten, name.clone(), &None::<IoValue>);
+    }
+    forgotten
+}
+
 /// A run that is damaged is missing in the history, and no more.
 fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
     let value = |key: &str| match read(image, key) {
@@ -77,7 +113,7 @@ fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
     };
     let open = tables.coordinate_systems();
     let open = open.filter_map(
-        |cs| match read::<Option<Run>>(image, &value_key("open_run", cs)) {
+        |cs| match read::<Option<BegunRun>>(image, &value_key("open_run", cs)) {
             Read::Value(run) => run,
             Read::Never | Read::Lost => None,
         },
@@ -87,7 +123,14 @@ fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
         Read::Never | Read::Lost => Vec::new(),
     };
     let ended = image.values.keys().filter(|name| name.starts_with(RUN_KEYS));
+    let lines = match read::<LinesIncluded>(image, RUN_LINES_KEY) {
+        Read::Value(lines) => lines,
+        Read::Never if !image.has(PRODUCTION_KEY) => LinesIncluded::new(),
+        // what is included is unknown: nothing is counted twice
+        Read::Never | Read::Lost => tables.coordinate_systems().map(|cs| (cs, u64::MAX)).collect(),
+    };
     KeptRuns {
+        lines,
         ended: ended.filter_map(|name| value(name)).collect(),
         open: open.collect(),
         production,

@@ -39,6 +39,8 @@ pub(super) struct Resumed {
     pub head: Head,
     /// The line with which the file or the chain begins; `None`: the file goes on.
     pub mark: Option<Mark>,
+    /// Lines may be missing that were there.
+    pub may_lack_lines: bool,
 }
 
 /// The last line of a file.
@@ -135,6 +137,10 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
             why: None,
         }),
     };
+    // a kill may cut the last line short, and earlier versions wrote no chain
+    let may_lack_lines = !is_cut
+        && !matches!((last, &read), (Last::Unlinked, AnchorRead::Missing))
+        && mark.as_ref().is_some_and(|mark| mark.why.is_some());
     let (hash, n) = match (&mark, last) {
         (None | Some(Mark { before: Some(_), .. }), Last::Linked(hash, n)) => (hash, n),
         _ => (Hash::ORIGIN, 0),
@@ -143,5 +149,6 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
     Ok(Resumed {
         head: Head { hash, n, file, first },
         mark,
+        may_lack_lines,
     })
 }

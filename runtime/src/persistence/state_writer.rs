@@ -14,16 +14,18 @@ use plc_api::types::output::PendingOutput;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
+use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::variables::VariableArray;
 use tokio::sync::oneshot::{self, error::RecvError};
 
 use super::generation::Generation;
-use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, pages, run_key};
+use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, RUN_LINES_KEY, pages, run_key};
 use super::judge::{STORE_FILE, judge};
+use super::positions::{position_key, positions};
 use super::store::Store;
 use crate::clock::Clock;
 use crate::coordinate_system::View;
-use crate::disk::{Health, Part};
+use crate::disk::{Generations, Health, Part};
 use crate::runs::RunBook;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 use crate::threads::{self, Thread};
@@ -107,6 +109,7 @@ impl StateWriterThread {
     /// The operating system gives no thread.
     pub fn start(folder: PathBuf, store: Option<Store>, kept: Image, source: Source) -> io::Result<Self> {
         let (messages, inbox) = channel();
+        let supervisor = source.health.supervisor.clone();
         let work = Work {
             folder,
             store,
@@ -117,7 +120,7 @@ impl StateWriterThread {
             source,
             inbox,
         };
-        let thread = Thread::start("state-writer", work)?;
+        let thread = Thread::start("state-writer", &supervisor, work)?;
         let writer = StateWriter {
             messages,
             #[cfg(test)]
@@ -153,10 +156,12 @@ pub(crate) struct Source {
     /// What was published last.
     pub hub: Hub,
     pub views: Vec<(CoordinateSystemNumber, Arc<View>)>,
+    pub settings: Vec<CoordinateSystemSettings>,
     /// As they were kept.
     pub last_runs: LastRuns,
     pub health: Arc<Health>,
     pub runs: Arc<Mutex<RunBook>>,
+    pub generations: Arc<Generations>,
 }
 
 impl Source {
@@ -183,13 +188,22 @@ impl Source {
                 keep(&mut change.values, value_key("tool", *cs), &tool.id);
             }
         }
+        for settings in &self.settings {
+            let view = self.views.iter().find(|(cs, _)| *cs == settings.number);
+            // of motors that are not homed nothing is known that could be kept
+            if let Some(at) = view.and_then(|(_, view)| view.homed_position()) {
+                let positions = positions(settings, at);
+                keep(&mut change.values, position_key(settings.number), &positions);
+            }
+        }
         self.changed_runs(kept, &mut change);
         change
     }
 
     /// Runs that go on, and those that have ended since the last look: the newest that are not kept.
-    fn changed_runs(&self, kept: &Image, change: &mut Image) {
+    fn changed_runs(&self, kept: &Image, all: &mut Image) {
         let runs = self.runs.lock();
+        let mut change = Image::default();
         for (cs, _) in &self.views {
             let (key, open) = (value_key("open_run", *cs), runs.open(*cs));
             if open.is_some() || kept.has(&key) {
@@ -207,6 +221,12 @@ impl Source {
         if !production.is_empty() {
             keep(&mut change.values, PRODUCTION_KEY.to_owned(), &production);
         }
+        let mut change = change.beyond(kept);
+        // in the same change: what of the journal these values include
+        if !change.is_empty() {
+            keep(&mut change.values, RUN_LINES_KEY.to_owned(), runs.lines());
+        }
+        all.take_over(change);
     }
 
     fn payload(&self, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<Payload> {
@@ -373,7 +393,8 @@ impl Work {
     fn commit(&mut self, change: &Image) -> io::Result<()> {
         let Some(mut store) = self.store.take() else {
             // What was lost meanwhile is known here.
-            let (mut store, _) = Store::open(&self.folder, &judge(&self.folder))?;
+            let judged = judge(&self.folder);
+            let (mut store, _) = Store::open(&self.folder, &judged, &self.source.generations)?;
             let mut all = self.kept.clone();
             all.take_over(change.clone());
             store.commit(&all)?;

@@ -3,14 +3,18 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use redb::{Builder, Database, DatabaseError};
 
 use super::image::Image;
 use super::judge::{Condition, Judged, STORE_FILE, SUMS_FILE};
-use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS};
+use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS, SEAL};
 use crate::disk::fs::{self, FileBackend, OpenOptions};
-use crate::disk::{Identity, SumChange, SumFile, UNFINISHED, in_use, open_regular, sync_folder, tighten};
+use crate::disk::{
+    Generations, Identity, Kind, Sealer, StoredPart, SumChange, SumFile, UNFINISHED, in_use, open_regular,
+    sync_folder, tighten,
+};
 
 /// Maximum number of damaged stores kept as evidence; the oldest are removed.
 const EVIDENCE_MAX: usize = 8;
@@ -24,6 +28,32 @@ pub(crate) struct Store {
     sums: SumFile,
     /// Number of the last change.
     last: u64,
+    generations: Arc<Generations>,
+}
+
+/// Number of a change, and the seal of its record.
+struct Change<'a> {
+    number: u64,
+    generation: u64,
+    generations: &'a Generations,
+}
+
+impl<'a> Change<'a> {
+    fn new(number: u64, generations: &'a Generations) -> Self {
+        Self {
+            number,
+            generation: generations.next(),
+            generations,
+        }
+    }
+
+    fn records(&self) -> io::Result<[(String, Vec<u8>); 2]> {
+        let seal = self.generations.seal(Kind::Store, self.generation);
+        Ok([
+            (CHANGE.to_owned(), self.number.to_string().into_bytes()),
+            (SEAL.to_owned(), serde_json::to_vec(&seal)?),
+        ])
+    }
 }
 
 impl Store {
@@ -33,17 +63,22 @@ impl Store {
     ///
     /// # Errors
     /// Another process has it open, or the disk refuses; in both cases nothing more is lost.
-    pub fn open(folder: &Path, judged: &Judged) -> io::Result<(Self, Option<PathBuf>)> {
+    pub fn open(
+        folder: &Path,
+        judged: &Judged,
+        generations: &Arc<Generations>,
+    ) -> io::Result<(Self, Option<PathBuf>)> {
         let path = folder.join(STORE_FILE);
         let mut last = judged.last;
         if judged.condition != Condition::Whole {
             last += 1;
         }
+        let change = || Change::new(last, generations);
         let mut aside = None;
         match judged.condition {
-            Condition::Damaged(_) => aside = Some(replace(folder, &path, &judged.image, last)?),
+            Condition::Damaged(_) => aside = Some(replace(folder, &path, &judged.image, &change())?),
             Condition::New => {
-                fs::rename(unfinished(folder, &judged.image, last)?, &path)?;
+                fs::rename(unfinished(folder, &judged.image, &change())?, &path)?;
                 sync_folder(folder)?;
             }
             Condition::Whole | Condition::WithoutSums => {}
@@ -51,15 +86,23 @@ impl Store {
         let database = open_database(&path)?;
         let identity = Identity::at(&path)?;
         if judged.condition == Condition::WithoutSums {
-            write_all(&database, &judged.image, last)?;
+            write_all(&database, &judged.image, &change())?;
         }
-        let sums = SumFile::begin(&folder.join(SUMS_FILE), last, sums_of(&judged.image))?;
+        let sealer = Sealer {
+            kind: Kind::StoreSums,
+            part: StoredPart::Store,
+            generations: Arc::clone(generations),
+        };
+        // of the change that is in the store: what is on disk is not newer yet
+        let (sums_path, generation) = (folder.join(SUMS_FILE), judged.generation());
+        let sums = SumFile::begin_at(&sums_path, sealer, last, generation, sums_of(&judged.image))?;
         let mut store = Self {
             database,
             path,
             identity,
             sums,
             last,
+            generations: Arc::clone(generations),
         };
         // From here on both files have the same number.
         store.commit(&Image::default())?;
@@ -86,13 +129,14 @@ impl Store {
     /// The disk refuses; nothing of the change counts, now and after a restart.
     pub fn commit(&mut self, change: &Image) -> io::Result<()> {
         self.check()?;
-        let number = self.last + 1;
-        let before = write_all(&self.database, change, number)?;
+        let (number, generations) = (self.last + 1, Arc::clone(&self.generations));
+        let of_change = Change::new(number, &generations);
+        let before = write_all(&self.database, change, &of_change)?;
         let sums: SumChange = sums_of(change)
             .into_iter()
             .map(|(name, sum)| (name, Some(sum)))
             .collect();
-        if let Err(error) = self.sums.add(number, sums) {
+        if let Err(error) = self.sums.add_at(number, of_change.generation, sums) {
             // undone before the caller is told of the failure: if the process is killed before that, the outcome is unknown
             put_back(&self.database, &before).map_err(|also| {
                 let text = format!("{error}; and what was written could not be taken back: {also}");
@@ -120,13 +164,12 @@ fn sums_of(image: &Image) -> BTreeMap<String, String> {
 }
 
 /// Writes an image as one change, and returns the previous content of its names; `None`: there was none.
-fn write_all(database: &Database, image: &Image, number: u64) -> io::Result<Before> {
+fn write_all(database: &Database, image: &Image, of_change: &Change<'_>) -> io::Result<Before> {
     let mut before = Before::new();
     let writing = database.begin_write().map_err(io::Error::other)?;
     {
         let mut records = writing.open_table(RECORDS).map_err(io::Error::other)?;
-        let change = (CHANGE.to_owned(), number.to_string().into_bytes());
-        for (name, payload) in image.records().chain([change]) {
+        for (name, payload) in image.records().chain(of_change.records()?) {
             let bytes = record::write(&name, &payload);
             let old = records
                 .insert(name.as_str(), bytes.as_slice())
@@ -178,19 +221,19 @@ fn open_database(path: &Path) -> io::Result<Database> {
 }
 
 /// Makes a store of an image, under another name than that of the store.
-fn unfinished(folder: &Path, image: &Image, number: u64) -> io::Result<PathBuf> {
+fn unfinished(folder: &Path, image: &Image, of_change: &Change<'_>) -> io::Result<PathBuf> {
     let new = folder.join(format!("{STORE_FILE}{UNFINISHED}"));
     match fs::remove_file(&new) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    write_all(&open_database(&new)?, image, number)?;
+    write_all(&open_database(&new)?, image, of_change)?;
     Ok(new)
 }
 
 /// Replaces a damaged store by a new one with the values that are left, and keeps the damaged one aside.
-fn replace(folder: &Path, path: &Path, image: &Image, number: u64) -> io::Result<PathBuf> {
-    let new = unfinished(folder, image, number)?;
+fn replace(folder: &Path, path: &Path, image: &Image, of_change: &Change<'_>) -> io::Result<PathBuf> {
+    let new = unfinished(folder, image, of_change)?;
     let aside = evidence(folder);
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
     if is_file {
@@ -250,10 +293,17 @@ mod tests {
         }
     }
 
+    /// Generations after those that were read.
+    fn generations(judged: &Judged) -> Arc<Generations> {
+        let generations = Generations::new("mill");
+        generations.learn(&[(StoredPart::Store, judged.generation())].into());
+        Arc::new(generations)
+    }
+
     /// Opens as a start does.
     fn open(folder: &Path) -> (Store, Judged, Option<PathBuf>) {
         let judged = judge(folder);
-        let (store, aside) = Store::open(folder, &judged).unwrap();
+        let (store, aside) = Store::open(folder, &judged, &generations(&judged)).unwrap();
         (store, judged, aside)
     }
 
@@ -407,6 +457,38 @@ mod tests {
     }
 
     #[test]
+    fn a_sound_store_is_believed_whatever_is_in_the_place_of_its_sums() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut store, ..) = open(folder.path());
+        store.commit(&image(1)).unwrap();
+        let sums = folder.path().join(SUMS_FILE);
+        let older = fs::read(&sums).unwrap();
+        store.commit(&image(3)).unwrap();
+        store.commit(&image(5)).unwrap();
+        drop(store);
+        let other = folder.path().join("other");
+        let sealer = Sealer {
+            kind: Kind::ProgramSums,
+            part: StoredPart::Programs,
+            generations: Arc::default(),
+        };
+        let of_programs = [("1".to_owned(), "7".to_owned())].into();
+        SumFile::begin(&other, sealer, 9, of_programs).unwrap();
+        let foreign = fs::read(&other).unwrap();
+        for (bytes, fault) in [
+            (foreign, "it contains lines of program_sums"),
+            (b"rubbish\n".to_vec(), "lines of it are damaged"),
+            (Vec::new(), "it is missing or damaged"),
+            (older, "it is older than the store"),
+        ] {
+            fs::write(&sums, bytes).unwrap();
+            let judged = judge(folder.path());
+            assert_eq!((&judged.condition, &judged.image), (&Condition::Whole, &image(5)));
+            assert_eq!(judged.sums_fault.as_deref(), Some(fault));
+        }
+    }
+
+    #[test]
     fn a_store_of_a_version_without_sums_is_taken_over_once() {
         let folder = tempfile::tempdir().unwrap();
         let database = open_database(&folder.path().join(STORE_FILE)).unwrap();
@@ -447,7 +529,7 @@ mod tests {
                 crate::disk::make_folder(&folder).unwrap();
                 let begin = disk.lock().operations;
                 disk.lock().faults.dies_at = Some(begin + operation);
-                let first = Store::open(&folder, &judge(&folder));
+                let first = Store::open(&folder, &judge(&folder), &Arc::default());
                 let is_whole = first.is_ok();
                 if power {
                     disk.lock().cut_power();
@@ -464,7 +546,7 @@ mod tests {
                     is_right && !is_lost,
                     "killed at operation {operation}: {judged:?}"
                 );
-                let (mut store, _) = Store::open(&folder, &judged).unwrap();
+                let (mut store, _) = Store::open(&folder, &judged, &generations(&judged)).unwrap();
                 store.commit(&image(1)).unwrap();
                 drop(store);
                 assert_eq!(judge(&folder).image, image(1));
@@ -481,7 +563,7 @@ mod tests {
     fn a_store_that_is_open_is_not_opened_again() {
         let folder = tempfile::tempdir().unwrap();
         let _open = open(folder.path());
-        let refused = Store::open(folder.path(), &judge(folder.path())).unwrap_err();
+        let refused = Store::open(folder.path(), &judge(folder.path()), &Arc::default()).unwrap_err();
         assert_eq!(refused.kind(), io::ErrorKind::ResourceBusy, "{refused}");
     }
 

@@ -36,6 +36,7 @@ pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Reque
         from: None,
         over: ServerTransport::InProcess,
         right: Right::Operate,
+        not_after: None,
     };
     record(shared, origin, request);
 }

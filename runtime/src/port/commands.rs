@@ -8,21 +8,30 @@ use plc_api::types::ids::check_command;
 use plc_api::types::lease::LeaseRequest;
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
+use plc_api::types::run::RunOrder;
 use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
-use crate::command_memory::{Asked, Recalled};
+use crate::command_memory::{Asked, Recalled, memory_is_full};
+use crate::order_key::OrderKey;
+
+/// How long the answer to a finished command waits until the position at which the axes rest is on disk. Reason: far more than a
+/// commit takes, and the answer to a stop stays within 250 ms.
+const KEPT_WITHIN: Duration = Duration::from_millis(100);
 
 impl RuntimePort {
     pub(super) async fn command(
         &self,
         cs: CoordinateSystemNumber,
         command: Command,
-        meta: CommandMeta,
+        mut meta: CommandMeta,
         wait: bool,
+        user: String,
     ) -> Result<Answer, Refusal> {
         let asked = Asked::command(cs, &command, &meta.client_id);
-        if let Some(reply) = self.replied_again(&meta, Some(cs), asked)?
+        meta.memory = asked.key(user, &meta.command_id);
+        meta.not_after = meta.not_after.filter(|_| !command.brings_to_rest());
+        if let Some(reply) = self.replied_before(&command, &meta, cs, asked)?
             && !(wait && reply.status == CommandStatus::Accepted)
         {
             return Ok(Answer::Command(reply));
@@ -38,16 +47,88 @@ impl RuntimePort {
         }
         let urgent = command.is_urgent();
         let request = CoordinateSystemRequest::Command { command, meta, wait };
-        mailbox.ask(request, urgent).await
+        let answer = mailbox.ask(request, urgent).await?;
+        if let Some(writer) = self.writer.as_ref().filter(|_| wait) {
+            // a disk that refuses or is late raises an alarm of its own
+            let _ = tokio::time::timeout(KEPT_WITHIN, writer.flush()).await;
+        }
+        Ok(answer)
+    }
+
+    /// The reply to a command that came before. A jog is remembered when it begins, and its end and its refreshes are not: they
+    /// would fill the memory, and do nothing twice. An order of a run is known as long as its run is.
+    fn replied_before(
+        &self,
+        command: &Command,
+        meta: &CommandMeta,
+        cs: CoordinateSystemNumber,
+        asked: Asked,
+    ) -> Result<Option<CommandReply>, Refusal> {
+        if let Command::Run(order) = command {
+            check_command(&meta.client_id, &meta.command_id)?;
+            if self.shared.look_up(&meta.memory, &asked) == Recalled::New
+                && let Some(ordered) = self.ordered_before(cs, *order, meta)?
+            {
+                return Ok(Some(ordered));
+            }
+        }
+        match command {
+            Command::JogEnd { .. } => {
+                check_command(&meta.client_id, &meta.command_id)?;
+                Ok(None)
+            }
+            Command::Jog { .. } => {
+                check_command(&meta.client_id, &meta.command_id)?;
+                let recalled = self.shared.look_up(&meta.memory, &asked);
+                self.reply_again(recalled, meta, Some(cs))
+            }
+            _ => self.replied_again(meta, Some(cs), asked),
+        }
+    }
+
+    /// The reply to an order that is not remembered any more, of which the run is kept: also over starts of the runtime.
+    fn ordered_before(
+        &self,
+        cs: CoordinateSystemNumber,
+        order: RunOrder,
+        meta: &CommandMeta,
+    ) -> Result<Option<CommandReply>, Refusal> {
+        let key = OrderKey::new(order, meta);
+        let ordered = self
+            .shared
+            .runs
+            .lock()
+            .ordered(&key)
+            .map(|(run, order)| (run.id.clone(), run.hash.clone(), run.cs == cs && *order == key));
+        let Some((run_id, hash, is_same)) = ordered else {
+            return Ok(None);
+        };
+        if !is_same {
+            let words = format!("the order of run {run_id}");
+            return self.reply_again(Recalled::OtherCommand(words), meta, Some(cs));
+        }
+        let text =
+            format!("run {run_id} was begun by this order before; GET /runs/{run_id} says how far it came");
+        let reply = self
+            .shared
+            .reply_to(Some(cs), meta, CommandStatus::Done, "ok", &text);
+        let reply = CommandReply {
+            run_id: Some(run_id),
+            hash,
+            ..reply
+        };
+        self.reply_again(Recalled::Again(Some(reply)), meta, Some(cs))
     }
 
     pub(super) async fn lease(
         &self,
         cs: CoordinateSystemNumber,
         request: LeaseRequest,
-        meta: CommandMeta,
+        mut meta: CommandMeta,
+        user: String,
     ) -> Result<Answer, Refusal> {
         let asked = Asked::new(format!("the lease of coordinate system {cs}"), &(cs, &request));
+        meta.memory = asked.key(user, &meta.command_id);
         if let Some(reply) = self.replied_again(&meta, Some(cs), asked)? {
             return Ok(Answer::Command(reply));
         }
@@ -61,7 +142,7 @@ impl RuntimePort {
     /// The reply to a command that came before; published again, since a caller that repeats a command has not got it.
     ///
     /// # Errors
-    /// The names are refused, or another command came before under its id, whose reply stays.
+    /// The names are refused, another command came before under its id, whose reply stays, or it cannot be remembered.
     pub(super) fn replied_again(
         &self,
         meta: &CommandMeta,
@@ -69,7 +150,17 @@ impl RuntimePort {
         asked: Asked,
     ) -> Result<Option<CommandReply>, Refusal> {
         check_command(&meta.client_id, &meta.command_id)?;
-        let (reply, answer) = match self.shared.recall(&meta.command_id, asked) {
+        self.reply_again(self.shared.recall(&meta.memory, asked), meta, cs)
+    }
+
+    fn reply_again(
+        &self,
+        recalled: Recalled,
+        meta: &CommandMeta,
+        cs: Option<CoordinateSystemNumber>,
+    ) -> Result<Option<CommandReply>, Refusal> {
+        let refused = |refusal| (self.shared.rejection(cs, meta, &refusal), Err(refusal));
+        let (reply, answer) = match recalled {
             Recalled::New | Recalled::Again(None) => return Ok(None),
             Recalled::Again(Some(reply)) => (reply.clone(), Ok(Some(reply))),
             Recalled::OtherCommand(words) => {
@@ -77,9 +168,9 @@ impl RuntimePort {
                     "command_id \"{:.64}\" is that of another command: {words}; take a new one for each command",
                     meta.command_id
                 );
-                let refusal = Refusal::new(RefusalCode::CommandIdReused, text);
-                (self.shared.rejection(cs, meta, &refusal), Err(refusal))
+                refused(Refusal::new(RefusalCode::CommandIdReused, text))
             }
+            Recalled::Full => refused(memory_is_full()),
         };
         let topic = Topic::Reply(meta.client_id.clone());
         self.shared.publish(topic, Payload::Reply(reply));
@@ -87,6 +178,7 @@ impl RuntimePort {
     }
 
     pub(super) fn check_age(&self, meta: &CommandMeta) -> Result<(), Refusal> {
+        self.shared.check_not_after(meta.not_after.as_ref())?;
         let invalid = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
         let Some(ttl_ms) = meta.ttl_ms else { return Ok(()) };
         let Some(issued_at) = &meta.issued_at else {

@@ -4,17 +4,21 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::data::{JOURNAL_LINES_MAX, JournalFilter, VariableArea, VariableValues};
 use plc_api::types::ids::check_command;
+use plc_api::types::io::{IoPoint, IoSet, IoValue};
 use plc_api::types::message::Payload;
+use plc_api::types::not_after::NotAfter;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
 use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
+use super::sender::Sender;
 use crate::command_memory::Asked;
 use crate::journal::LineFilter;
+use crate::persistence::StateWriter;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::persistence::journal_query::newest_of;
 use crate::shared::Shared;
-use crate::tables::{Tables, Values};
+use crate::tables::{KeptValues, Tables, Values, keep};
 
 impl RuntimePort {
     pub(super) fn last_run(&self, cs: CoordinateSystemNumber) -> Result<Answer, Refusal> {
@@ -69,11 +73,45 @@ impl RuntimePort {
         self.on_disk(keep_and_set).await?.map(|()| Answer::Done)
     }
 
+    /// Writes an input or output of the plant. One whose last value outlives the machine is on disk before it takes effect.
+    pub(super) async fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
+        let writer = self.writer.as_ref();
+        let Some(writer) = writer.filter(|_| self.shared.machine.io.keeps_last(&point)) else {
+            return self.shared.write_io(&point, set).map(|()| Answer::Done);
+        };
+        let _one_after_the_other = self.io_turn.lock().await;
+        let before = self.shared.check_io(&point, &set)?;
+        self.keep_output(writer, &point, set.value).await?;
+        let written = self.shared.write_io(&point, set);
+        if written.is_err() {
+            // its owner has changed in the meantime, and this value never took effect
+            self.keep_output(writer, &point, before).await?;
+        }
+        written.map(|()| Answer::Done)
+    }
+
+    async fn keep_output(
+        &self,
+        writer: &StateWriter,
+        point: &IoPoint,
+        value: IoValue,
+    ) -> Result<(), Refusal> {
+        let (writer, mut values) = (writer.clone(), KeptValues::new());
+        keep(&mut values, point.to_string(), &value);
+        let kept = self.on_disk(move |_| Ok(writer.write(values))).await?;
+        kept.map_err(|text| unkept(&text))
+    }
+
     /// Which tool is in the spindle, on disk before it is answered.
-    pub(super) async fn tool(&self, cs: CoordinateSystemNumber, id: u16) -> Result<Answer, Refusal> {
+    pub(super) async fn tool(
+        &self,
+        cs: CoordinateSystemNumber,
+        id: u16,
+        not_after: Option<NotAfter>,
+    ) -> Result<Answer, Refusal> {
         let answer = self
             .mailbox(cs)?
-            .ask(CoordinateSystemRequest::Tool(id), false)
+            .ask_not_after(CoordinateSystemRequest::Tool(id), not_after)
             .await?;
         if let Some(writer) = &self.writer {
             writer.flush().await.map_err(|text| unkept(&text))?;
@@ -113,6 +151,7 @@ impl RuntimePort {
         from: u32,
         values: &[f64],
         meta: Option<CommandMeta>,
+        sender: Sender,
     ) -> Result<Answer, Refusal> {
         let write = || {
             self.shared.tables.write_variables(area, from, values)?;
@@ -122,7 +161,9 @@ impl RuntimePort {
         let Some(meta) = meta else {
             return write().map(|()| Answer::Done);
         };
+        let mut meta = meta.limited(sender.not_after);
         let asked = Asked::new("variable/set".to_owned(), &(area, from, values));
+        meta.memory = asked.key(sender.user, &meta.command_id);
         if let Some(reply) = self.replied_again(&meta, area.coordinate_system(), asked)? {
             return Ok(Answer::Command(reply));
         }
@@ -130,7 +171,7 @@ impl RuntimePort {
             .and_then(|()| write())
             .map_err(|refusal| self.shared.reject(area.coordinate_system(), &meta, refusal))?;
         let reply = (self.shared).reply_to(area.coordinate_system(), &meta, CommandStatus::Done, "ok", "");
-        Ok(Answer::Command(self.shared.reply(&meta.client_id, reply)))
+        Ok(Answer::Command(self.shared.reply(&meta, reply)))
     }
 }
 

@@ -1,6 +1,7 @@
 //! Requests for programs; a program that is running is not changed.
 
 use std::sync::Arc;
+use std::thread::Builder;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::planned::ManualText;
@@ -9,6 +10,7 @@ use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::upload::{ProgramCondition, ProgramUpload};
 use tandem_interp::meaning::Role;
 use tandem_model::limits::{M_CODE_MAX, MDI_BYTES_MAX, PROGRAM_BYTES_MAX};
+use tokio::sync::{Semaphore, oneshot};
 
 use super::RuntimePort;
 use crate::config::CoordinateSystem;
@@ -16,6 +18,7 @@ use crate::disk::Part;
 use crate::journal::Event;
 use crate::program_store::{Changed, Edit, EditKind, StoredProgram, called_by, signing};
 use crate::shared::Shared;
+use crate::threads::lower_priority;
 
 // The stages know no interface, and the interface knows no stage: what both state is the same.
 const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTES_MAX);
@@ -26,6 +29,16 @@ impl RuntimePort {
         let store = &self.shared.store;
         let missing = || store.refuse_damaged(number).unwrap_or_else(|| no_program(number));
         store.get(number).ok_or_else(missing)
+    }
+
+    /// A program whose plan is asked for: of one that runs, the text that runs, whatever has become of its file.
+    pub(super) fn planned(
+        &self,
+        number: u16,
+        cs: Option<CoordinateSystemNumber>,
+    ) -> Result<Arc<StoredProgram>, Refusal> {
+        let running = self.previews.running(number, cs);
+        running.map_or_else(|| self.stored(number), Ok)
     }
 
     pub(super) fn read_program(&self, number: u16) -> Result<Answer, Refusal> {
@@ -106,6 +119,9 @@ impl RuntimePort {
     }
 
     fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
+        if let Some(refusal) = self.shared.store.refuse_because_of_run(number) {
+            return Err(refusal);
+        }
         for mailbox in &self.mailboxes {
             let main = self.running(mailbox.number).and_then(|state| state.program);
             if main.is_some_and(|main| called_by(&self.shared.store.all(), main).contains(&number)) {
@@ -134,8 +150,13 @@ impl RuntimePort {
         let rules = self.shared.store.rules_of(dialect);
         let rules = rules.map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
         refuse_too_large(&text)?;
-        let check = move |_: &Shared| Ok(StoredProgram::new(number, &text, rules).check);
-        self.on_disk(check).await.map(Answer::Check)
+        let check = move || StoredProgram::new(number, &text, rules).check;
+        let checked = if self.shared.clock.is_simulated() {
+            check()
+        } else {
+            in_background(check).await?
+        };
+        Ok(Answer::Check(checked))
     }
 
     pub(super) async fn put_in_folder(&self, number: u16, folder: &ProgramFolder) -> Result<Answer, Refusal> {
@@ -184,6 +205,36 @@ impl RuntimePort {
         let code = self.on_disk(move |_| Ok(program.intermediate_code())).await?;
         Ok(Answer::ProgramText(code))
     }
+}
+
+/// Texts that are checked at the same time in this process, without being stored; more wait. Reason: a check takes about ten
+/// times the memory of its text and a whole core, and anyone who may read may ask for one.
+const CHECKS_MAX: usize = 1;
+
+static CHECKS: Semaphore = Semaphore::const_new(CHECKS_MAX);
+
+/// Does long work for which only its client waits, on a thread of the lowest priority.
+///
+/// # Errors
+/// The operating system gives no thread, or the work has panicked.
+async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Refusal> {
+    let unavailable = || {
+        Refusal::new(
+            RefusalCode::Unavailable,
+            "the check could not be carried out; send it again",
+        )
+    };
+    let permit = CHECKS.acquire().await.map_err(|_| unavailable())?;
+    let (sender, done) = oneshot::channel();
+    let thread = Builder::new().name("check".into()).spawn(move || {
+        lower_priority();
+        let done = work();
+        drop(permit);
+        // an error only if the client does not wait any more
+        let _ = sender.send(done);
+    });
+    thread.map_err(|_| unavailable())?;
+    done.await.map_err(|_| unavailable())
 }
 
 /// Notes how the disk is, where something was written.

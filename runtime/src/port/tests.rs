@@ -3,11 +3,15 @@
 use plc_api::types::Timestamp;
 use plc_api::types::command::{CommandReply, CommandStatus, Expect, Verb};
 use plc_api::types::output::HandledCode;
+use plc_api::types::output::HandlerPresence;
 use plc_api::types::question::ValidateResult;
 use plc_api::types::request::{Input, typed};
 use plc_api::types::state::{LockSet, ProgramPlace};
 
 use super::*;
+mod memory;
+mod not_after;
+
 use crate::Config;
 use crate::test::Bench;
 
@@ -135,6 +139,7 @@ fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
                 let later = command(
                     Command::Mdi {
                         text: "G04 X1".into(),
+                        is_macro: false,
                     },
                     "5",
                     "hmi",
@@ -424,4 +429,37 @@ fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
         let state = port.read(&Topic::cs(2, CsTopic::State)).await.unwrap();
         assert!(matches!(&state.payload, Payload::State(state) if state.alarm_count == 1));
     });
+}
+
+#[test]
+fn p10_source_of_a_handler_that_did_not_notice_its_loss_is_written_again() {
+    let play = Bench::new().play(async |scene, runtime| {
+        let plc = scene.plc().clone();
+        scene.serve(plc_api::SequenceProgram::new().handler_id("door"));
+        plc.sleep(Duration::from_millis(200)).await;
+        let of_handler = runtime.port();
+        let presence = of_handler.ask(typed::Handlers).await.unwrap()["door"].clone();
+        let gone = HandlerPresence::gone(presence.instance.clone());
+        scene
+            .cs(1)
+            .set_interlock_source("door", false, "closed")
+            .await
+            .unwrap();
+        // as after a SIGSTOP: the last will and the next presence, before the handler has read either
+        let port = runtime.port();
+        port.ask(typed::Handler("door".into(), gone)).await.unwrap();
+        port.ask(typed::Handler("door".into(), presence)).await.unwrap();
+        plc.sleep(Duration::from_millis(500)).await;
+        let message = port.read(&Topic::cs(1, CsTopic::Interlock)).await.unwrap();
+        let Payload::Lock(lock) = &message.payload else {
+            panic!("{message:?}");
+        };
+        let source = lock
+            .sources
+            .iter()
+            .find(|source| source.source == "door")
+            .unwrap();
+        assert!(!source.lost && !source.value, "{source:?}");
+    });
+    play.unwrap();
 }

@@ -1,7 +1,7 @@
 //! A planned path as bytes; `docs/src/reference/planned-path.md` describes them.
 
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::planned::PathQuery;
+use plc_api::types::planned::{PATH_HEADER_BYTES, PathIdentity, PathQuery};
 
 use super::chunk::{Chunk, LEVELS, PROGRAMS_MAX, TOLERANCES_MM, Vertex, single};
 use super::plan::{Content, Plan};
@@ -11,9 +11,6 @@ const MAGIC: [u8; 4] = *b"TPTH";
 
 /// Version of the form.
 const VERSION: u16 = 1;
-
-/// Bytes of the header that do not vary.
-const FIXED: usize = 128;
 
 /// Bytes of a vertex.
 const VERTEX: usize = 20;
@@ -25,6 +22,7 @@ const ENTRY: usize = 48;
 pub(super) fn encode(
     plan: &Plan,
     content: &Content,
+    identity: &PathIdentity,
     cs: CoordinateSystemNumber,
     query: &PathQuery,
 ) -> Vec<u8> {
@@ -39,7 +37,7 @@ pub(super) fn encode(
     let lines = |chunk: &Chunk| (finest..LEVELS).map(|level| chunk.len(level)).sum::<usize>();
     let vertices: usize = part.iter().map(|chunk| lines(chunk)).sum();
     let mut out = Writer(Vec::with_capacity(1024 + all.len() * ENTRY + vertices * VERTEX));
-    header(&mut out, plan, content, cs, [finest, from, part.len()]);
+    header(&mut out, plan, content, identity, cs, [finest, from, part.len()]);
     for chunk in all {
         out.floats(&chunk.low);
         out.floats(&chunk.high);
@@ -60,6 +58,7 @@ fn header(
     out: &mut Writer,
     plan: &Plan,
     content: &Content,
+    identity: &PathIdentity,
     cs: CoordinateSystemNumber,
     [finest, from, count]: [usize; 3],
 ) {
@@ -67,7 +66,9 @@ fn header(
         .depends
         .as_ref()
         .map_or("", |depends| depends.why.as_str());
-    let length = (FIXED + 2 * content.palette.len() + why.len()).next_multiple_of(4);
+    let begin = (PATH_HEADER_BYTES + 2 * content.palette.len() + why.len()).next_multiple_of(4);
+    let identity = serde_json::to_vec(identity).unwrap_or_default();
+    let length = (begin + 4 + identity.len()).next_multiple_of(4);
     let flags = [content.is_complete(), content.is_cut, content.depends.is_some()];
     let flags = flags
         .iter()
@@ -106,6 +107,9 @@ fn header(
         out.u16(*program);
     }
     out.0.extend(why.as_bytes());
+    out.0.resize(begin, 0);
+    out.u32(identity.len());
+    out.0.extend(identity);
     out.0.resize(length, 0);
 }
 

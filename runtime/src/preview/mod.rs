@@ -1,8 +1,9 @@
 //! What a program will do, before it runs: its path and its rehearsal. A thread of low priority plans it with the stages of a run; the
 //! servo and its tasks do not depend on it, and it reads only what anybody may read.
 //!
-//! The loaded program of each coordinate system is planned automatically, and again when something that its plan depends on changes, but
-//! never while it runs. Other programs are planned on request.
+//! The loaded program of each coordinate system is planned automatically, and again when something that its plan depends on changes. A
+//! run has the plan of the conditions with which it began: the one made before, if they are the same, else one made while it runs.
+//! Other programs are planned on request.
 
 mod bytes;
 mod chunk;
@@ -10,31 +11,39 @@ mod plan;
 mod planning;
 mod rehearsed;
 mod sleeve;
+mod slots;
+mod spindle;
 mod tracer;
 
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex};
+use plc_api::supervisor::Consequence;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::line_start::{LineStart, LineState};
 use plc_api::types::message::Payload;
-use plc_api::types::planned::{PathQuery, PlannedPath, Rehearsal, RehearsedRun};
+use plc_api::types::planned::{
+    PathIdentity, PathQuery, PlannedPath, Rehearsal, RehearsalOutcome, RehearsedRun,
+};
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::run::TimeLeft;
-use plc_api::types::state::{Execution, Overrides, State};
+use plc_api::types::start::{StartObstacle, StartObstacleKind};
+use plc_api::types::state::{Execution, Overrides, Reason, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::Axis;
 use tokio::sync::watch;
 
 use crate::config::CoordinateSystem as Configured;
-use crate::coordinate_system::{Conditions, View, line_search, state_of};
+use crate::coordinate_system::{Conditions, Prediction, RunStart, View, line_search, state_of};
 use crate::program_store::StoredProgram;
 use crate::shared::Shared;
-use plan::{Moment, Plan};
+use plan::{Content, Moment, Plan};
+use slots::{PlanOrder, PlanUse, Slots};
 
 /// How often the thread looks whether something has changed.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
@@ -48,8 +57,18 @@ const PATIENCE: Duration = Duration::from_millis(500);
 /// How long it waits for a plan that is not begun, since another program is being planned.
 const TURN_MAX: Duration = Duration::from_secs(10);
 
+/// Name of the thread.
+const THREAD: &str = "preview";
+
+/// Pause after a fault in the planning of a program. Reason: the same program is planned again.
+const FAULT_PAUSE: Duration = Duration::from_secs(1);
+
 /// A plan of changed conditions waits so many times as long as the last one took.
 const PAUSE_FACTOR: u32 = 2;
+
+/// An M code that takes longer than so many times what it took before, and so much more, has no known end.
+const OVERDUE_FACTOR: f64 = 2.0;
+const OVERDUE_S: f64 = 1.0;
 
 /// Plans of all coordinate systems.
 #[derive(Debug)]
@@ -70,36 +89,18 @@ struct Inner {
     changes: watch::Sender<u64>,
 }
 
-/// The plans of a coordinate system.
-#[derive(Debug, Default)]
-struct Slots {
-    /// Of the loaded program.
-    loaded: Slot,
-    /// Of another one that was asked for last.
-    asked: Slot,
+/// A plan, and the run under way that it is of.
+struct FoundPlan {
+    plan: Arc<Plan>,
+    run: Option<Arc<RunStart>>,
 }
 
-#[derive(Debug, Default)]
-struct Slot {
-    plan: Option<Arc<Plan>>,
-    /// It is to be made.
-    wanted: Option<Arc<StoredProgram>>,
-    /// How long the last one took, and when it ended.
-    took: Option<(Duration, Instant)>,
-}
-
-impl Slot {
-    fn is_of(&self, program: &StoredProgram) -> bool {
-        self.plan
-            .as_ref()
-            .is_some_and(|plan| plan.conditions.main.number == program.number)
-    }
-
-    fn want(&mut self, program: Arc<StoredProgram>) {
-        if let Some(plan) = self.plan.take() {
-            plan.cancel();
+impl FoundPlan {
+    fn identity(&self, content: &Content) -> PathIdentity {
+        PathIdentity {
+            run_id: self.run.as_ref().map(|run| run.run_id.clone()),
+            plan: self.plan.identity(content),
         }
-        self.wanted = Some(program);
     }
 }
 
@@ -125,13 +126,28 @@ impl Previews {
     pub fn start_thread(&mut self) {
         let inner = Arc::clone(&self.inner);
         let work = move || {
-            lower_priority();
-            inner.work();
+            crate::threads::lower_priority();
+            while let Err(panicked) = catch_unwind(AssertUnwindSafe(|| inner.work())) {
+                let supervisor = &inner.shared.supervisor;
+                supervisor.report_panic(THREAD, Consequence::Restarted, panicked.as_ref());
+                std::thread::sleep(FAULT_PAUSE);
+            }
         };
-        match std::thread::Builder::new().name("preview".into()).spawn(work) {
+        match std::thread::Builder::new().name(THREAD.into()).spawn(work) {
             Ok(thread) => self.thread = Some(thread),
             Err(error) => tracing::warn!(%error, "there is no thread that plans programs ahead"),
         }
+    }
+
+    /// The program of a number: of a run of it that is under way, the text that runs.
+    pub fn running(&self, number: u16, cs: Option<CoordinateSystemNumber>) -> Option<Arc<StoredProgram>> {
+        let systems = self.inner.systems.iter();
+        let mut asked = systems.filter(|(of, _)| cs.is_none_or(|cs| of.settings.number == cs));
+        asked.find_map(|(_, view)| {
+            let run = view.run()?;
+            let main = &run.conditions.main;
+            (main.number == number).then(|| Arc::clone(main))
+        })
     }
 
     /// The planned path of a program, as far as it is known.
@@ -139,11 +155,14 @@ impl Previews {
     /// # Errors
     /// There is no such coordinate system, or it does not run the program.
     pub async fn path(&self, program: Arc<StoredProgram>, query: &PathQuery) -> Result<PlannedPath, Refusal> {
-        let (cs, plan) = self.plan(program, query.cs).await?;
-        let content = plan.content();
+        let (cs, found) = self.plan(program, query.cs).await?;
+        let content = found.plan.content();
+        let identity = found.identity(&content);
         Ok(PlannedPath {
-            tag: plan.tag(&content),
-            bytes: bytes::encode(&plan, &content, cs, query),
+            tag: Plan::tag(&content, &identity),
+            bytes: bytes::encode(&found.plan, &content, &identity, cs, query),
+            run_id: identity.run_id,
+            plan: identity.plan,
         })
     }
 
@@ -156,30 +175,34 @@ impl Previews {
         program: Arc<StoredProgram>,
         cs: Option<CoordinateSystemNumber>,
     ) -> Result<Rehearsal, Refusal> {
-        let (cs, plan) = self.plan(program, cs).await?;
-        let content = plan.content();
-        let mut rehearsal = rehearsed::rehearsal(&plan, &content);
-        let inner = &self.inner;
-        rehearsal.run = inner.run_now(cs, &plan);
+        let (cs, found) = self.plan(program, cs).await?;
+        let content = found.plan.content();
+        let mut rehearsal = rehearsed::rehearsal(&found.plan, &content, found.identity(&content));
+        rehearsal.run = self.inner.run_now(cs, &found);
         Ok(rehearsal)
     }
 
     /// Says once a second how long the programs that run take to their ends.
     pub fn tell_time_left(&self) -> impl Future<Output = ()> + use<> {
+        let supervisor = self.inner.shared.supervisor.clone();
         let inner = Arc::clone(&self.inner);
-        async move {
-            let mut interval = tokio::time::interval(TIME_LEFT_INTERVAL);
-            interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
-            loop {
-                tokio::select! {
-                    () = inner.shared.closing.cancelled() => return,
-                    _ = interval.tick() => {}
-                }
-                for (configured, _) in &inner.systems {
-                    let cs = configured.settings.number;
-                    let time_left = Payload::TimeLeft(inner.time_left(cs));
-                    inner.shared.publish(Topic::cs(cs, CsTopic::TimeLeft), time_left);
-                }
+        supervisor.restarted("publisher of the time left", move || {
+            Self::publish_time_left(Arc::clone(&inner))
+        })
+    }
+
+    async fn publish_time_left(inner: Arc<Inner>) {
+        let mut interval = tokio::time::interval(TIME_LEFT_INTERVAL);
+        interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+        loop {
+            tokio::select! {
+                () = inner.shared.closing.cancelled() => return,
+                _ = interval.tick() => {}
+            }
+            for (configured, _) in &inner.systems {
+                let cs = configured.settings.number;
+                let time_left = Payload::TimeLeft(inner.time_left(cs));
+                inner.shared.publish(Topic::cs(cs, CsTopic::TimeLeft), time_left);
             }
         }
     }
@@ -211,16 +234,10 @@ impl Previews {
         &self,
         program: Arc<StoredProgram>,
         cs: Option<CoordinateSystemNumber>,
-    ) -> Result<(CoordinateSystemNumber, Arc<Plan>), Refusal> {
+    ) -> Result<(CoordinateSystemNumber, FoundPlan), Refusal> {
         let inner = &self.inner;
         let cs = cs.or_else(|| inner.where_loaded(program.number));
-        let first = || {
-            inner
-                .systems
-                .first()
-                .map(|(configured, _)| configured.settings.number)
-        };
-        let cs = cs.or_else(first).unwrap_or_default();
+        let cs = cs.unwrap_or_else(|| inner.configured_for(program.number));
         inner.judge(cs, &program)?;
         if self.thread.is_none() {
             inner.make_if_needed(cs, &program);
@@ -228,19 +245,19 @@ impl Previews {
         let mut changes = inner.changes.subscribe();
         let begun = tokio::time::Instant::now();
         loop {
-            let plan = inner.look(cs, &program);
-            if let Some(plan) = &plan
-                && plan.content().is_complete()
-            {
-                return Ok((cs, Arc::clone(plan)));
-            }
-            let patience = if plan.is_some() { PATIENCE } else { TURN_MAX };
+            let found = inner.look(cs, &program);
+            let patience = match found {
+                Some(found) if found.plan.content().is_complete() => return Ok((cs, found)),
+                Some(_) => PATIENCE,
+                None => TURN_MAX,
+            };
             let left = (begun + patience).saturating_duration_since(tokio::time::Instant::now());
             let clock = &inner.shared.clock;
             let is_late = clock.within_real(left, changes.changed()).await.is_none();
             if is_late {
-                return match plan.or_else(|| inner.look(cs, &program)) {
-                    Some(plan) => Ok((cs, plan)),
+                // a run may have begun or ended in the meantime
+                return match inner.look(cs, &program) {
+                    Some(found) => Ok((cs, found)),
                     None => Err(Refusal::new(
                         RefusalCode::Unavailable,
                         "other programs are being planned; ask again",
@@ -255,9 +272,7 @@ impl Drop for Previews {
     fn drop(&mut self) {
         self.inner.closing.store(true, Ordering::Relaxed);
         for slots in self.inner.slots.lock().values() {
-            for plan in slots.loaded.plan.iter().chain(&slots.asked.plan) {
-                plan.cancel();
-            }
+            slots.cancel();
         }
         self.inner.work.notify_all();
         if let Some(thread) = self.thread.take() {
@@ -285,6 +300,14 @@ impl Inner {
         numbers.find(|cs| state_of(&self.shared, *cs).is_some_and(|state| state.program == Some(program)))
     }
 
+    /// The coordinate system whose `programs` in the configuration name a program, otherwise the first one.
+    fn configured_for(&self, program: u16) -> CoordinateSystemNumber {
+        let mut systems = self.systems.iter().map(|(configured, _)| configured);
+        let named = systems.find(|configured| configured.programs.contains_key(&program));
+        let system = named.or_else(|| self.systems.first().map(|(configured, _)| configured));
+        system.map_or(0, |configured| configured.settings.number)
+    }
+
     fn judge(&self, cs: CoordinateSystemNumber, program: &StoredProgram) -> Result<(), Refusal> {
         let Some((configured, _)) = self.system(cs) else {
             let text = format!("there is no coordinate system {cs}");
@@ -307,69 +330,110 @@ impl Inner {
         Ok(())
     }
 
-    /// How far the run of a planned program is; `None`: it does not run, it has begun at a line, or its plan is not complete.
-    fn run_now(&self, cs: CoordinateSystemNumber, plan: &Plan) -> Option<RehearsedRun> {
+    /// How far the run is that a plan is of; `None`: it is of none, or not complete.
+    fn run_now(&self, cs: CoordinateSystemNumber, found: &FoundPlan) -> Option<RehearsedRun> {
+        found.run.as_ref()?;
         let state = state_of(&self.shared, cs)?;
-        let runs = is_running(&state) && state.program == Some(plan.conditions.main.number);
         let (_, view) = self.system(cs)?;
-        let content = plan.content();
-        if !runs || !content.is_complete() || view.began_at_line() {
+        let content = found.plan.content();
+        if !content.is_complete() {
             return None;
         }
         let (segment, executing, since_s) = view.segment();
         let at = view.commanded().0;
+        let elapsed_s = self.shared.clock.now_s() - since_s;
         let moment = Moment {
             segment,
             executing,
-            elapsed_s: self.shared.clock.now_s() - since_s,
+            elapsed_s,
             is_waiting: state.waiting_on.is_some(),
+            waits_without_end: self.waits_without_end(cs, &state, elapsed_s),
             at: Axis::ORTHOGONAL.map(|axis| chunk::single(at[axis])),
         };
         let overrides = overrides_of(&self.shared, cs);
         Some(rehearsed::run(&content, &moment, &overrides))
     }
 
-    /// How long the program that runs takes to its end, to a tenth of a second, and which share of it is done, to a thousandth.
+    /// True at M00 and M01, and in a wait for an M code that has no known end: for a person, for a lost handler, for an M code
+    /// that was never measured, or for much longer than measured.
+    fn waits_without_end(&self, cs: CoordinateSystemNumber, state: &State, elapsed_s: f64) -> bool {
+        if matches!(
+            state.execution,
+            Execution::ProgramStopped | Execution::OptionalStop
+        ) {
+            return true;
+        }
+        let (Some(waiting), Some((configured, _))) = (&state.waiting_on, self.system(cs)) else {
+            return false;
+        };
+        let known_s = planning::wait_of(&self.shared, configured, waiting.m);
+        state.reason == Some(Reason::HandlerLost)
+            || waiting.question.is_some()
+            || known_s.is_none_or(|known_s| elapsed_s > known_s * OVERDUE_FACTOR + OVERDUE_S)
+    }
+
+    /// How long the run under way takes to its end, to a tenth of a second, and which share of it is done, to a thousandth.
     fn time_left(&self, cs: CoordinateSystemNumber) -> TimeLeft {
-        let state = state_of(&self.shared, cs).filter(is_running);
-        let program = state.and_then(|state| self.shared.store.get(state.program?));
-        // one that began at once after its load is planned while it runs
-        let plan = program.and_then(|program| self.look(cs, &program));
-        let run = plan.and_then(|plan| self.run_now(cs, &plan));
+        let run = self.system(cs).and_then(|(_, view)| view.run());
+        let Some(run) = run else {
+            return TimeLeft::default();
+        };
+        let found = self.look_at_run(cs, run.clone());
+        let now = found.as_ref().and_then(|found| self.run_now(cs, found));
         TimeLeft {
-            left_s: run.map(|run| (run.left_s * 10.0).round() / 10.0),
-            progress: run.map(|run| (run.progress * 1000.0).round() / 1000.0),
+            run_id: Some(run.run_id.clone()),
+            plan: now
+                .and(found)
+                .map(|found| found.plan.identity(&found.plan.content())),
+            left_s: now.and_then(|now| Some((now.left_s? * 10.0).round() / 10.0)),
+            progress: now.map(|now| (now.progress * 1000.0).round() / 1000.0),
         }
     }
 
-    /// The plan of a program as it would run now; when there is none, it is wanted.
-    fn look(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<Arc<Plan>> {
-        let state = state_of(&self.shared, cs).unwrap_or_default();
-        let now = self.conditions(cs, program)?;
-        let mut all = self.slots.lock();
-        let slots = all.entry(cs).or_default();
-        let is_loaded = state.program == Some(program.number);
-        let slot = if is_loaded {
-            &mut slots.loaded
-        } else {
-            &mut slots.asked
-        };
-        let is_frozen = is_loaded && is_running(&state);
-        if slot.is_of(program)
-            && let Some(plan) = &slot.plan
-            && (is_frozen || plan.conditions.revision == now.revision)
-        {
-            return Some(Arc::clone(plan));
+    /// The plan of the run of a program that is under way, else of the program as it would run now; when there is none, it is
+    /// wanted.
+    fn look(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<FoundPlan> {
+        let (_, view) = self.system(cs)?;
+        let run = view.run();
+        let is_of = |run: &Arc<RunStart>| run.conditions.main.number == program.number;
+        match run.filter(is_of) {
+            Some(run) => self.look_at_run(cs, run),
+            None => self.look_at_program(cs, program),
         }
-        if slot
-            .wanted
-            .as_ref()
-            .is_none_or(|wanted| !Arc::ptr_eq(wanted, program))
-        {
-            slot.want(Arc::clone(program));
+    }
+
+    fn look_at_run(&self, cs: CoordinateSystemNumber, run: Arc<RunStart>) -> Option<FoundPlan> {
+        let mut all = self.slots.lock();
+        let (plan, is_new) = all.entry(cs).or_default().plan_of_run(&run);
+        if is_new {
             self.work.notify_all();
         }
-        None
+        Some(FoundPlan {
+            plan: plan?,
+            run: Some(run),
+        })
+    }
+
+    fn look_at_program(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<FoundPlan> {
+        let state = state_of(&self.shared, cs).unwrap_or_default();
+        let now = self.conditions(cs, program)?;
+        let is_loaded = state.program == Some(program.number);
+        let which = if is_loaded {
+            PlanUse::Loaded
+        } else {
+            PlanUse::Asked
+        };
+        let is_moving = is_loaded && is_running(&state);
+        let mut all = self.slots.lock();
+        let slots = all.entry(cs).or_default();
+        let (plan, is_new) = slots.plan_of_program(which, program, &now, is_moving);
+        if is_new {
+            self.work.notify_all();
+        }
+        Some(FoundPlan {
+            plan: plan?,
+            run: None,
+        })
     }
 
     fn conditions(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<Conditions> {
@@ -385,17 +449,18 @@ impl Inner {
     /// In the thread that asks.
     fn make_if_needed(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) {
         if self.look(cs, program).is_none() {
-            while let Some((cs, is_loaded, program)) = self.next() {
-                self.make(cs, is_loaded, &program);
+            while let Some((cs, which, wanted)) = self.next() {
+                self.make(cs, which, wanted);
             }
         }
     }
 
     fn work(&self) {
         while !self.is_closing() {
+            self.shared.supervisor.fault_point(THREAD);
             self.want_loaded();
-            if let Some((cs, is_loaded, program)) = self.next() {
-                self.make(cs, is_loaded, &program);
+            if let Some((cs, which, wanted)) = self.next() {
+                self.make(cs, which, wanted);
                 continue;
             }
             let mut slots = self.slots.lock();
@@ -405,10 +470,17 @@ impl Inner {
         }
     }
 
-    /// Loaded programs are wanted when there is no plan of them, or one of other conditions.
+    /// Runs and loaded programs are wanted when there is no plan of them, or one of other conditions.
     fn want_loaded(&self) {
-        for (configured, _) in &self.systems {
+        for (configured, view) in &self.systems {
             let cs = configured.settings.number;
+            if let Some(run) = view.run() {
+                self.look_at_run(cs, run);
+                continue;
+            }
+            if let Some(slots) = self.slots.lock().get_mut(&cs) {
+                slots.end_run();
+            }
             let Some(state) = state_of(&self.shared, cs) else {
                 continue;
             };
@@ -419,65 +491,86 @@ impl Inner {
             if self.judge(cs, &program).is_err() {
                 continue;
             }
-            let pauses = self.slots.lock().get(&cs).is_some_and(|slots| {
-                let took = slots.loaded.took.filter(|_| slots.loaded.is_of(&program));
-                took.is_some_and(|(took, ended)| ended.elapsed() < took * PAUSE_FACTOR)
-            });
+            let slots = self.slots.lock();
+            let pauses = slots
+                .get(&cs)
+                .is_some_and(|slots| slots.pauses(program.number, PAUSE_FACTOR));
+            drop(slots);
             if !pauses {
-                self.look(cs, &program);
+                let found = self.look_at_program(cs, &program);
+                self.predict(cs, found.map(|found| found.plan).as_deref());
             }
         }
     }
 
-    /// The plan to be made next: loaded programs first.
-    fn next(&self) -> Option<(CoordinateSystemNumber, bool, Arc<StoredProgram>)> {
+    /// The plan to be made next.
+    fn next(&self) -> Option<(CoordinateSystemNumber, PlanUse, PlanOrder)> {
         let mut all = self.slots.lock();
-        for is_loaded in [true, false] {
-            for (cs, slots) in all.iter_mut() {
-                let slot = if is_loaded {
-                    &mut slots.loaded
-                } else {
-                    &mut slots.asked
-                };
-                if let Some(program) = slot.wanted.take() {
-                    return Some((*cs, is_loaded, program));
-                }
-            }
-        }
-        None
+        PlanUse::ALL.into_iter().find_map(|which| {
+            let mut systems = all.iter_mut();
+            systems.find_map(|(cs, slots)| Some((*cs, which, slots.take_wanted(which)?)))
+        })
     }
 
-    fn make(&self, cs: CoordinateSystemNumber, is_loaded: bool, program: &Arc<StoredProgram>) {
-        let Some(conditions) = self.conditions(cs, program) else {
-            return;
+    fn make(&self, cs: CoordinateSystemNumber, which: PlanUse, wanted: PlanOrder) {
+        let (number, conditions) = match wanted {
+            PlanOrder::Program(program) => (program.number, self.conditions(cs, &program).map(Arc::new)),
+            PlanOrder::Run(run) => {
+                let conditions = Arc::clone(&run.conditions);
+                (conditions.main.number, Some(conditions))
+            }
         };
+        let Some(conditions) = conditions else { return };
         let plan = Arc::new(Plan::new(conditions));
-        let slot = |change: &dyn Fn(&mut Slot)| {
-            let mut all = self.slots.lock();
-            let slots = all.entry(cs).or_default();
-            change(if is_loaded {
-                &mut slots.loaded
-            } else {
-                &mut slots.asked
-            });
-        };
-        slot(&|slot| slot.plan = Some(Arc::clone(&plan)));
+        let slots = |change: &dyn Fn(&mut Slots)| change(self.slots.lock().entry(cs).or_default());
+        slots(&|slots| slots.begin(which, &plan));
         let began = Instant::now();
-        let is_wanted = || {
-            let loaded = state_of(&self.shared, cs).and_then(|state| state.program);
-            !self.is_closing() && (loaded == Some(program.number)) == is_loaded
-        };
+        let is_wanted = || !self.is_closing() && self.is_wanted(cs, which, number, &plan);
         let on_change = || self.changes.send_modify(|count| *count += 1);
         planning::plan(&self.shared, &plan, &is_wanted, &on_change);
-        slot(&|slot| {
-            slot.took = Some((began.elapsed(), Instant::now()));
-            if !plan.content().is_complete()
-                && slot.plan.as_ref().is_some_and(|kept| Arc::ptr_eq(kept, &plan))
-            {
-                slot.plan = None;
-            }
-        });
+        slots(&|slots| slots.end(which, &plan, began.elapsed()));
+        if which == PlanUse::Loaded {
+            self.predict(cs, Some(&plan));
+        }
         on_change();
+    }
+
+    /// Notes the alarm in which a plan of the loaded program ends.
+    fn predict(&self, cs: CoordinateSystemNumber, plan: Option<&Plan>) {
+        let prediction = plan.and_then(|plan| {
+            let content = plan.content();
+            (content.outcome == RehearsalOutcome::Alarm).then(|| Prediction {
+                hash: plan.conditions.main.sum().to_owned(),
+                obstacle: StartObstacle {
+                    refuses: false,
+                    at: content.at,
+                    detail: content.text.clone(),
+                    ..StartObstacle::refusing(
+                        StartObstacleKind::Prediction,
+                        format!("the rehearsal ends in an alarm: {}", content.text),
+                    )
+                },
+            })
+        });
+        let is_new = self.system(cs).is_some_and(|(_, view)| view.predict(prediction));
+        if is_new {
+            self.shared.wake_all();
+        }
+    }
+
+    /// False when a plan that is being made is of no use any more, or a run waits for the thread.
+    fn is_wanted(&self, cs: CoordinateSystemNumber, which: PlanUse, number: u16, plan: &Plan) -> bool {
+        let run = self.system(cs).and_then(|(_, view)| view.run());
+        if let Some(run) = run.filter(|run| run.conditions.main.number == number) {
+            return plan.matches(&run.conditions);
+        }
+        let loaded = state_of(&self.shared, cs).and_then(|state| state.program);
+        let waits = |slots: &Slots| slots.is_run_waiting();
+        match which {
+            PlanUse::Running => false,
+            PlanUse::Loaded => loaded == Some(number),
+            PlanUse::Asked => loaded != Some(number) && !self.slots.lock().values().any(waits),
+        }
     }
 }
 
@@ -497,20 +590,5 @@ fn overrides_of(shared: &Shared, cs: CoordinateSystemNumber) -> Overrides {
     {
         Some(Payload::Override(overrides)) => overrides,
         _ => Overrides::default(),
-    }
-}
-
-/// Others first.
-fn lower_priority() {
-    #[cfg(unix)]
-    {
-        use thread_priority::ThreadPriority;
-        use thread_priority::unix::{
-            NormalThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
-            thread_native_id,
-        };
-        let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
-        // without it the thread is one as any other
-        let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, policy);
     }
 }

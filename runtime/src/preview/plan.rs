@@ -1,25 +1,38 @@
 //! A plan as it grows: one thread writes it, others read it.
 
-use std::sync::Arc;
+use std::fmt::Write as _;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use parking_lot::Mutex;
-use plc_api::types::planned::{PlannedPlace, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
+use plc_api::types::planned::{
+    PathIdentity, PlanIdentity, PlannedPlace, RehearsalOutcome, RehearsedMCode, RunTimeDependence,
+};
 
-use tandem_model::Origin;
+use tandem_model::variables::VariableArray;
+use tandem_model::{Origin, Variables};
 
 use crate::coordinate_system::Conditions;
+use crate::disk::sum_of;
 
 use super::chunk::{Chunk, distance_squared, share_along};
 use super::tracer::{AxisTrace, Mark, Times};
 
+/// One array of all variables.
+type ArrayOf = fn(&Variables) -> &VariableArray;
+
 /// A plan.
 #[derive(Debug)]
 pub(super) struct Plan {
-    pub conditions: Conditions,
+    pub conditions: Arc<Conditions>,
+    /// Those that the plan changes as the program does; they know which of them were read.
+    pub variables: Variables,
     /// Nobody wants it any more.
     pub is_cancelled: AtomicBool,
     content: Mutex<Arc<Content>>,
+    /// Set when it is first reported.
+    identity: OnceLock<PlanIdentity>,
 }
 
 /// Where a run is.
@@ -33,6 +46,8 @@ pub(super) struct Moment {
     pub elapsed_s: f64,
     /// The program waits for an M code.
     pub is_waiting: bool,
+    /// It waits, and the end of the wait is unknown.
+    pub waits_without_end: bool,
     /// Machine position.
     pub at: [f32; 3],
 }
@@ -57,11 +72,107 @@ pub(super) struct Content {
 }
 
 impl Plan {
-    pub fn new(conditions: Conditions) -> Self {
+    pub fn new(conditions: Arc<Conditions>) -> Self {
+        let Variables {
+            global,
+            coordinate_system,
+        } = &conditions.variables;
         Self {
+            variables: Variables {
+                global: global.watched_copy(),
+                coordinate_system: coordinate_system.watched_copy(),
+            },
             conditions,
             is_cancelled: AtomicBool::new(false),
             content: Mutex::default(),
+            identity: OnceLock::new(),
+        }
+    }
+
+    /// True if a run with these conditions does what is planned: every input is the same, and every variable that was read.
+    pub fn matches(&self, now: &Conditions) -> bool {
+        self.is_alive()
+            && self.conditions.position_key == now.position_key
+            && self.matches_but_position(now)
+            && self
+                .reads()
+                .all(|(then, array, index)| bits(then, index) == bits(array(&now.variables), index))
+    }
+
+    /// The same for a machine that stands elsewhere, and other values of variables.
+    pub fn matches_but_position(&self, now: &Conditions) -> bool {
+        self.is_alive() && self.conditions.key == now.key
+    }
+
+    /// False if it was given up before it was complete.
+    fn is_alive(&self) -> bool {
+        !self.is_cancelled() || self.content().is_complete()
+    }
+
+    /// The array of the conditions, the array in other conditions, and the index of each variable that the program has read
+    /// before it set it. A run from a line counts every one: the search for its line has read them.
+    fn reads(&self) -> impl Iterator<Item = (&VariableArray, ArrayOf, usize)> {
+        let Conditions {
+            variables,
+            reads_variables,
+            from,
+            ..
+        } = &*self.conditions;
+        let arrays: [(_, _, ArrayOf); 2] = [
+            (&variables.global, &self.variables.global, |of| &of.global),
+            (
+                &variables.coordinate_system,
+                &self.variables.coordinate_system,
+                |of| &of.coordinate_system,
+            ),
+        ];
+        let counts_all = from.is_some() && *reads_variables;
+        arrays.into_iter().flat_map(move |(then, watched, array)| {
+            let all = 0..if counts_all { then.len() } else { 0 };
+            let read = watched.read_first().filter(move |_| !counts_all);
+            all.chain(read).map(move |index| (then, array, index))
+        })
+    }
+
+    /// Returns what the plan was made with: the same from the first call on. If that comes while planning goes on, it covers all
+    /// variables, unless the program reads none; afterwards those that were read.
+    pub fn identity(&self, content: &Content) -> PlanIdentity {
+        self.identity
+            .get_or_init(|| self.identify(content.is_complete()))
+            .clone()
+    }
+
+    fn identify(&self, is_complete: bool) -> PlanIdentity {
+        let Conditions {
+            main,
+            texts,
+            key,
+            position_key,
+            variables,
+            reads_variables,
+            ..
+        } = &*self.conditions;
+        let mut called = String::new();
+        for (number, program) in texts.iter().filter(|(number, _)| **number != main.number) {
+            let _ = writeln!(called, "{number} {}", program.sum());
+        }
+        let mut hasher = DefaultHasher::new();
+        (key, position_key).hash(&mut hasher);
+        if is_complete {
+            for (then, _, index) in self.reads() {
+                (index, bits(then, index)).hash(&mut hasher);
+            }
+        } else if *reads_variables {
+            for array in [&variables.global, &variables.coordinate_system] {
+                for index in 0..array.len() {
+                    bits(array, index).hash(&mut hasher);
+                }
+            }
+        }
+        PlanIdentity {
+            hash: main.sum().to_owned(),
+            called: (!called.is_empty()).then(|| sum_of(called.as_bytes())),
+            inputs: format!("{:016x}", hasher.finish()),
         }
     }
 
@@ -81,15 +192,19 @@ impl Plan {
         *self.content.lock() = Arc::new(content);
     }
 
-    /// Tells it from plans made with anything else, and from what was known of it before.
-    pub fn tag(&self, content: &Content) -> String {
-        let Conditions { main, revision, .. } = &self.conditions;
+    /// Differs from that of any other plan, of another run, and of less of the same plan.
+    pub fn tag(content: &Content, PathIdentity { run_id, plan }: &PathIdentity) -> String {
         let extent = match content.outcome {
             RehearsalOutcome::Planning => content.chunks.len().to_string(),
             _ => "all".to_owned(),
         };
-        format!("{}-{revision:016x}-{extent}", main.sum())
+        let run = run_id.as_ref().map_or_else(String::new, |id| format!("-{id}"));
+        format!("{}-{}-{extent}{run}", plan.hash, plan.inputs)
     }
+}
+
+fn bits(array: &VariableArray, index: usize) -> Option<u64> {
+    array.get(index).map(f64::to_bits)
 }
 
 impl Content {

@@ -2,8 +2,12 @@
 
 use std::sync::Arc;
 
+use plc_api::types::data::VariableKind;
+use plc_api::types::line_start::LineStart;
 use plc_api::types::output::Timing;
 use plc_api::types::planned::{PlannedPlace, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
+use plc_api::types::request::Refusal;
+use plc_api::types::state::SpindleDirection;
 use tandem_interp::Inputs;
 use tandem_model::flow::{Item, Output};
 use tandem_model::profile::Law;
@@ -11,9 +15,10 @@ use tandem_model::settings::Tool;
 use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
 
 use super::plan::{Content, Plan};
+use super::spindle::PlannedSpindle;
 use super::tracer::Tracer;
-use crate::config::{MCodeSettings, Stock, Unhandled};
-use crate::coordinate_system::{Pipeline, rest_refused};
+use crate::config::{CoordinateSystem, MCodeSettings, Stock, Unhandled};
+use crate::coordinate_system::{Pipeline, line_search, rest_refused};
 use crate::program_store::mentions_variables;
 use crate::sequence::stock;
 use crate::shared::Shared;
@@ -34,6 +39,8 @@ const ITEMS_PER_LOOK: u64 = 256;
 enum Stop {
     Completed,
     Alarm(Alarm),
+    /// The line at which the run begins is not reached.
+    NoLine(Refusal),
     TooLong,
     Cancelled,
 }
@@ -44,8 +51,10 @@ pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, o
     let settings = &conditions.configured.settings;
     let mut pipeline = Pipeline::new(settings, conditions.configured.dialect, conditions.at);
     pipeline.path.set_dry_run(conditions.dry_run);
-    let main = Arc::clone(&conditions.main.tree);
-    pipeline.start(main, conditions.main.number, 0, false);
+    if conditions.from.is_none() {
+        let main = Arc::clone(&conditions.main.tree);
+        pipeline.start(main, conditions.main.number, 0, false);
+    }
     let mut planning = Planning {
         shared,
         plan,
@@ -55,8 +64,10 @@ pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, o
         captured: conditions.captured,
         tool: conditions.tool,
         has_put_out: false,
+        spindle: settings.spindle.as_ref().map(PlannedSpindle::new),
     };
-    let stop = planning.run(is_wanted, on_change);
+    let entered = conditions.from.map_or(Ok(()), |from| planning.enter(&from));
+    let stop = entered.map_or_else(|stop| stop, |()| planning.run(is_wanted, on_change));
     planning.end(stop);
     on_change();
 }
@@ -72,9 +83,33 @@ struct Planning<'a> {
     tool: Option<u16>,
     /// An M code was put out: what its handler has set since is not known.
     has_put_out: bool,
+    spindle: Option<PlannedSpindle>,
 }
 
 impl Planning<'_> {
+    /// Comes to the line at which the run begins as the run does: M codes that its state needs, then the approach.
+    fn enter(&mut self, from: &LineStart) -> Result<(), Stop> {
+        let entry = line_search::search(self.shared, &self.plan.conditions, from).map_err(Stop::NoLine)?;
+        let mut arrival = self.pipeline.start_from(entry, 0);
+        for (kind, index, value) in &arrival.variables {
+            let array = match kind {
+                VariableKind::P => &self.plan.variables.global,
+                VariableKind::Q => &self.plan.variables.coordinate_system,
+            };
+            array.set(*index, *value);
+        }
+        for output in std::mem::take(&mut arrival.restore) {
+            self.put_out(&output).map_err(Stop::Alarm)?;
+        }
+        // a handler that selects another tool ends the run
+        self.tool = arrival.tool;
+        self.pipeline.enter(arrival).map_err(Stop::Alarm)?;
+        self.follow();
+        // the approach has the place of the block to which it leads
+        self.tracer.end_block();
+        Ok(())
+    }
+
     fn run(&mut self, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) -> Stop {
         for items in 0..ITEMS_MAX {
             if items % ITEMS_PER_LOOK == 0 {
@@ -123,21 +158,31 @@ impl Planning<'_> {
             programs: &conditions.programs,
             optional_skip: conditions.optional_skip,
             work_offsets: &conditions.work_offsets,
-            variables: &conditions.variables,
+            variables: &self.plan.variables,
             tool,
             tools: &conditions.tools,
             captured: (!is_behind_skip).then_some(self.captured),
             position: self.pipeline.counts_from().map(|position| position.0),
         };
         let item = self.pipeline.next(&inputs);
+        if let Some(spindle) = &mut self.spindle {
+            let rpm = self.pipeline.interpreter.modal().spindle_speed_r_min;
+            spindle.follow(rpm, self.tracer.times().total);
+        }
         if self.has_put_out && self.content.depends.is_none() {
             self.look_at_block();
         }
         item
     }
 
-    /// Within cutter compensation a program neither waits nor ends.
+    /// Within cutter compensation a program neither waits nor ends; and M codes take what their declarations say.
     fn judge(&self, item: Item) -> Result<Item, Alarm> {
+        let cs = self.plan.conditions.configured.settings.number;
+        if let Item::Output(output) = &item
+            && let Some(alarm) = self.shared.refused_output(cs, output)
+        {
+            return Err(alarm);
+        }
         let is_at_once = matches!(&item, Item::Output(output) if self.is_put_out_at_once(output));
         match rest_refused(&item).filter(|_| self.pipeline.is_compensating() && !is_at_once) {
             Some(alarm) => Err(alarm),
@@ -196,8 +241,9 @@ impl Planning<'_> {
         self.content.m_code_count += 1;
         let at_s = self.tracer.times().total;
         let waits = !is_with_motion;
+        let spindle_s = self.turn_spindle(output.m, at_s);
         let wait_s = if waits {
-            self.wait_of(output.m, settings)
+            spindle_s.or_else(|| wait_of(self.shared, configured, output.m))
         } else {
             None
         };
@@ -235,24 +281,19 @@ impl Planning<'_> {
         !self.shared.machine.m_codes.values().any(selects_tool)
     }
 
-    /// How long a program waits for an M code; `None`: nobody knows.
-    fn wait_of(&self, m: u16, settings: Option<&MCodeSettings>) -> Option<f64> {
-        let configured = &self.plan.conditions.configured;
-        let cs = configured.settings.number;
-        if let Some(measured_s) = self.shared.m_code_wait(cs, m) {
-            return Some(measured_s);
-        }
-        if self.shared.is_handled(cs, m) {
+    /// Returns how long the stock sequence program takes for M03, M04 or M05; `None` for any other M code, and where a handler
+    /// serves it.
+    fn turn_spindle(&mut self, m: u16, at_s: f64) -> Option<f64> {
+        let direction = stock::spindle_direction(m)?;
+        let spindle = self.spindle.as_mut()?;
+        let cs = self.plan.conditions.configured.settings.number;
+        let rpm = self.pipeline.interpreter.modal().spindle_speed_r_min;
+        let takes_s = spindle.command(direction, rpm, at_s);
+        if direction == SpindleDirection::Orient || self.shared.is_handled(cs, m) {
             return None;
         }
-        if let Some(settings) = settings.filter(|settings| settings.stock.is_some()) {
-            return Some(settings.simulated_s);
-        }
-        let unhandled = settings.and_then(|settings| settings.unhandled);
-        let unhandled = unhandled.unwrap_or(self.shared.machine.unhandled);
-        let has_spindle = configured.settings.spindle.is_some();
-        let is_at_once = unhandled == Unhandled::AutoReset || has_spindle && stock::is_spindle_code(m);
-        is_at_once.then_some(0.0)
+        let settings = self.shared.machine.m_codes.get(&m);
+        Some(takes_s.max(settings.map_or(0.0, |settings| settings.simulated_s)))
     }
 
     /// Notes a block that may read what a handler has set.
@@ -320,6 +361,7 @@ impl Planning<'_> {
                 let text = format!("{}: {}", alarm.entry.title, alarm.text);
                 (RehearsalOutcome::Alarm, text, alarm.origin)
             }
+            Stop::NoLine(refusal) => (RehearsalOutcome::Alarm, refusal.text, None),
             Stop::TooLong => {
                 let text = format!(
                     "planning ends here: a program of more than {ITEMS_MAX} blocks, or of a week, may have no end"
@@ -332,6 +374,26 @@ impl Planning<'_> {
         self.content.at = at.map(|Origin { program, line, .. }| PlannedPlace { program, line });
         self.publish();
     }
+}
+
+/// How long a program waits for an M code; `None`: that is unknown.
+pub(super) fn wait_of(shared: &Shared, configured: &CoordinateSystem, m: u16) -> Option<f64> {
+    let cs = configured.settings.number;
+    if let Some(measured_s) = shared.m_code_wait(cs, m) {
+        return Some(measured_s);
+    }
+    if shared.is_handled(cs, m) {
+        return None;
+    }
+    let settings = shared.machine.m_codes.get(&m);
+    if let Some(settings) = settings.filter(|settings| settings.stock.is_some()) {
+        return Some(settings.simulated_s);
+    }
+    let unhandled = settings.and_then(|settings| settings.unhandled);
+    let unhandled = unhandled.unwrap_or(shared.machine.unhandled);
+    let has_spindle = configured.settings.spindle.is_some();
+    let is_at_once = unhandled == Unhandled::AutoReset || has_spindle && stock::is_spindle_code(m);
+    is_at_once.then_some(0.0)
 }
 
 fn selects_tool(settings: &MCodeSettings) -> bool {

@@ -1,6 +1,8 @@
 //! The rehearsal: a plan in the form of the interface.
 
-use plc_api::types::planned::{Rehearsal, RehearsedAxis, RehearsedLine, RehearsedPeak, RehearsedRun};
+use plc_api::types::planned::{
+    PathIdentity, Rehearsal, RehearsedAxis, RehearsedLine, RehearsedPeak, RehearsedRun,
+};
 use plc_api::types::state::Overrides;
 use tandem_model::settings::MotorSettings;
 
@@ -10,7 +12,7 @@ use super::tracer::{AxisTrace, Mark, Peak, Times};
 /// Most blocks whose times are listed.
 const LINES_MAX: usize = 2048;
 
-pub(super) fn rehearsal(plan: &Plan, content: &Content) -> Rehearsal {
+pub(super) fn rehearsal(plan: &Plan, content: &Content, identity: PathIdentity) -> Rehearsal {
     let conditions = &plan.conditions;
     let settings = &conditions.configured.settings;
     let axis = |trace: &AxisTrace| {
@@ -29,7 +31,9 @@ pub(super) fn rehearsal(plan: &Plan, content: &Content) -> Rehearsal {
         program: conditions.main.number,
         cs: settings.number,
         hash: conditions.main.sum().to_owned(),
-        revision: plan.tag(content),
+        revision: Plan::tag(content, &identity),
+        run_id: identity.run_id,
+        plan: identity.plan,
         outcome: content.outcome,
         text: content.text.clone(),
         at: content.at,
@@ -72,21 +76,27 @@ fn axis_of(trace: &AxisTrace, motor: &MotorSettings) -> RehearsedAxis {
     }
 }
 
+/// Planned time below which nothing is left, s.
+const NOTHING_S: f64 = 1e-6;
+
 /// How far a run is at this moment.
 pub(super) fn run(content: &Content, now: &Moment, overrides: &Overrides) -> RehearsedRun {
-    let (now, end) = (content.time_of(now), content.times);
-    // at rest by an override of 0 the time left is that at 1 percent
-    let rate = |percent: f64| (percent / 100.0).max(0.01);
+    let (at, end) = (content.time_of(now), content.times);
     let left = |from: f64, to: f64| (to - from).max(0.0);
-    let left_s = left(now.feed, end.feed) / rate(overrides.feed)
-        + left(now.rapid, end.rapid) / rate(overrides.rapid)
-        + left(now.fixed, end.fixed)
-        + left(now.wait, end.wait);
+    // at rest by an override of 0 there is no time at which it ends
+    let at_rate = |planned_s: f64, percent: f64| match planned_s {
+        0.0..NOTHING_S => Some(0.0),
+        _ if percent > 0.0 => Some(planned_s * 100.0 / percent),
+        _ => None,
+    };
+    let left_s = at_rate(left(at.feed, end.feed), overrides.feed)
+        .zip(at_rate(left(at.rapid, end.rapid), overrides.rapid))
+        .map(|(feed_s, rapid_s)| feed_s + rapid_s + left(at.fixed, end.fixed) + left(at.wait, end.wait));
     RehearsedRun {
-        at_s: now.total,
-        left_s,
+        at_s: at.total,
+        left_s: left_s.filter(|_| !now.waits_without_end),
         progress: if end.total > 0.0 {
-            (now.total / end.total).clamp(0.0, 1.0)
+            (at.total / end.total).clamp(0.0, 1.0)
         } else {
             0.0
         },

@@ -232,6 +232,11 @@ impl Tracer {
         self.mark(origin, segment, false);
     }
 
+    /// What follows is another block, wherever it comes from.
+    pub fn end_block(&mut self) {
+        self.origin.line = 0;
+    }
+
     /// The time of now is kept.
     fn mark(&mut self, origin: Origin, segment: u64, waits: bool) {
         if self.marks.len() >= MARKS_MAX {

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 
@@ -13,7 +14,8 @@ use super::signing::{Signature, read_signature};
 use super::{PROGRAMS_MAX, no_room, program_number};
 use crate::disk::fs::{self, File, Metadata, MetadataExt as _};
 use crate::disk::{
-    SumFile, Sums, UNFINISHED, Unfinished, make_folder_in, read_regular, sum_of, sync_folder, tighten,
+    Generations, Kind, Sealer, StoredPart, SumFile, Sums, UNFINISHED, Unfinished, make_folder_in,
+    read_regular, sum_of, sync_folder, tighten,
 };
 
 /// File of the sums in the folder.
@@ -21,6 +23,12 @@ const SUMS_FILE: &str = "sums";
 
 /// In the place of what was noted of a program and is lost.
 const LOST: &str = "lost";
+
+/// In the place of the sum of a program that was held back.
+const HELD_BACK: &str = "unconfirmed";
+
+/// What is known of a program that was held back.
+const HOW_HELD_BACK: &str = "it belongs to stored files that do not fit together, and is not confirmed";
 
 /// Between what may be there while a file is replaced: the old one and the new one.
 const OR: char = '|';
@@ -102,13 +110,18 @@ fn signature_time(folder: &Path, number: u16) -> String {
     metadata.map_or(String::new(), |metadata| time_of(&metadata))
 }
 
+/// The sums of a folder.
+pub(crate) fn sums(folder: &Path) -> Sums {
+    Sums::read(&folder.join(SUMS_FILE), Kind::ProgramSums)
+}
+
 /// Looks at all files of a folder, and changes nothing. `is_mixed`: the machine has several dialects, so that a program
 /// whose dialect is lost cannot be read. `bytes_max`: of all programs together; those beyond are left alone.
 ///
 /// # Errors
 /// The folder cannot be read.
 pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Result<Look> {
-    let sums = Sums::read(&folder.join(SUMS_FILE));
+    let sums = sums(folder);
     let mut look = Look::default();
     let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
         .map(|entry| Ok(entry?.path()))
@@ -173,6 +186,18 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
     Ok(look)
 }
 
+impl Look {
+    /// No program is believed: each counts as damaged until a person confirms it. One that is damaged by itself keeps its
+    /// reason, because no answer makes it usable.
+    pub fn hold_back(&mut self) {
+        for found in self.programs.values_mut() {
+            if !matches!(found, Found::Damaged(_)) {
+                *found = Found::Damaged(HOW_HELD_BACK.to_owned());
+            }
+        }
+    }
+}
+
 /// The bytes of a file, where there is room for them beside those that have been read.
 fn read_within(path: &Path, bytes_max: usize, bytes_read: &mut u64) -> io::Result<(Metadata, Vec<u8>)> {
     let metadata = fs::metadata(path)?;
@@ -202,6 +227,9 @@ fn judge(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) ->
     let (time, sum) = (time_of(metadata), sum_of(&bytes));
     if marks(known).any(|mark| (mark.time, mark.sum) == (time.as_str(), sum.as_str())) {
         return Found::Stored(bytes);
+    }
+    if marks(known).any(|mark| (mark.time, mark.sum) == (time.as_str(), HELD_BACK)) {
+        return Found::Damaged(HOW_HELD_BACK.to_owned());
     }
     if has_time(known, &time) {
         return Found::Damaged("it is not what was stored, and nobody has written it since".to_owned());
@@ -236,6 +264,20 @@ pub(crate) enum Outside {
     Written(String),
 }
 
+/// How a folder is opened.
+#[derive(Debug, Clone)]
+pub(crate) struct Opening {
+    /// Dialect of programs of which nothing else is known.
+    pub dialect: &'static str,
+    /// The machine has several dialects.
+    pub is_mixed: bool,
+    /// Bytes of all programs together.
+    pub bytes_max: usize,
+    pub generations: Arc<Generations>,
+    /// No program is believed until a person confirms it.
+    pub holds_back: bool,
+}
+
 /// The folder, open for writing.
 #[derive(Debug)]
 pub(crate) struct ProgramFolder {
@@ -249,29 +291,34 @@ pub(crate) struct ProgramFolder {
 
 impl ProgramFolder {
     /// Opens a folder, which is made if it is missing, and gives what is in it: what an upload has left half-way is
-    /// removed, a program of another spelling gets its name if that is free, and others' rights are taken away. `dialect` is
-    /// that of programs of which nothing else is known.
+    /// removed, a program of another spelling gets its name if that is free, and others' rights are taken away.
     ///
     /// # Errors
     /// The disk refuses.
-    pub fn open(
-        path: &Path,
-        dialect: &'static str,
-        is_mixed: bool,
-        bytes_max: usize,
-    ) -> io::Result<(Self, Look)> {
+    pub fn open(path: &Path, opening: &Opening) -> io::Result<(Self, Look)> {
+        let Opening {
+            dialect,
+            is_mixed,
+            bytes_max,
+            ..
+        } = *opening;
         make_folder_in(path)?;
         tighten(path);
         tidy_up(path)?;
-        let look = look(path, is_mixed, bytes_max)?;
+        let mut look = look(path, is_mixed, bytes_max)?;
         let mut known = BTreeMap::new();
-        let old = Sums::read(&path.join(SUMS_FILE));
+        let old = sums(path);
         for (number, found) in &look.programs {
             let sum = match found {
                 Found::Stored(bytes) | Found::FromOutside(bytes, ..) => {
                     let metadata = fs::metadata(path.join(file_name(*number)))?;
                     let dialect = look.dialects.get(number).map_or(dialect, String::as_str);
-                    Some(mark(&metadata, &sum_of(bytes), dialect))
+                    let sum = if opening.holds_back {
+                        HELD_BACK.to_owned()
+                    } else {
+                        sum_of(bytes)
+                    };
+                    Some(mark(&metadata, &sum, dialect))
                 }
                 // it stays damaged
                 Found::Damaged(_) => {
@@ -283,7 +330,15 @@ impl ProgramFolder {
                 known.insert(number.to_string(), sum);
             }
         }
-        let sums = SumFile::begin(&path.join(SUMS_FILE), old.last, known)?;
+        if opening.holds_back {
+            look.hold_back();
+        }
+        let sealer = Sealer {
+            kind: Kind::ProgramSums,
+            part: StoredPart::Programs,
+            generations: Arc::clone(&opening.generations),
+        };
+        let sums = SumFile::begin(&path.join(SUMS_FILE), sealer, old.last, known)?;
         let numbers = look.programs.keys();
         let signed_at = numbers.map(|number| (*number, signature_time(path, *number)));
         let folder = Self {
@@ -405,6 +460,13 @@ impl ProgramFolder {
             signature,
             dialect,
         })
+    }
+
+    /// Programs that are held back.
+    pub fn held_back(&self) -> Vec<u16> {
+        let all = self.sums.all().iter();
+        let held_back = all.filter(|(_, noted)| marks(noted).any(|mark| mark.sum == HELD_BACK));
+        held_back.filter_map(|(name, _)| name.parse().ok()).collect()
     }
 
     /// The programs of whose files one has another time than the noted one, with these times; `None`: it is gone.

@@ -2,13 +2,16 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use super::ProgramStore;
 use super::edit::Edit;
-use super::folder::{Accepted, Found, Look, ProgramFolder, look};
-use super::places::Places;
+use super::folder::{Accepted, Found, Look, Opening, ProgramFolder, look};
+use super::places::{FolderByProgram, Places};
 use super::program::StoredProgram;
 use super::signing::Signature;
+use crate::disk::Generations;
 
 /// What a person should know of the folder of a store.
 #[derive(Debug, Default)]
@@ -23,26 +26,97 @@ pub(crate) struct ProgramFindings {
     pub lost: Option<PathBuf>,
     /// Programs that had no sum yet.
     pub without_sum: usize,
+    /// Why the folders of programs in lists are lost.
+    pub folders_fault: Option<String>,
+}
+
+/// What of the folder is not believed until a person confirms it, and the generations of the data folder.
+#[derive(Debug, Default)]
+pub(crate) struct HeldBack {
+    pub generations: Arc<Generations>,
+    pub programs: bool,
+    pub folders: bool,
 }
 
 impl ProgramStore {
     /// Reads the programs of a folder, and keeps what is written in it from now on. A folder that the disk lets nobody write
     /// is read all the same; when something is written, it is tried again.
-    pub(crate) fn open_folder(&mut self, path: &Path) -> (ProgramFindings, io::Result<()>) {
+    pub(crate) fn open_folder(&mut self, path: &Path, held: &HeldBack) -> (ProgramFindings, io::Result<()>) {
         self.path = Some(path.to_owned());
-        let opened = ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed, self.bytes_max);
-        *self.places.get_mut() = Places::read(path);
+        self.generations = Arc::clone(&held.generations);
+        self.holds_back.store(held.programs, Ordering::Relaxed);
+        let opened = ProgramFolder::open(path, &self.opening());
+        let (places, folders_fault) = Places::open(path, &self.generations, held.folders);
+        *self.places.get_mut() = places;
         let (look, opened) = match opened {
             Ok((folder, look)) => {
+                self.holds_back.store(false, Ordering::Relaxed);
                 *self.folder.get_mut() = Some(folder);
                 (look, Ok(()))
             }
-            Err(error) => (
-                look(path, self.is_mixed, self.bytes_max).unwrap_or_default(),
-                Err(error),
-            ),
+            Err(error) => {
+                let mut look = look(path, self.is_mixed, self.bytes_max).unwrap_or_default();
+                if held.programs {
+                    look.hold_back();
+                }
+                (look, Err(error))
+            }
         };
-        (self.take_over(look), opened)
+        let findings = self.take_over(look);
+        (
+            ProgramFindings {
+                folders_fault,
+                ..findings
+            },
+            opened,
+        )
+    }
+
+    fn opening(&self) -> Opening {
+        Opening {
+            dialect: self.rules.dialect.name,
+            is_mixed: self.is_mixed,
+            bytes_max: self.bytes_max,
+            generations: Arc::clone(&self.generations),
+            holds_back: self.holds_back.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Takes programs that were held back as they are now, and puts programs without a folder into theirs. Returns what has
+    /// changed.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub(crate) fn confirm_held_back(&self, folders: &FolderByProgram) -> io::Result<Vec<Edit>> {
+        let _one_at_a_time = self.writing.lock();
+        let edits = self.with_folder(|folder| {
+            let Some(folder) = folder else {
+                return Ok(Vec::new());
+            };
+            let mut edits = Vec::new();
+            for number in folder.held_back() {
+                let accepted = match folder.accept(number) {
+                    Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                    accepted => accepted?,
+                };
+                self.damaged.write().remove(&number);
+                self.take_accepted(number, Some(accepted));
+                let new = self.get(number);
+                edits.push(Edit::outside(
+                    number,
+                    None,
+                    new.as_deref().map(StoredProgram::sum),
+                ));
+            }
+            Ok(edits)
+        })?;
+        let mut places = self.places.lock();
+        for (number, folder) in folders {
+            if self.get(*number).is_some() && places.of(*number).is_empty() {
+                places.put(*number, folder)?;
+            }
+        }
+        Ok(edits)
     }
 
     fn take_over(&self, look: Look) -> ProgramFindings {
@@ -172,8 +246,8 @@ impl ProgramStore {
             *folder = None;
         }
         if folder.is_none() {
-            let (mut opened, look) =
-                ProgramFolder::open(path, self.rules.dialect.name, self.is_mixed, self.bytes_max)?;
+            let (mut opened, look) = ProgramFolder::open(path, &self.opening())?;
+            self.holds_back.store(false, Ordering::Relaxed);
             for (number, program) in &*self.all() {
                 if !look.programs.contains_key(number) {
                     opened.write(

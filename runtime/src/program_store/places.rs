@@ -1,38 +1,101 @@
 //! The folder of each program in lists: one file beside the programs.
+//!
+//! The file is one sealed line and a copy of it: a line that is damaged has its copy.
 
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use plc_api::types::program::ProgramFolder;
+use serde::Deserialize as _;
+use serde_json::json;
 
-use crate::disk::{fs, write_whole};
+use crate::disk::{
+    Generations, Kind, Seal, StoredPart, Unusable, read_regular, read_sealed, seal, write_whole,
+};
 
 /// File in the folder of the programs.
-const PLACES_FILE: &str = "folders.json";
+pub(crate) const PLACES_FILE: &str = "folders.json";
 
-/// The folders by program; a program that is not named lies in none.
+/// Maximum size of the file, bytes. Reason: 2000 programs with names of 120 characters of four bytes, twice.
+const BYTES_MAX: u64 = 4 << 20;
+
+/// Folders by program; a program that is not named is in none.
+pub(crate) type FolderByProgram = BTreeMap<u16, String>;
+
+/// Content of the file.
+#[derive(Debug, Default)]
+pub(crate) struct PlacesRead {
+    pub by_number: FolderByProgram,
+    /// `None`: there is no file, or it cannot be used.
+    pub seal: Option<Seal>,
+    /// Why the file cannot be used.
+    pub fault: Option<String>,
+}
+
+impl PlacesRead {
+    /// Reads the file in a folder of programs.
+    pub fn read(folder: &Path) -> Self {
+        let mut read = Self::default();
+        let bytes = match read_regular(&folder.join(PLACES_FILE), BYTES_MAX) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return read,
+            Err(error) => {
+                read.fault = Some(format!("it cannot be read: {error}"));
+                return read;
+            }
+        };
+        read.fault = Some("it is damaged".to_owned());
+        let lines = bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
+        for line in lines {
+            match read_sealed(Kind::Folders, line) {
+                Ok((line, seal)) => match by_number(&line["folders"]) {
+                    Ok(by_number) => {
+                        return Self {
+                            by_number,
+                            seal: Some(seal),
+                            fault: None,
+                        };
+                    }
+                    Err(error) => read.fault = Some(error.to_string()),
+                },
+                Err(Unusable::Foreign(how)) => read.fault = Some(how),
+                Err(Unusable::Damaged) => {}
+            }
+        }
+        read
+    }
+}
+
+/// The folders by program.
 #[derive(Debug, Default)]
 pub(super) struct Places {
     path: Option<PathBuf>,
-    by_number: BTreeMap<u16, String>,
+    generations: Arc<Generations>,
+    by_number: FolderByProgram,
 }
 
 impl Places {
-    /// What is kept beside the programs of this folder. A file that cannot be read is as none: the programs are then in no folder.
-    pub fn read(folder: &Path) -> Self {
-        let path = folder.join(PLACES_FILE);
-        let by_number = match fs::read(&path) {
-            Ok(bytes) => read(&bytes).unwrap_or_else(|error| {
-                tracing::warn!("{}: {error}; programs are in no folder", path.display());
-                BTreeMap::new()
-            }),
-            Err(_) => BTreeMap::new(),
+    /// Takes over the file in a folder of programs. With `holds_back`, or if the file cannot be used, all programs are in no
+    /// folder. Returns also why the file cannot be used.
+    pub fn open(folder: &Path, generations: &Arc<Generations>, holds_back: bool) -> (Self, Option<String>) {
+        let read = PlacesRead::read(folder);
+        let mut places = Self {
+            path: Some(folder.join(PLACES_FILE)),
+            generations: Arc::clone(generations),
+            by_number: FolderByProgram::new(),
         };
-        Self {
-            path: Some(path),
-            by_number,
+        if !holds_back {
+            places.by_number = read.by_number;
         }
+        // written anew, so that later starts do not find it again
+        if (holds_back || read.fault.is_some())
+            && let Err(error) = places.write(&places.by_number)
+        {
+            tracing::warn!("{}: {error}", folder.join(PLACES_FILE).display());
+        }
+        (places, read.fault)
     }
 
     /// The folder of a program; empty: none.
@@ -54,19 +117,63 @@ impl Places {
         } else {
             changed.insert(number, folder.to_owned());
         }
-        if let Some(path) = &self.path {
-            write_whole(path, &serde_json::to_vec_pretty(&changed)?)?;
-        }
+        self.write(&changed)?;
         self.by_number = changed;
+        Ok(())
+    }
+
+    fn write(&self, by_number: &FolderByProgram) -> io::Result<()> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let generation = self.generations.next();
+        let mut line = json!({"n": 1, "folders": by_number});
+        self.generations.seal(Kind::Folders, generation).put(&mut line);
+        let line = seal(&line.to_string());
+        // two ends of a line: one remains if the other is damaged
+        write_whole(path, format!("{line}\n").repeat(2).as_bytes())?;
+        self.generations.note_on_disk(StoredPart::Folders, generation);
         Ok(())
     }
 }
 
-fn read(bytes: &[u8]) -> io::Result<BTreeMap<u16, String>> {
-    let named: BTreeMap<u16, String> = serde_json::from_slice(bytes)?;
+fn by_number(folders: &serde_json::Value) -> io::Result<FolderByProgram> {
+    let named = FolderByProgram::deserialize(folders)?;
     let checked = named.into_iter().map(|(number, folder)| {
         let folder = ProgramFolder { folder }.checked().map_err(io::Error::other)?;
         Ok((number, folder.folder))
     });
     checked.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_flipped_bit_of_the_folders_changes_none_of_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut places, fault) = Places::open(folder.path(), &Arc::default(), false);
+        assert_eq!(fault, None);
+        places.put(1, "moulds/gen2").unwrap();
+        places.put(7, "ä").unwrap();
+        let path = folder.path().join(PLACES_FILE);
+        let bytes = std::fs::read(&path).unwrap();
+        for place in 0..bytes.len() * 8 {
+            let mut flipped = bytes.clone();
+            flipped[place / 8] ^= 1 << (place % 8);
+            std::fs::write(&path, flipped).unwrap();
+            let read = PlacesRead::read(folder.path());
+            assert_eq!((read.by_number, read.fault), (places.by_number.clone(), None));
+        }
+    }
+
+    #[test]
+    fn a_file_of_folders_that_cannot_be_used_is_named_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(PLACES_FILE);
+        std::fs::write(&path, "{\"1\": \"gen2\"}").unwrap();
+        let (places, fault) = Places::open(folder.path(), &Arc::default(), false);
+        assert!(fault.unwrap().contains("of an earlier version"));
+        assert_eq!(places.of(1), "");
+        assert_eq!(Places::open(folder.path(), &Arc::default(), false).1, None);
+    }
 }

@@ -46,7 +46,7 @@ fn a_disk_that_takes_nothing_at_a_start_hides_no_program() {
     for refusal in [io::ErrorKind::StorageFull, io::ErrorKind::ReadOnlyFilesystem] {
         disk.lock().faults.refuses = Some(refusal);
         let mut store = ProgramStore::in_memory(rules());
-        let (findings, opened) = store.open_folder(&folder);
+        let (findings, opened) = store.open_folder(&folder, &HeldBack::default());
         assert_eq!(opened.unwrap_err().kind(), refusal);
         assert_eq!(store.get(7).unwrap().text(), "// Seven\nM30\n");
         assert!(
@@ -195,7 +195,7 @@ fn all_texts_together_have_a_limit_and_what_is_beyond_it_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let open = |bytes_max| {
         let mut store = ProgramStore::in_memory(rules()).with_room(bytes_max);
-        let (findings, opened) = store.open_folder(folder.path());
+        let (findings, opened) = store.open_folder(folder.path(), &HeldBack::default());
         opened.unwrap();
         (store, findings)
     };

@@ -21,6 +21,7 @@ fn start(program: u16, run_id: &str, parts: Option<u32>) -> Event {
         program_hash: Some("h".to_owned()),
         from_line: None,
         parts,
+        order: None,
     }
 }
 
@@ -190,13 +191,14 @@ fn what_is_kept_goes_on_and_a_run_that_was_open_was_ended_by_the_restart() {
     book.on(1, &start(7, "a-1-4", Some(9)), at(4.0));
     let kept = KeptRuns {
         ended: book.ended().cloned().collect(),
-        open: vec![book.open(1).unwrap().clone()],
+        open: vec![book.open(1).unwrap()],
         production: book.production(),
+        lines: LinesIncluded::new(),
     };
     let mut later = RunBook::default();
     let place = PlannedPlace { program: 7, line: 3 };
     let place_of = |run: &Run| (run.id == "a-1-4").then_some(place);
-    later.restore(kept, place_of, UNIX_EPOCH + Duration::from_secs(100));
+    later.restore(kept, &[], place_of, UNIX_EPOCH + Duration::from_secs(100));
     let query = RunQuery {
         cs: None,
         from: 1,
@@ -213,6 +215,69 @@ fn what_is_kept_goes_on_and_a_run_that_was_open_was_ended_by_the_restart() {
     assert!(later.open(1).is_none(), "nothing goes on by itself");
 }
 
+/// A line of the journal of an earlier start, in its second.
+fn line(n: u32, event: &Event) -> Value {
+    let line = Line {
+        t_s: f64::from(n),
+        cs: 1,
+        event: event.clone(),
+    };
+    let mut line = line.to_json();
+    line["n"] = n.into();
+    line["ts"] = format!("2026-01-01T00:00:{n:02}.000000Z").into();
+    line
+}
+
+#[test]
+fn parts_after_the_last_kept_state_are_counted_once_from_the_journal() {
+    let parts = Some(9);
+    let events = [
+        start(7, "a-1-1", parts),
+        COMPLETED,
+        start(7, "a-1-1", parts),
+        COMPLETED,
+        start(7, "a-1-1", parts),
+    ];
+    let lines: Vec<Value> = (1..).zip(&events).map(|(n, event)| line(n, event)).collect();
+    // whatever line the kept state includes, the counters after the restart are those that were published
+    for included in 0..=lines.len() {
+        let mut book = RunBook::default();
+        book.restore(KeptRuns::default(), &[], |_| None, UNIX_EPOCH);
+        lines[..included].iter().for_each(|line| book.replay(line));
+        let kept = KeptRuns {
+            ended: book.ended().cloned().collect(),
+            open: book.open(1).into_iter().collect(),
+            production: book.production(),
+            lines: book.lines().clone(),
+        };
+        let mut later = RunBook::default();
+        later.restore(kept, &lines, |_| None, UNIX_EPOCH + Duration::from_secs(100));
+        let run = later.state(1).run.unwrap();
+        let produced = &later.production()[0];
+        assert_eq!(
+            (
+                run.parts_done,
+                produced.parts,
+                produced.cut_short,
+                produced.parts_s
+            ),
+            (2, 2, 1, 2.0),
+            "{included} lines are kept"
+        );
+        assert_eq!(run.end.unwrap().how, RunEndedHow::Restarted);
+        // and those of a further start are the same
+        let again = KeptRuns {
+            ended: later.ended().cloned().collect(),
+            production: later.production(),
+            lines: later.lines().clone(),
+            ..KeptRuns::default()
+        };
+        let mut last = RunBook::default();
+        last.restore(again, &lines, |_| None, UNIX_EPOCH);
+        assert_eq!(last.production(), later.production());
+    }
+}
+
 #[test]
 fn the_oldest_runs_are_forgotten_and_none_of_the_newest() {
     let mut book = RunBook::default();
@@ -224,4 +289,90 @@ fn the_oldest_runs_are_forgotten_and_none_of_the_newest() {
     assert_eq!(book.run("4", 0.0), None);
     assert!(book.run("5", 0.0).is_some());
     assert_eq!(book.production()[0].parts, (RUNS_KEPT + 5) as u64);
+}
+
+/// The start of a run that an order of user `mes` begins.
+fn ordered(run_id: &str, id: &str, parts: u32) -> Event {
+    match start(60, run_id, Some(parts)) {
+        Event::Start {
+            program,
+            run_id,
+            program_hash,
+            from_line,
+            parts,
+            ..
+        } => Event::Start {
+            program,
+            run_id,
+            program_hash,
+            from_line,
+            parts,
+            order: Some(key(id, parts.unwrap_or(1))),
+        },
+        other => other,
+    }
+}
+
+fn key(id: &str, parts: u32) -> OrderKey {
+    OrderKey {
+        user: "mes".to_owned(),
+        id: id.to_owned(),
+        program: Some(60),
+        parts,
+    }
+}
+
+#[test]
+fn the_key_of_an_order_leads_to_its_run_after_a_restart() {
+    let mut book = RunBook::default();
+    book.on(1, &ordered("b-1-1", "job-1", 1), at(0.0));
+    book.on(1, &COMPLETED, at(1.0));
+    book.on(1, &ordered("b-1-2", "job-2", 3), at(2.0));
+    let kept = KeptRuns {
+        ended: book.ended().cloned().collect(),
+        open: book.open(1).into_iter().collect(),
+        ..KeptRuns::default()
+    };
+    // as the store keeps them
+    let text = serde_json::to_string(&(&kept.ended, &kept.open)).unwrap();
+    let (ended, open) = serde_json::from_str(&text).unwrap();
+    let mut restarted = RunBook::default();
+    let kept = KeptRuns {
+        ended,
+        open,
+        ..KeptRuns::default()
+    };
+    restarted.restore(kept, &[], |_| None, UNIX_EPOCH);
+    for (id, parts, run_id, how) in [
+        ("job-1", 1, "b-1-1", RunEndedHow::Completed),
+        ("job-2", 3, "b-1-2", RunEndedHow::Restarted),
+    ] {
+        let (run, order) = restarted.ordered(&key(id, parts)).unwrap();
+        assert_eq!((run.id.as_str(), order), (run_id, &key(id, parts)));
+        assert_eq!(run.end.as_ref().map(|end| end.how), Some(how));
+    }
+    let (_, order) = restarted.ordered(&key("job-1", 9)).unwrap();
+    assert_ne!(*order, key("job-1", 9), "an order of other content");
+    let other = OrderKey {
+        user: "panel".to_owned(),
+        ..key("job-1", 1)
+    };
+    assert!(restarted.ordered(&other).is_none());
+}
+
+#[test]
+fn an_order_in_the_journal_alone_is_known_after_a_kill() {
+    let start = line(1, &ordered("b-1-1", "job-1", 1));
+    let end = line(2, &COMPLETED);
+    for (lines, end) in [
+        (vec![start.clone()], RunEndedHow::Restarted),
+        (vec![start, end], RunEndedHow::Completed),
+    ] {
+        let mut restarted = RunBook::default();
+        restarted.restore(KeptRuns::default(), &lines, |_| None, UNIX_EPOCH);
+        let (run, order) = restarted.ordered(&key("job-1", 1)).unwrap();
+        assert_eq!((run.id.as_str(), order), ("b-1-1", &key("job-1", 1)));
+        assert_eq!(run.end.as_ref().map(|ended| ended.how), Some(end));
+        assert_eq!(restarted.ended().count(), 1);
+    }
 }

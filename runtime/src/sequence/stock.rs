@@ -35,7 +35,8 @@ pub fn is_spindle_code(m: u16) -> bool {
     spindle_direction(m).is_some()
 }
 
-fn spindle_direction(m: u16) -> Option<SpindleDirection> {
+/// What M03, M04, M05 and M19 command the spindle to do.
+pub fn spindle_direction(m: u16) -> Option<SpindleDirection> {
     match m {
         3 => Some(SpindleDirection::Cw),
         4 => Some(SpindleDirection::Ccw),

@@ -9,6 +9,7 @@ use futures_util::FutureExt;
 use parking_lot::Mutex;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::handler::HandlerStatus;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::OutputNotice;
 use plc_api::types::request::typed::WriteProgram;
@@ -158,6 +159,7 @@ impl Bench {
             let (work, failures) = (plant(scene.clone()), failures.clone());
             plants.spawn(async move { failures.watch("a plant", work).await });
         }
+        let results = scene.plc.port().subscribe(Filter::Handshake);
         for program in self.sequence_programs {
             scene.serve(program);
         }
@@ -165,6 +167,7 @@ impl Bench {
             tokio::task::yield_now().await;
         }
         failures.judge()?;
+        judge_presences(results)?;
         for (number, text) in self.programs {
             let check = scene.plc.port().ask(WriteProgram(number, text)).await;
             check
@@ -233,6 +236,22 @@ impl Bench {
         })
         .flatten()
     }
+}
+
+/// Reports a sequence program whose presence the machine refuses, before the program gives up by itself: the test may end earlier.
+///
+/// # Errors
+/// There is one.
+fn judge_presences(mut results: Subscription) -> Result<(), TestError> {
+    while let Some(message) = results.try_next() {
+        if let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
+            && result.status == HandlerStatus::Refused
+        {
+            let why = result.text.as_deref().unwrap_or_default();
+            return Err(TestError::new(format!("sequence program {id} is refused: {why}")));
+        }
+    }
+    Ok(())
 }
 
 /// Why a program was not loaded, with every finding.

@@ -3,10 +3,15 @@
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
+use futures_util::FutureExt;
 use parking_lot::Mutex;
 use plc_api::port::Port;
+use plc_api::server::ServedPort;
 use plc_api::types::command::{Command, CommandMeta};
+use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Request};
+use plc_api::types::stored_data::StoredData;
+use plc_api::types::topic::Topic;
 use tokio::time::Instant;
 
 use super::MACHINE;
@@ -80,7 +85,22 @@ enum Fault {
     DiskRefuses(std::io::ErrorKind, Duration),
     /// In the middle of what it writes.
     Dies(u64),
+    /// In a task or thread of the runtime.
+    Panics(&'static str),
 }
+
+/// Tasks and threads that panic.
+const TASKS: [&str; 9] = [
+    "coordinate system 1",
+    "coordinate system 1",
+    "coordinate system 2",
+    "journal",
+    "state-writer",
+    "publisher of positions",
+    "watch over outputs of the plant",
+    "request over MQTT",
+    "link to the MQTT broker",
+];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum End {
@@ -213,13 +233,17 @@ impl History {
         let count = self.random.below(5);
         for _ in 0..count {
             let at = self.random.ms(0, u64::try_from(length.as_millis()).unwrap());
-            let fault = match self.random.below(10) {
+            let fault = match self.random.below(12) {
                 0..3 => Fault::Cut(Some(*self.random.pick(&CLIENTS))),
                 3 => Fault::Cut(None),
                 4..6 => Fault::BrokerDies(self.random.ms(10, 4000)),
                 6..8 => {
                     let kinds = [std::io::ErrorKind::StorageFull, std::io::ErrorKind::Other];
                     Fault::DiskRefuses(*self.random.pick(&kinds), self.random.ms(1, 1500))
+                }
+                8..10 => {
+                    let task: &&str = self.random.pick(&TASKS);
+                    Fault::Panics(task)
                 }
                 _ => Fault::Dies(self.random.below(60)),
             };
@@ -259,8 +283,9 @@ impl History {
         world.disk.lock().faults.forgets_ahead = self.mutation == Some(Mutation::ForgetsAhead);
         let length = self.random.ms(500, 12_000);
         let faults = self.faults(length);
-        world.run(length, faults).await;
+        let must_end = world.run(&process, length, faults).await;
         let end = match self.random.below(10) {
+            _ if must_end => End::Shutdown,
             0..2 => End::Shutdown,
             2..6 => End::Kill,
             _ => End::PowerCut,
@@ -343,6 +368,15 @@ impl World {
         if Mount::is_dead() {
             return;
         }
+        let stored = process.witness.read(&Topic::StoredData).await;
+        let stored = stored.map(|message| message.payload.clone());
+        if let Some(Payload::StoredData(StoredData {
+            question: Some(question),
+        })) = stored
+        {
+            let texts = question.texts().join("; ");
+            self.truth.lock().broke(Rule::Asks, texts);
+        }
         self.truth.lock().may_lose = false;
         for (number, text) in PROGRAMS {
             if read(&*process.witness, &format!("O{number}")).await != text {
@@ -380,12 +414,14 @@ impl World {
         }
     }
 
-    /// Time passes, and what is to go wrong goes wrong.
-    async fn run(&mut self, length: Duration, faults: Vec<(Duration, Fault)>) {
+    /// Time passes, and what is to go wrong goes wrong. True: a fault demands that the machine ends in order.
+    async fn run(&mut self, process: &Process, length: Duration, faults: Vec<(Duration, Fault)>) -> bool {
+        let supervisor = process.witness.supervisor();
         let begun = Instant::now();
         let mut faults = faults.into_iter().peekable();
         let (mut refuses_until, mut taken_at) = (None, None);
-        while begun.elapsed() < length && !Mount::is_dead() {
+        let must_end = || supervisor.exit().now_or_never().is_some();
+        while begun.elapsed() < length && !Mount::is_dead() && !must_end() {
             tokio::time::sleep(STEP).await;
             self.disk.lock().now = self.day + self.begun.elapsed();
             if refuses_until.is_some_and(|until| Instant::now() >= until) {
@@ -413,10 +449,12 @@ impl World {
                         let mut disk = self.disk.lock();
                         disk.faults.dies_at = Some(disk.operations + operations);
                     }
+                    Fault::Panics(task) => supervisor.inject(task),
                 }
             }
         }
         self.disk.lock().faults.refuses = None;
+        must_end()
     }
 
     /// Waits until a client has just heard of an output, but not for ever.
@@ -478,6 +516,14 @@ impl World {
             self.trace.line(format_args!("at the end {name}: {answer:?}"));
         };
         command("reset", Command::Reset).await;
+        // of a position that was lost: the first motion is refused, and the reset after it homes the motor
+        let lost = "G91 G01 X0 F1000".to_owned();
+        let lost = Command::Mdi {
+            text: lost,
+            is_macro: false,
+        };
+        command("home", lost).await;
+        command("reset-home", Command::Reset).await;
         command("load", Command::Load { program: 81 }).await;
         let before = self.truth.lock().completed;
         command("start", Command::Start).await;

@@ -44,6 +44,7 @@ impl Current {
             from: None,
             over: ServerTransport::Rest,
             right: Right::Operate,
+            not_after: None,
         };
         let asked = witness.request_from(origin, request);
         let answer = tokio::time::timeout(Duration::from_secs(20), asked).await;
@@ -71,7 +72,7 @@ pub(super) const PROGRAMS: [(u16, &str); 4] = [
     ),
     (
         82,
-        "P5=0\nWHILE[P5 LT 3] DO1\nP5=P5+1\nG91 G01 X1 F6000\nM101\nG01 X-1\nEND1\nM30\n",
+        "P5 = 0\nwhile (P5 < 3) {\nP5 = P5 + 1\nG91 G01 X1 F6000\nM101\nG01 X-1\n}\nM30\n",
     ),
     (83, "G91\nG00 X3\nG04 P0.2\nM98 P80\nG00 X-3\nM30\n"),
 ];
@@ -165,6 +166,7 @@ impl Operator {
             79..89 => Command::Reset,
             89..94 => Command::Mdi {
                 text: "G91 G01 X0.5 F3000\nM100\nG01 X-0.5".to_owned(),
+                is_macro: false,
             },
             94..97 => Command::Jog {
                 axis: 'X',

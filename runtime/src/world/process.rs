@@ -21,6 +21,7 @@ use crate::clock::Clock;
 use crate::config::Machine;
 use crate::coordinator::StartError;
 use crate::disk::simulated::memory::Mount;
+use crate::servo_thread::cycle_after;
 use crate::shared::Shared;
 use crate::threads;
 use plc_api::types::BootId;
@@ -59,6 +60,7 @@ impl Process {
             machine: MACHINE.to_owned(),
             mqtt: MqttSettings {
                 embedded_listen: None,
+                accept_unverified_senders: true,
                 ..MqttSettings::default()
             },
             position_interval_ms: 1000,
@@ -130,7 +132,7 @@ async fn cycle(mut servo: Servo, shared: Arc<Shared>, truth: SharedTruth) {
             let passed = servo.cycles_to_pass(left - 1);
             servo.pass(passed);
             left -= passed + 1;
-            told |= servo.cycle();
+            told |= cycle_after(&mut servo, 0, 1, &shared.servo);
         }
         for (place, channel) in servo.channels().iter().enumerate() {
             let now = channel.setpoint()[x];

@@ -10,6 +10,7 @@ use plc_api::types::output::{HandshakeStatus, OutputState};
 use plc_api::types::state::Execution;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
+use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
 
 use super::trace::Trace;
 
@@ -34,6 +35,8 @@ pub(super) enum Rule {
     Motion,
     /// What was open at a kill is told, and nothing else.
     Told,
+    /// No question about stored files is asked where no file was exchanged.
+    Asks,
     /// The machine starts.
     Starts,
     /// In the end it works.
@@ -243,8 +246,13 @@ impl Truth {
                 let channel = self.channels.entry(*cs).or_default();
                 channel.ended_s = is_ended.then_some(now_s);
             }
-            (_, Payload::AlarmEvent(alarm)) if alarm.number == tandem_model::alarm::RUNTIME_FAULT.number => {
-                self.broke(Rule::Whole, alarm.text.clone());
+            (_, Payload::AlarmEvent(alarm)) => {
+                let is_fault = [&RUNTIME_FAULT, &FAULT_LASTS]
+                    .iter()
+                    .any(|fault| fault.number == alarm.number);
+                if is_fault && !alarm.text.contains("an injected fault") {
+                    self.broke(Rule::Whole, alarm.text.clone());
+                }
             }
             _ => {}
         }

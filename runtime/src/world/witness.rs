@@ -6,6 +6,7 @@ use std::time::Duration;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
+use plc_api::supervisor::Supervisor;
 use plc_api::types::BootId;
 use plc_api::types::command::Command;
 use plc_api::types::message::Message;
@@ -134,11 +135,19 @@ impl ServedPort for Witness {
         self.port.notice(notice);
     }
 
+    fn republish(&self) -> BoxFuture<'_, ()> {
+        self.port.republish()
+    }
+
     fn time(&self) -> std::time::SystemTime {
         self.port.time()
     }
 
     fn servo_timing(&self) -> Option<ServoTiming> {
         self.port.servo_timing()
+    }
+
+    fn supervisor(&self) -> Supervisor {
+        self.port.supervisor()
     }
 }

@@ -42,7 +42,7 @@ fn the_page_of_the_command_line_is_what_the_command_says() {
     let mut page = String::from(
         "# Command line\n\nWhat `tandem -h` and `tandem COMMAND -h` print. Exit status: 0 clean, completed, or stopped in \
          order; 1 errors were\nfound, or an alarm ended the program; 2 something cannot be read, or cannot be carried \
-         out.\n\n",
+         out; 70 `tandem serve` stopped after\nan internal fault.\n\n",
     );
     write!(page, "```text\n{top}```\n").unwrap();
     let commands = listed(&top);

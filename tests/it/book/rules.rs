@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use tandem_runtime::stops::{StopCause, StopReaction, StoppedMotion};
+
 use super::generated::check;
 
 #[test]
@@ -18,6 +20,39 @@ fn the_page_of_motion_is_that_of_its_rules() {
         }
     }
     check("docs/src/reference/motion.md", &page);
+}
+
+#[test]
+fn the_page_of_stops_is_that_of_their_table() {
+    let mut page = String::from(
+        "# What stops a motion\n\nFor each cause and each kind of motion: the reaction. Tests play each cell at several moments.\n\n\
+         | cause |",
+    );
+    for motion in StoppedMotion::ALL {
+        write!(page, " {} |", motion.name()).unwrap();
+    }
+    page.push_str("\n| --- |");
+    page.push_str(&" --- |".repeat(StoppedMotion::ALL.len()));
+    page.push('\n');
+    for cause in StopCause::ALL {
+        write!(page, "| {} |", cause.name()).unwrap();
+        for motion in StoppedMotion::ALL {
+            write!(page, " {} |", cause.reaction(motion).name()).unwrap();
+        }
+        page.push('\n');
+    }
+    page.push_str("\n| reaction | what happens, and its time limit |\n| --- | --- |\n");
+    for reaction in StopReaction::ALL {
+        writeln!(page, "| {} | {} |", reaction.name(), reaction.text()).unwrap();
+    }
+    page.push_str(
+        "\nThe time limits begin when the cause is detected: `SERVO_LATE` in the first servo cycle after the gap, `CLIENT_LOST` when\n\
+         the `ttl_ms` of the client is over, a lost source when the loss of its owner is known. With `BUS_LOST` the motion continues,\n\
+         and the run is held where it next waits for an M code. A reversal is the turning point of an axis between two blocks; the\n\
+         next block does not start. What stops a motion after a fault of the runtime itself:\n\
+         [When something is lost](../explanation/failures.md#internal-faults).\n",
+    );
+    check("docs/src/reference/stops.md", &page);
 }
 
 #[test]

@@ -140,6 +140,7 @@ async fn told(plc: &Plc, go: &Notify, line: &str) -> Option<String> {
         },
         "mdi" => Command::Mdi {
             text: rest.to_owned(),
+            is_macro: false,
         },
         "resume" => Command::Resume,
         _ => Command::Start,

@@ -1,6 +1,7 @@
 //! A machine with a driver, and what is done to them.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -9,7 +10,7 @@ use crate::support::broker::Mosquitto;
 use crate::support::machine::Machine;
 use crate::support::mqtt::Bus;
 use crate::support::served::{FREE_PORTS, Process, Served};
-use crate::support::wait::{until, within};
+use crate::support::wait::{until, until_within, within};
 use crate::support::wire::Wire;
 
 /// Number of the program of each behaviour.
@@ -24,6 +25,9 @@ coordinate_systems = [1]
 
 /// An output of the plant.
 const LAMP: &str = "[io.out.lamp]\n";
+
+/// Longest time until a level is as it must be. Reason: a client finds out within 7.5 s that its connection is lost.
+const LEVEL_MAX: Duration = Duration::from_secs(20);
 
 /// M codes of the driver, which wait for it.
 const M_CODES: &str = r#"
@@ -175,6 +179,12 @@ impl Stage {
                 self.said_before.extend(lines(&process.killed()));
             }
             ("start", "driver") => self.start_driver().await,
+            ("suspend", "driver") => self.running().signal("STOP"),
+            ("continue", "driver") => self.running().signal("CONT"),
+            ("suspend", "machine") => self.served().process.signal("STOP"),
+            ("continue", "machine") => self.served().process.signal("CONT"),
+            // a suspended process is only found out by real time
+            ("for", ms) => tokio::time::sleep(Duration::from_millis(ms.parse().expect("ms"))).await,
             ("cut", "") => self.wire.cut(),
             ("tear", "") => self.wire.tear(),
             ("mend", "") => self.wire.mend(),
@@ -267,7 +277,7 @@ impl Stage {
         let (value, lost) = what
             .split_once(' ')
             .map_or((what, false), |(value, _)| (value, true));
-        until(&format!("the interlock is {what}"), async || {
+        until_within(LEVEL_MAX, &format!("the interlock is {what}"), async || {
             let inputs = self.served().get("/cs/1/inputs").await.expect(200).json();
             let source = &inputs["interlock"]["sources"][0];
             let is = (source["value"] == (value == "on")) && (source["lost"] == lost);
@@ -330,7 +340,7 @@ impl Stage {
             last = self.journal().await.iter().filter_map(told).collect();
             (last == behaviour.journal).then_some(())
         });
-        let patience = std::time::Duration::from_secs(5);
+        let patience = Duration::from_secs(5);
         if tokio::time::timeout(patience, within("the journal", comparing))
             .await
             .is_err()

@@ -17,7 +17,8 @@ const SLEW_RPM: f64 = 3.0;
 const LATE_CYCLES: f64 = 2.0;
 
 fn run(program: &str) -> Simulated {
-    let machine = Machine::new("\n[m_code.3]\ntiming = \"with_motion\"\n");
+    let machine =
+        Machine::new("\n[m_code.3]\ntiming = \"with_motion\"\n[m_code.4]\ntiming = \"with_motion\"\n");
     simulate_on(&machine, program, &["--trace-spindle"]).completed()
 }
 

@@ -11,6 +11,7 @@ const PORT: &str = "runtime/src/port.rs";
 const LEDGER: &str = "plc-api/src/handshake.rs";
 const COORDINATE_SYSTEM: &str = "runtime/src/coordinate_system/mod.rs";
 const FAKE: &str = "plc-api/src/fake/requests.rs";
+const SPEAKER: &str = "plc-api/src/wire/speaker.rs";
 
 fn is_name(letter: char) -> bool {
     letter.is_alphanumeric() || letter == '_'
@@ -78,7 +79,7 @@ fn a_request_about_an_output_is_named_by_its_two_rows_and_by_the_ledger() {
 #[test]
 fn a_request_that_a_coordinate_system_carries_out_is_named_there_and_by_the_scripted_machine_if_that_does_the_same()
  {
-    let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE];
+    let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE, SPEAKER];
     assert_eq!(naming("CoordinateSystemRequest", "Spindle"), sorted(files));
     assert_eq!(costs("a request to a coordinate system"), files);
 }

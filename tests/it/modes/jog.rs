@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use plc_api::Execution;
-use plc_api::types::request::RefusalCode;
+use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use plc_api::types::request::{RefusalCode, typed};
 use plc_api::types::state::Reason;
 
 use super::rig::{Rig, close, distance, on_machine, refused};
@@ -18,6 +19,34 @@ fn begin(
 ) -> tokio::task::JoinHandle<plc_api::Result<()>> {
     let cs = rig.plc.coordinate_system(1);
     tokio::spawn(async move { cs.jog(axis, velocity, None, id).await })
+}
+
+/// Jogs a distance, and returns the reply once the jog has ended.
+async fn jog(rig: &Rig, axis: char, velocity: f64, distance: f64, id: &str) -> CommandReply {
+    let command = typed::Command {
+        cs: 1,
+        command: Command::Jog {
+            axis,
+            velocity,
+            distance: Some(distance),
+            refresh_id: id.to_owned(),
+        },
+        meta: CommandMeta {
+            command_id: id.to_owned(),
+            client_id: "test".to_owned(),
+            ..CommandMeta::default()
+        },
+        wait: true,
+    };
+    rig.plc.port().ask(command).await.unwrap()
+}
+
+/// Code of a reply `failed`, and the distances that it names.
+#[track_caller]
+fn failed(reply: &CommandReply) -> (&str, Vec<(char, f64)>) {
+    assert_eq!(reply.status, CommandStatus::Failed, "{reply:?}");
+    let moved = reply.moved.iter().map(|(axis, distance)| (*axis, *distance));
+    (reply.code.as_str(), moved.collect())
 }
 
 #[test]
@@ -79,7 +108,9 @@ fn a_jog_ends_at_the_soft_limit_and_does_not_begin_beyond() {
         assert!(refusal.text.contains("soft limit"), "{}", refusal.text);
         rig.cs.jog('X', -6000.0, Some(1.0), "c").await.unwrap();
         close(rig.at().await, [299.0, 0.0, 0.0]);
-        rig.cs.jog('X', 6000.0, Some(5.0), "d").await.unwrap();
+        let reply = jog(&rig, 'X', 6000.0, 5.0, "d").await;
+        assert_eq!(failed(&reply), ("limit", vec![('X', 1.0)]));
+        assert!(reply.text.contains("X 1.000 of 5.000 mm"), "{}", reply.text);
         close(rig.at().await, [300.0, 0.0, 0.0]);
         assert_eq!(rig.alarms().await, [0_u16; 0]);
     });
@@ -213,5 +244,126 @@ fn another_jog_or_program_is_refused_while_one_runs_and_stop_ends_it() {
         refused(rig.cs.jog('X', f64::NAN, None, "c").await, RefusalCode::Invalid);
         refused(rig.cs.jog('X', 1.0, Some(-1.0), "c").await, RefusalCode::Invalid);
         refused(rig.cs.jog('A', 1.0, None, "c").await, RefusalCode::Invalid);
+    });
+}
+
+#[test]
+fn a_step_needs_no_refresh_and_moves_its_whole_distance() {
+    on_machine("", |rig| async move {
+        let mut x = 0.0;
+        // the last one takes 10 s, 50 times as long as a jog without refresh
+        for (id, (distance, velocity)) in [(0.1, 600.0), (1.0, -600.0), (10.0, 600.0), (10.0, 60.0)]
+            .into_iter()
+            .enumerate()
+        {
+            let reply = jog(&rig, 'X', velocity, distance, &id.to_string()).await;
+            assert_eq!(reply.status, CommandStatus::Done, "{reply:?}");
+            assert!(reply.moved.is_empty());
+            x += distance.copysign(velocity);
+            close(rig.at().await, [x, 0.0, 0.0]);
+        }
+        assert_eq!(rig.state().await, (Execution::Ready, None));
+    });
+}
+
+#[test]
+fn a_longer_distance_without_refresh_fails_and_names_what_it_covered() {
+    for (more, distance) in [("", 10.001), ("[hmi]\njog_step_max = 0.5\n", 0.501)] {
+        on_machine(more, move |rig| async move {
+            // 200 ms at 2 mm/s
+            let reply = jog(&rig, 'X', 120.0, distance, "a").await;
+            let x = rig.at().await[0];
+            assert!((0.39..0.41).contains(&x), "{x}");
+            let (code, moved) = failed(&reply);
+            assert_eq!(code, "not_refreshed");
+            assert!(
+                matches!(moved[..], [('X', covered)] if (covered - x).abs() < 1e-6),
+                "{moved:?}"
+            );
+            let covered = format!("X {x:.3} of {distance:.3} mm");
+            assert!(reply.text.contains(&covered), "{}", reply.text);
+            assert_eq!(rig.state().await, (Execution::Ready, None));
+        });
+    }
+}
+
+#[test]
+fn a_refreshed_distance_is_done_where_it_ends() {
+    on_machine("", |rig| async move {
+        let cs = rig.plc.coordinate_system(1);
+        let first = tokio::spawn(async move { cs.jog('X', 3000.0, Some(20.0), "a").await });
+        for _ in 0..3 {
+            rig.sleep(0.15).await;
+            // the last ones may come after its end
+            let _ = rig.cs.jog('X', 3000.0, Some(20.0), "a").await;
+        }
+        first.await.unwrap().unwrap();
+        close(rig.at().await, [20.0, 0.0, 0.0]);
+    });
+}
+
+#[test]
+fn a_step_that_is_ended_early_fails_with_the_cause_and_the_distance() {
+    for (what, state) in [
+        ("hold", (Execution::Ready, None)),
+        ("interlock", (Execution::Ready, None)),
+        ("ended", (Execution::Ready, None)),
+        ("stop", (Execution::Stopped, Some(Reason::Stop))),
+        ("aborted", (Execution::Stopped, Some(Reason::Aborted))),
+        ("alarm", (Execution::Stopped, Some(Reason::Alarm))),
+    ] {
+        on_machine("", move |rig| async move {
+            let ender = rig.plc.coordinate_system(1);
+            let plc = rig.plc.clone();
+            let end = tokio::spawn(async move {
+                plc.sleep(Duration::from_millis(500)).await;
+                match what {
+                    "hold" => ender.hold().await,
+                    "interlock" => ender.set_interlock(true, "door").await,
+                    "ended" => ender.jog_end("a").await,
+                    "stop" => ender.stop().await,
+                    "aborted" => ender.abort().await,
+                    _ => ender.raise_alarm(plc_api::Alarm::user(7, "no oil")).await,
+                }
+            });
+            let reply = jog(&rig, 'X', 60.0, 10.0, "a").await;
+            end.await.unwrap().unwrap();
+            let x = rig.at().await[0];
+            assert!((0.4..0.6).contains(&x), "{what}: {x}");
+            let (code, moved) = failed(&reply);
+            assert_eq!(code, what);
+            assert!(
+                matches!(moved[..], [('X', covered)] if (covered - x).abs() < 1e-6),
+                "{moved:?}"
+            );
+            assert!(reply.text.contains("of 10.000 mm"), "{}", reply.text);
+            assert_eq!(
+                reply.text.contains("10007, no oil"),
+                what == "alarm",
+                "{}",
+                reply.text
+            );
+            assert_eq!(rig.state().await, state, "{what}");
+            // it never continues by itself, nor by a resume
+            rig.cs.set_interlock(false, "").await.unwrap();
+            refused(rig.cs.resume().await, RefusalCode::NotAllowed);
+            rig.sleep(1.0).await;
+            close(rig.at().await, [x, 0.0, 0.0]);
+        });
+    }
+}
+
+#[test]
+fn single_block_switched_on_in_a_step_does_not_interrupt_it() {
+    on_machine("", |rig| async move {
+        let cs = rig.plc.coordinate_system(1);
+        let step = tokio::spawn(async move { cs.jog('X', 60.0, Some(1.0), "a").await });
+        rig.until(Execution::Active).await;
+        rig.cs.set_single_block(true).await.unwrap();
+        step.await.unwrap().unwrap();
+        close(rig.at().await, [1.0, 0.0, 0.0]);
+        assert_eq!(rig.state().await, (Execution::Ready, None));
+        rig.cs.jog('X', 60.0, Some(1.0), "b").await.unwrap();
+        close(rig.at().await, [2.0, 0.0, 0.0]);
     });
 }

@@ -249,8 +249,8 @@ async fn time_left_is_right(rig: &Rig, changes: &[(f64, OverrideChange)]) {
     rig.sleep(0.2).await;
     let mut said = Vec::new();
     while rig.state().await.0 != Execution::ProgramCompleted {
-        if let Some(run) = rehearsal(rig).await.run {
-            said.push((rig.plc.now_s(), run.left_s));
+        if let Some(left_s) = rehearsal(rig).await.run.and_then(|run| run.left_s) {
+            said.push((rig.plc.now_s(), left_s));
         }
         rig.sleep(0.05).await;
     }
@@ -284,7 +284,7 @@ fn what_an_m_code_takes_counts_in_the_plan_and_in_the_time_left() {
         rig.until(Execution::Wait).await;
         let begin_s = rig.plc.now_s();
         rig.sleep(1.5).await;
-        let left_s = rehearsal(&rig).await.run.unwrap().left_s;
+        let left_s = rehearsal(&rig).await.run.unwrap().left_s.unwrap();
         let at_s = rig.plc.now_s();
         rig.until(Execution::ProgramCompleted).await;
         let end_s = rig.plc.now_s();

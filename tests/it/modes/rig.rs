@@ -17,7 +17,7 @@ pub type Point = [f64; 3];
 pub struct Rig {
     pub plc: Plc,
     pub cs: CoordinateSystem,
-    trace: Arc<Mutex<Vec<Point>>>,
+    pub trace: Arc<Mutex<Vec<Point>>>,
 }
 
 /// Runs a test on the machine of [`bench`] with `more` in its configuration.

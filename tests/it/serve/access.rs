@@ -19,7 +19,7 @@ fn run(machine: &Machine, arguments: &[&str]) -> Output {
 }
 
 /// Makes a token in `tokens.toml` and gives it.
-fn token(machine: &Machine, name: &str, role: &str) -> String {
+pub(super) fn token(machine: &Machine, name: &str, role: &str) -> String {
     let output = run(machine, &["token", name, "--role", role, "--file", "tokens.toml"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{text}");
@@ -63,7 +63,12 @@ async fn sighup_reads_the_token_file_again_and_ends_nothing() {
     );
 }
 
-async fn post(served: &Served, path: &str, token: Option<&str>, body: &serde_json::Value) -> Answer {
+pub(super) async fn post(
+    served: &Served,
+    path: &str,
+    token: Option<&str>,
+    body: &serde_json::Value,
+) -> Answer {
     let path = format!("/api/v1{path}");
     let address = served.http.replace("0.0.0.0", "127.0.0.1");
     request_as(
@@ -302,7 +307,7 @@ fn the_rules_for_mosquitto_name_every_user_with_its_topics() {
         rest[..rest.find("\n\n").unwrap_or(rest.len())].to_owned()
     };
     let root = "tandem/v1/test-1";
-    assert!(of_user("hmi-1").contains(&format!("topic write {root}/cs/+/command/+")));
+    assert!(of_user("hmi-1").contains(&format!("topic write {root}/client/hmi-1/cs/+/command/+")));
     assert!(!of_user("hmi-1").contains("claim"));
     let written = of_user("board");
     let written: Vec<_> = written
@@ -311,11 +316,22 @@ fn the_rules_for_mosquitto_name_every_user_with_its_topics() {
         .collect();
     assert_eq!(
         written,
-        [format!("topic write {root}/cs/+/variable/get")],
+        [format!("topic write {root}/client/board/cs/+/variable/get")],
         "it reads"
     );
     assert!(of_user("magazine").contains(&format!("topic write {root}/handler/magazine/presence")));
+    assert!(of_user("magazine").contains(&format!(
+        "topic write {root}/handler/magazine/cs/+/m_code/+/claim"
+    )));
     assert!(!of_user("magazine").contains("command"));
+    for name in ["hmi-1", "board", "magazine"] {
+        let text = of_user(name);
+        let mut written = text.lines().filter(|line| line.starts_with("topic write"));
+        assert!(
+            written.all(|line| line.contains(&format!("/{name}/"))),
+            "in its own name only: {text}"
+        );
+    }
 }
 
 #[tokio::test]

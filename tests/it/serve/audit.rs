@@ -17,6 +17,7 @@ use plc_api::types::question::OperatorAnswer;
 use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
 use plc_api::types::run::RunOrder;
 use plc_api::types::state::SpindleDirection;
+use plc_api::types::stored_data::{StoredDataAnswer, StoredDataDecision};
 use plc_api::wire::{ROWS, mqtt, rest};
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 use rumqttc::{AsyncClient, MqttOptions, QoS};
@@ -148,6 +149,7 @@ fn of_values() -> Vec<Request> {
             IoSet {
                 value: true.into(),
                 handler_id: None,
+                instance: None,
             },
         ),
         Request::ForceIo(
@@ -162,6 +164,7 @@ fn of_values() -> Vec<Request> {
             code: 5,
             text: "audit".into(),
         }),
+        refuses_stored_data(),
         Request::Heartbeat(
             "boss".into(),
             ClientHeartbeat {
@@ -180,6 +183,12 @@ fn of_values() -> Vec<Request> {
             },
         ),
     ]
+}
+
+fn refuses_stored_data() -> Request {
+    Request::AnswerStoredData(StoredDataAnswer {
+        decision: StoredDataDecision::Refuse,
+    })
 }
 
 fn token(machine: &Machine, name: &str, role: &str) -> String {

@@ -3,7 +3,19 @@
 use serde_json::json;
 
 use super::served;
+use crate::support::machine::Machine;
 use crate::support::mqtt::Bus;
+use crate::support::served::{FREE_PORTS, Served};
+
+#[tokio::test]
+async fn a_program_is_rehearsed_by_the_coordinate_system_that_names_it() {
+    // it belongs to the last coordinate system of the configuration, the second one
+    let machine = Machine::new(&format!("programs = {{ 60 = \"two.nc\" }}\n{FREE_PORTS}"));
+    machine.write("two.nc", "G54 G00 X2\nM30\n");
+    let served = Served::start(&machine);
+    let rehearsal = served.get("/programs/60/rehearsal").await.expect(200).json();
+    assert_eq!(rehearsal["axes"]["X"]["motor"], 5, "{rehearsal}");
+}
 
 #[tokio::test]
 async fn both_coordinate_systems_run_and_wait_at_the_same_time_each_with_its_own_queue() {

@@ -89,11 +89,23 @@ async fn a_damaged_journal_never_keeps_a_machine_from_starting_and_is_named() {
     })
     .await;
     drop(served);
+    // only the first line is left, so the chain of lines cannot go on when it is damaged
+    let text = fs::read_to_string(&journal).unwrap();
+    fs::write(&journal, text.split_inclusive('\n').next().unwrap()).unwrap();
     flip(&journal, 20);
     let served = Served::start(&machine);
     let warnings = warned(&served, 411).await;
+    assert_eq!(warnings.len(), 2, "{warnings:?}");
     assert!(
-        warnings.len() == 1 && warnings[0].contains("journal/journal.jsonl: 1 damaged lines"),
+        warnings
+            .iter()
+            .any(|text| text.contains("journal/journal.jsonl: 1 damaged lines")),
+        "{warnings:?}"
+    );
+    assert!(
+        warnings
+            .iter()
+            .any(|text| text.contains("the chain of lines begins anew: the last line is damaged")),
         "{warnings:?}"
     );
     let lines = served.get("/journal").await.expect(200).json();

@@ -94,7 +94,9 @@ async fn an_operator_fails_an_output_that_another_owns_and_the_journal_keeps_it(
     served.command(1, "start").await;
     let state = served.execution(1, "WAIT").await;
     let path = |what: &str| format!("/cs/1/m_codes/{}/{what}", state["waiting_on"]["seq"]);
-    let claim = json!({"boot_id": state["boot_id"], "handler_id": "h1"});
+    let presence = json!({"online": true, "instance": "a", "expires_ms": 60_000});
+    served.put("/handlers/h1", &presence).await.expect(204);
+    let claim = json!({"boot_id": state["boot_id"], "handler_id": "h1", "instance": "a"});
     served.post(&path("claim"), &claim).await.expect(200);
     let mut fault = json!({
         "boot_id": state["boot_id"], "handler_id": "operator", "result": "fault", "code": 12, "text": "given up",

@@ -200,7 +200,9 @@ async fn killed_at_m100(machine: &Machine) -> Served {
     served.command(1, "start").await;
     let state = served.execution(1, "WAIT").await;
     let seq = state["waiting_on"]["seq"].clone();
-    let claim = json!({"boot_id": state["boot_id"], "handler_id": "arm"});
+    let presence = json!({"online": true, "instance": "a", "expires_ms": 60_000});
+    served.put("/handlers/arm", &presence).await.expect(204);
+    let claim = json!({"boot_id": state["boot_id"], "handler_id": "arm", "instance": "a"});
     let path = format!("/cs/1/m_codes/{seq}/claim");
     served.post(&path, &claim).await.expect(200);
     tokio::time::sleep(3 * BEHIND).await;
@@ -369,4 +371,36 @@ fn a_simulation_neither_reads_nor_writes_the_data_folder() {
     );
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     assert!(!machine.path("tandem-data").exists());
+}
+
+#[tokio::test]
+async fn parts_that_were_published_are_counted_after_each_kill() {
+    let machine = machine();
+    let mut served = Served::start(&machine);
+    served.put_program(60, "G04 P0.02\nM30\n").await.expect(201);
+    for round in 0..5 {
+        let order = json!({"program": 60, "parts": 10_000});
+        let ordered = served.post("/cs/1/runs", &order).await.expect(201).json();
+        let id = ordered["run_id"].as_str().unwrap().to_owned();
+        let published = async |served: &Served| {
+            let run = served.get("/cs/1/run").await.expect(200).json();
+            run["run"]["parts_done"].as_u64().unwrap_or(0)
+        };
+        until("some parts", async || {
+            (published(&served).await >= 10 + round).then_some(())
+        })
+        .await;
+        let parts = published(&served).await;
+        let before = served.get("/runs").await.expect(200).json();
+        served = kill(served, &machine);
+        let run = served.get(&format!("/runs/{id}")).await.expect(200).json();
+        assert!(
+            run["parts_done"].as_u64().unwrap() >= parts,
+            "{parts} were published: {run}"
+        );
+        let after = served.get("/runs").await.expect(200).json();
+        let made = |runs: &Value| runs["production"][0]["parts"].as_u64().unwrap_or(0);
+        assert!(made(&after) >= made(&before), "{before} {after}");
+        assert_eq!(after["production"][0]["cut_short"], round + 1);
+    }
 }

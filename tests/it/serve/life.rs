@@ -135,6 +135,12 @@ async fn an_output_can_be_claimed_and_reset_over_mqtt_alone() {
     let claim = json!({"boot_id": boot_id, "seq": seq, "handler_id": "h1"});
     bus.publish("cs/1/m_code/100/claim", &claim).await;
     bus.history
+        .find("cs/1/m_code/100/result", |result| result["status"] == "not_owner")
+        .await;
+    let presence = json!({"online": true});
+    bus.publish_retained("handler/h1/presence", &presence).await;
+    bus.publish("cs/1/m_code/100/claim", &claim).await;
+    bus.history
         .find("cs/1/m_code/100/result", |result| result["status"] == "accepted")
         .await;
 

@@ -125,3 +125,48 @@ async fn single_block_and_interlock_are_inputs_over_rest_and_mqtt() {
     served.command(1, "resume").await;
     served.execution(1, "PROGRAM_COMPLETED").await;
 }
+
+#[tokio::test]
+async fn a_step_needs_no_refresh_on_any_transport_and_a_longer_jog_fails() {
+    let (_machine, served) = served();
+    let x = async || {
+        let position = served.get("/cs/1/position").await.expect(200).json();
+        position["machine"]["X"].as_f64().unwrap()
+    };
+    let args = |id: &str, distance: f64| json!({"axis": "X", "velocity": 600.0, "distance": distance, "refresh_id": id});
+    let done = served.post("/cs/1/jog?wait=1", &args("rest-1", 5.0)).await;
+    assert_eq!(done.expect(200).json()["status"], "done");
+    assert!((x().await - 5.0).abs() < 1e-6);
+    let bus = Bus::connect(&served.broker, "test-1").await;
+    let step = json!({"command_id": "step-1", "client_id": "pendant", "args": args("mqtt-1", 5.0)});
+    bus.publish("cs/1/command/jog", &step).await;
+    let done = |reply: &Value| reply["command_id"] == "step-1" && reply["status"] == "done";
+    bus.history.find("reply/pendant", done).await;
+    assert!((x().await - 10.0).abs() < 1e-6);
+    let failed = served.post("/cs/1/jog?wait=1", &args("rest-2", 50.0)).await;
+    let failed = failed.expect(409).json();
+    assert_eq!(failed["code"], "not_refreshed", "{failed}");
+    let moved = failed["reply"]["moved"]["X"].as_f64().unwrap();
+    assert!(
+        (x().await - 10.0 - moved).abs() < 1e-6 && moved < 50.0,
+        "{failed}"
+    );
+    let plc = plc_api::Plc::connect(&format!("http://{}", served.http))
+        .await
+        .unwrap();
+    let begun = x().await;
+    let system = plc.coordinate_system(1);
+    system.jog('X', -600.0, Some(5.0), "rust-1").await.unwrap();
+    assert!((x().await - begun + 5.0).abs() < 1e-6);
+    match system.jog('X', -600.0, Some(50.0), "rust-2").await {
+        Err(plc_api::Error::CommandFailed { code, text, .. }) => {
+            assert_eq!(code, "not_refreshed");
+            assert!(text.contains("of 50.000 mm"), "{text}");
+        }
+        other => panic!("{other:?}"),
+    }
+    system.mdi("G90").await.unwrap();
+    system.mdi_macro("G91 G01 X1 F600").await.unwrap();
+    let modal = served.get("/cs/1/modal").await.expect(200).json();
+    assert_eq!(modal["g"]["03"], "G90", "{modal}");
+}

@@ -365,14 +365,17 @@ fn in_networks_of_their_own_each_of_1000_stops_is_accepted_within_a_quarter_of_a
     }
 }
 
-/// Memory that a process has allocated, MiB: pages of its binary come and go as the system likes.
-fn allocated_mib(process: u32) -> u64 {
+/// Memory that a process has allocated, MiB.
+pub(super) fn allocated_mib(process: u32) -> u64 {
+    allocated_kib(process) / 1024
+}
+
+/// Memory that a process has allocated, KiB: pages of its binary come and go as the system likes.
+pub(super) fn allocated_kib(process: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("a process of ours");
     let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"));
     let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
-    kib.and_then(|kib| kib.trim().parse::<u64>().ok())
-        .expect("a number")
-        / 1024
+    kib.and_then(|kib| kib.trim().parse().ok()).expect("a number")
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -86,7 +86,19 @@ pub async fn request_with(
 
 /// The same to a machine that may be gone: `None` then.
 pub async fn try_request(address: &str, method: &str, path: &str, kind: &str, body: &str) -> Option<Answer> {
-    let bytes = exchange(address, method, path, kind, body, "").await.ok()?;
+    try_request_with(address, method, path, kind, body, "").await
+}
+
+/// The same with header lines, each ended by CR and LF.
+pub async fn try_request_with(
+    address: &str,
+    method: &str,
+    path: &str,
+    kind: &str,
+    body: &str,
+    headers: &str,
+) -> Option<Answer> {
+    let bytes = exchange(address, method, path, kind, body, headers).await.ok()?;
     bytes
         .windows(4)
         .any(|end| end == b"\r\n\r\n")

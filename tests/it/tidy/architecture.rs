@@ -57,3 +57,121 @@ fn every_function_and_limit_of_the_architecture_page_is_in_the_file_beside_it() 
     assert!(seen > 100, "only {seen} names found");
     assert!(missing.is_empty(), "{missing:#?}");
 }
+
+/// Places where a task or thread begins without a call of the supervisor next to it, and why.
+const SUPERVISED_ELSEWHERE: [(&str, &str); 10] = [
+    ("runtime/gateway/src/broker.rs", "`accepting` is essential"),
+    (
+        "runtime/gateway/src/mqtt/inside.rs",
+        "one message, the will of a client that has left",
+    ),
+    (
+        "runtime/gateway/src/mqtt/link.rs",
+        "`Machine::republish` is contained",
+    ),
+    (
+        "runtime/gateway/src/mqtt/wire.rs",
+        "the link sees the end of its poller",
+    ),
+    (
+        "runtime/src/coordinator.rs",
+        "the task of the time left is restarted in `Previews::tell_time_left`",
+    ),
+    (
+        "runtime/src/port/programs.rs",
+        "the request that waits for the check is answered",
+    ),
+    (
+        "runtime/src/preview/mod.rs",
+        "`start_thread` reports and continues",
+    ),
+    (
+        "runtime/src/program_store/program.rs",
+        "`with_sum` makes the sum itself where the thread has not",
+    ),
+    (
+        "runtime/src/servo_thread.rs",
+        "the relay and the servo thread watch one another",
+    ),
+    (
+        "runtime/src/threads.rs",
+        "`Supervised::round` reports and continues",
+    ),
+];
+
+/// Folders of programs that end with what they do: the command line.
+const NOT_SERVING: [&str; 4] = [
+    "runtime/src/cli",
+    "runtime/src/test",
+    "runtime/src/world",
+    "runtime/src/world.rs",
+];
+
+#[test]
+fn every_task_and_thread_of_the_runtime_has_a_supervisor() {
+    let (mut seen, mut missing) = (0, Vec::new());
+    for path in super::files(&[".rs"]) {
+        let is_serving = ["runtime/src", "runtime/gateway/src"]
+            .iter()
+            .any(|folder| path.starts_with(folder))
+            && !NOT_SERVING.iter().any(|folder| path.starts_with(folder));
+        let is_test = path
+            .components()
+            .any(|part| ["tests", "tests.rs"].iter().any(|name| part.as_os_str() == *name));
+        if !is_serving || is_test {
+            continue;
+        }
+        let text = read(&path);
+        let text = super::without_unit_tests(&text);
+        let lines: Vec<&str> = text.lines().collect();
+        for (at, line) in lines.iter().enumerate() {
+            if !(line.contains("spawn(") || line.contains("thread::Builder")) || line.contains("fn ") {
+                continue;
+            }
+            seen += 1;
+            let beside = &lines[at.saturating_sub(4)..=(at + 1).min(lines.len() - 1)];
+            let is_listed = SUPERVISED_ELSEWHERE
+                .iter()
+                .any(|(file, _)| path == Path::new(file));
+            if !is_listed && !beside.iter().any(|line| line.contains("supervisor")) {
+                missing.push(format!("{}:{}: {}", path.display(), at + 1, line.trim()));
+            }
+        }
+    }
+    assert!(seen > 10, "only {seen} places found");
+    assert!(missing.is_empty(), "{missing:#?}");
+}
+
+/// Calls whose first argument is the name of a task or thread.
+const NAMING: [&str; 5] = [
+    ".contained(",
+    ".restarted(",
+    ".essential(",
+    ".catch_panic(",
+    "Thread::start(",
+];
+
+#[test]
+fn every_named_task_and_thread_has_an_injected_fault() {
+    let known: Vec<&str> = crate::faults::names().collect();
+    let (mut seen, mut missing) = (0, Vec::new());
+    for path in super::files(&[".rs"]) {
+        if !path.starts_with("runtime") {
+            continue;
+        }
+        let text = read(&path);
+        let text = super::without_unit_tests(&text);
+        for (at, naming) in NAMING.iter().flat_map(|naming| text.match_indices(naming)) {
+            let Some(name) = text[at + naming.len()..].trim_start().strip_prefix('"') else {
+                continue;
+            };
+            let name = name.split('"').next().unwrap_or_default();
+            seen += 1;
+            if !known.contains(&name) {
+                missing.push(format!("{}: {name}", path.display()));
+            }
+        }
+    }
+    assert!(seen > 20, "only {seen} names found");
+    assert!(missing.is_empty(), "{missing:#?}");
+}

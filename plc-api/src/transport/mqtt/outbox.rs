@@ -60,9 +60,16 @@ impl Outbox {
         self.entries.retain(|entry| !entry.done.is_closed());
     }
 
+    /// Everything is sent again, but claims: the registration of their handler was lost with the connection, so that the machine
+    /// would refuse them. They end as not answered, and whoever repeats one registers before.
     pub(super) fn new_connection(&mut self) {
         self.unnumbered.clear();
         self.by_packet.clear();
+        let is_claim = |entry: &Entry| matches!(entry.outgoing.until, Until::Result { is_reset: false, .. });
+        self.end(is_claim, &|| {
+            let text = "the connection was lost before the claim was answered; register, then claim again";
+            Err(Refusal::new(RefusalCode::NoAnswer, text))
+        });
         for entry in &mut self.entries {
             entry.sent = false;
         }
@@ -253,6 +260,19 @@ mod tests {
         assert!(reset.try_recv().is_err());
         outbox.on_message(&accepted(), |_| false);
         assert!(reset.try_recv().unwrap().is_ok());
+    }
+
+    #[test]
+    fn a_claim_ends_unanswered_on_a_new_connection() {
+        let mut outbox = Outbox::default();
+        let mut claim = outbox.put(outgoing("claim", handshake(false))).unwrap();
+        let _reset = outbox.put(outgoing("reset", handshake(true))).unwrap();
+        assert_eq!(sent(&mut outbox), ["claim", "reset"]);
+        outbox.new_connection();
+        assert_eq!(sent(&mut outbox), ["reset"]);
+        let refusal = claim.try_recv().unwrap().unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::NoAnswer);
+        assert!(refusal.code.may_pass());
     }
 
     #[test]

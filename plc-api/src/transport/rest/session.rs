@@ -6,18 +6,31 @@ use futures_util::{SinkExt, StreamExt};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
+use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
 use tokio_tungstenite::tungstenite::{self, Message as Frame};
 use tokio_tungstenite::{Connector, MaybeTlsStream, WebSocketStream, connect_async_tls_with_config};
 
 use crate::lock::lock;
 use crate::types::request::{Refusal, Request};
 use crate::types::topic::Topic;
+use crate::wire::PAYLOAD_MAX;
 use crate::wire::websocket::{ClientFrame, SILENCE_MAX, ServerFrame, encode};
 
 use super::super::backoff::Backoff;
 use super::Shared;
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
+
+/// Bytes of frames that wait to be written: the largest message of a client many times, and pongs. A further pong replaces the
+/// one that waits, and a further message ends the connection, which is then opened again.
+const UNSENT_BYTES_MAX: usize = 16 * PAYLOAD_MAX;
+
+/// The library limits nothing by itself of what the other side makes it answer.
+fn limits() -> WebSocketConfig {
+    WebSocketConfig::default()
+        .write_buffer_size(0)
+        .max_write_buffer_size(UNSENT_BYTES_MAX)
+}
 
 pub(super) async fn keep_connected(shared: Arc<Shared>) {
     let mut backoff = Backoff::default();
@@ -53,7 +66,8 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
     } else {
         Connector::Plain
     };
-    let (mut socket, _) = connect_async_tls_with_config(request, None, false, Some(connector)).await?;
+    let (mut socket, _) =
+        connect_async_tls_with_config(request, Some(limits()), false, Some(connector)).await?;
     let subscribe = ClientFrame {
         subscribe: vec!["#".to_owned()],
         ..ClientFrame::default()

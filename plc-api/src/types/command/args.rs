@@ -91,6 +91,19 @@ pub(super) fn start(args: &Value) -> Result<Command, String> {
     }))
 }
 
+pub(super) fn mdi(args: &Value) -> Result<Command, String> {
+    let given = |key: &str| args.get(key).filter(|value| !value.is_null());
+    let text = given("text").and_then(Value::as_str);
+    let text = text
+        .filter(|text| !text.trim().is_empty())
+        .ok_or("mdi needs \"text\": one or several lines of a program")?;
+    let is_macro = given("macro").map_or(Some(false), Value::as_bool);
+    Ok(Command::Mdi {
+        text: text.to_owned(),
+        is_macro: is_macro.ok_or("mdi: \"macro\" is true to restore the modal state at its end, or false")?,
+    })
+}
+
 pub(super) fn jog(args: &Value) -> Result<Command, String> {
     let given = |key: &str| args.get(key).filter(|value| !value.is_null());
     let needs_axis = "jog needs \"axis\": one letter";

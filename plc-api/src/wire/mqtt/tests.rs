@@ -10,7 +10,7 @@ use crate::types::output::{
 use crate::types::request::{Input, OverrideChange, SpindleCommand};
 use crate::types::state::{LockSet, SpindleDirection};
 
-use super::super::requests::parsed;
+use super::super::find_row::parsed;
 use super::*;
 
 fn ask(path: &str, payload: &str) -> Request {
@@ -340,8 +340,18 @@ fn variables_are_read_and_written_by_range_under_a_command_id() {
     for (path, text) in [("cs/1/variable/get", set), ("cs/1/variable/set", get)] {
         assert_eq!(code_of(path, text, false), RefusalCode::Invalid, "{path}");
     }
-    let wrong = r#"{"command_id":"c","client_id":"hmi","kind":"P","from":7,"values":["12"]}"#;
-    assert_eq!(code_of("cs/1/variable/set", wrong, false), RefusalCode::Invalid);
+    for wrong in [
+        r#""kind":"P","from":7,"values":["12"]"#,
+        r#""kind":"P","values":[1]"#,
+        r#""from":7,"values":[1]"#,
+    ] {
+        let set = format!(r#"{{"command_id":"c","client_id":"hmi",{wrong}}}"#);
+        assert_eq!(
+            code_of("cs/1/variable/set", &set, false),
+            RefusalCode::Invalid,
+            "{wrong}"
+        );
+    }
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! Admits a request to its route if its user has the right for it.
 
+use std::net::IpAddr;
 use std::sync::Arc;
 
+use axum::body::HttpBody;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
@@ -23,17 +25,30 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
     let path = request.extensions().get::<MatchedPath>().cloned();
     let path = path.as_ref().map(MatchedPath::as_str);
     let certificate = certificate_of(request.extensions());
+    let from = request.extensions().get::<Peer>().map(|peer| peer.address);
     let mut response = match admit(
         &shared.access,
         request.method(),
         path,
         request.headers(),
-        certificate,
+        (certificate, from),
     ) {
         Ok(shown) => {
-            request.extensions_mut().insert(shown.user.clone());
+            if is_activity(request.method(), path) {
+                shown.be_active();
+            }
+            if path.is_some_and(|path| is_urgent(request.method(), path)) {
+                tokio::time::sleep(shared.access.urgent_delay(&shown.user)).await;
+            }
+            let user = shown.user.clone();
+            request.extensions_mut().insert(user.clone());
             request.extensions_mut().insert(shown);
-            next.run(request).await
+            let response = next.run(request).await;
+            // a body without an exact size is read from a file
+            let bytes = response.body().size_hint().exact().unwrap_or(0);
+            // the next request of this user waits
+            shared.access.count_bytes(&user, bytes);
+            response
         }
         Err(refused) => {
             if let Some((what, user)) = refused.noted {
@@ -48,6 +63,12 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
     let no_store = HeaderValue::from_static("no-store");
     response.headers_mut().insert(header::CACHE_CONTROL, no_store);
     response
+}
+
+/// True for a request that a person causes: all that do more than reading, and the question after the own login, which the HMI asks
+/// while it is used.
+fn is_activity(method: &Method, path: Option<&str>) -> bool {
+    !matches!(*method, Method::GET | Method::HEAD) || path.is_some_and(|path| path.ends_with("/login"))
 }
 
 /// Admits a request beside the table of routes that only reads, and only from users who may.
@@ -82,7 +103,7 @@ fn admit(
     method: &Method,
     path: Option<&str>,
     headers: &HeaderMap,
-    certificate: Option<&Fingerprint>,
+    (certificate, from): (Option<&Fingerprint>, Option<IpAddr>),
 ) -> Result<Shown, Box<Turned>> {
     let refuse = |problem: Problem| Turned::away(problem.into_response(), None);
     let found = path
@@ -92,6 +113,9 @@ fn admit(
         return Ok(User::Stranger.into());
     }
     let is_urgent = path.is_some_and(|path| is_urgent(method, path));
+    if is_urgent && access.allows_stop_without_login() && !access.knows(headers, certificate) {
+        return access.stop_of_anyone(from).map_err(refuse);
+    }
     let shown = access.user(headers, certificate, is_urgent).map_err(|problem| {
         let response = problem.into_response();
         // a wrong token; who shows none has not tried

@@ -1,11 +1,12 @@
 //! Access over HTTP: the user of a request, from its `Authorization: Bearer TOKEN`. Browsers cannot set that header on a
 //! WebSocket, so there the token may be the sub-protocol `bearer.TOKEN`, next to `tandem.v1`, which the server selects.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 
-use super::{Rate, Rates, Shown, User, Users};
+use super::{Account, Rate, Rates, Shown, User, Users};
 use crate::problem::Problem;
 use crate::tls::Fingerprint;
 
@@ -19,9 +20,18 @@ const TOKEN_PROTOCOL: &str = "bearer.";
 const USER_BURST: u32 = 1000;
 const USER_PER_SECOND: u32 = 500;
 
-/// The same for hold, stop and abort, so that a flood of others holds up none of them.
+/// The same for hold, stop and abort, beside all others. Further ones are delayed, never rejected.
 const URGENT_BURST: u32 = 1000;
-const URGENT_PER_SECOND: u32 = 500;
+const URGENT_PER_SECOND: u32 = 1000;
+
+/// Holds, stops and aborts without a login, of one host, where they are allowed; more are 429. Reason: a person presses a button.
+const STOP_BURST: u32 = 20;
+const STOP_PER_SECOND: u32 = 5;
+
+/// Bytes of the answers to one user, and of its frames, in KiB: burst, and rate per second. After more, its requests are 429,
+/// and its frames wait. Hold, stop and abort are excepted. Reason: to make so many bytes takes up to a third of a processor core.
+const USER_KIB_BURST: u32 = 128 * 1024;
+const USER_KIB_PER_SECOND: u32 = 32 * 1024;
 
 /// The same for all requests with a wrong token or none together; they never delay valid ones.
 const WRONG_BURST: u32 = 50;
@@ -36,8 +46,14 @@ pub(crate) struct Access {
     // the same for hold, stop and abort, beside all others
     urgent: Rates<String>,
     wrong: Rate,
+    // KiB for each user name
+    kib: Rates<String>,
     // pages of these origins may use the server, besides its own
     origins: Vec<HeaderValue>,
+    // everyone who reaches the server may hold, stop and abort
+    stop_without_login: bool,
+    // holds, stops and aborts without a login, by host
+    stops: Rates<Account>,
 }
 
 impl Access {
@@ -48,8 +64,31 @@ impl Access {
             urgent: Rates::new(URGENT_BURST, URGENT_PER_SECOND),
             users,
             wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
+            kib: Rates::new(USER_KIB_BURST, USER_KIB_PER_SECOND),
             origins: Vec::new(),
+            stop_without_login: false,
+            stops: Rates::new(STOP_BURST, STOP_PER_SECOND),
         }
+    }
+
+    /// The same where everyone who reaches the server may hold, stop and abort.
+    pub(crate) fn stop_without_login(self, stop_without_login: bool) -> Self {
+        Self {
+            stop_without_login,
+            ..self
+        }
+    }
+
+    /// Whether everyone who reaches the server may hold, stop and abort.
+    pub(crate) fn allows_stop_without_login(&self) -> bool {
+        self.stop_without_login && self.users.is_some()
+    }
+
+    /// Counts a hold, stop or abort without a login.
+    pub(crate) fn stop_of_anyone(&self, from: Option<IpAddr>) -> Result<Shown, Problem> {
+        let host = Account::named(None, from);
+        self.stops.of(&host).take().map_err(too_many)?;
+        Ok(User::Unidentified.into())
     }
 
     /// The same, open to pages of these origins.
@@ -69,7 +108,7 @@ impl Access {
         self.users.as_ref().is_none_or(is_of_user)
     }
 
-    /// The user of a request. Hold, stop and abort, which are urgent, have a rate of their own.
+    /// The user of a request. Hold, stop and abort, which are urgent, have a rate of their own: [`Access::urgent_delay`].
     pub(crate) fn user(
         &self,
         headers: &HeaderMap,
@@ -89,10 +128,27 @@ impl Access {
                 Err(wait) => too_many(wait),
             });
         };
-        let name = shown.user.name().unwrap_or_default().to_owned();
-        let rates = if is_urgent { &self.urgent } else { &self.rates };
-        rates.of(&name).take().map_err(too_many)?;
+        if !is_urgent {
+            let name = shown.user.name().unwrap_or_default().to_owned();
+            self.kib.of(&name).check().map_err(too_many)?;
+            self.rates.of(&name).take().map_err(too_many)?;
+        }
         Ok(shown)
+    }
+
+    /// Counts bytes that were made for a user, or read from it. Returns how long the user must wait for more.
+    pub(crate) fn count_bytes(&self, user: &User, bytes: u64) -> Duration {
+        user.name().map_or(Duration::ZERO, |name| {
+            self.kib.of(&name.to_owned()).owe_many(bytes as f64 / 1024.0)
+        })
+    }
+
+    /// How long a hold, stop or abort of a user is delayed to keep to its rate.
+    pub(crate) fn urgent_delay(&self, user: &User) -> Duration {
+        match user.name() {
+            Some(name) => self.urgent.of(&name.to_owned()).owe(),
+            None => Duration::ZERO,
+        }
     }
 
     /// The users; `None` if no token is needed.

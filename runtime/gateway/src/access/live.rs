@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
+use plc_api::supervisor::Supervisor;
 use tokio::sync::{Notify, watch};
 use tracing::{info, warn};
 
@@ -22,16 +23,21 @@ pub(crate) struct LiveTokens {
 
 impl LiveTokens {
     /// Tokens that follow their file while anybody holds them.
-    pub(crate) fn follow(tokens: Arc<Tokens>) -> Self {
-        Self::follow_by(tokens, SystemTime::now)
+    pub(crate) fn follow(tokens: Arc<Tokens>, supervisor: &Supervisor) -> Self {
+        Self::follow_by(tokens, SystemTime::now, supervisor)
     }
 
     /// The same by a clock of the day.
-    fn follow_by(tokens: Arc<Tokens>, clock: impl Fn() -> SystemTime + Send + Sync + 'static) -> Self {
+    fn follow_by(
+        tokens: Arc<Tokens>,
+        clock: impl Fn() -> SystemTime + Send + Sync + 'static,
+        supervisor: &Supervisor,
+    ) -> Self {
         let left = tokens.without_expired(clock()).map(Arc::new);
         let (sender, tokens) = watch::channel(left.unwrap_or(tokens));
         let again = Arc::new(Notify::new());
-        tokio::spawn(look_again(sender, Arc::clone(&again), clock));
+        let looking = look_again(sender, Arc::clone(&again), clock);
+        tokio::spawn(supervisor.essential("reader of the token file", looking));
         Self { tokens, again }
     }
 
@@ -134,7 +140,7 @@ mod tests {
             std::fs::rename(&beside, &path).unwrap();
         };
         write(&one.entry, 0o600);
-        let mut live = LiveTokens::follow(Arc::new(Tokens::read(&path).unwrap()));
+        let mut live = LiveTokens::follow(Arc::new(Tokens::read(&path).unwrap()), &Supervisor::default());
         let knows = |live: &LiveTokens, token: &str| live.now().user_of(token.as_bytes()).is_some();
         assert!(knows(&live, &one.token) && !knows(&live, &two.token));
         // none of these may take anything away, and the last one counts
@@ -162,7 +168,11 @@ mod tests {
         let token = new_token("lent", Role::Operate, Some(until)).unwrap();
         std::fs::write(&path, &token.entry).unwrap();
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
-        let mut live = LiveTokens::follow_by(Arc::new(Tokens::read(&path).unwrap()), clock);
+        let mut live = LiveTokens::follow_by(
+            Arc::new(Tokens::read(&path).unwrap()),
+            clock,
+            &Supervisor::default(),
+        );
         assert!(live.now().user_of(token.token.as_bytes()).is_some());
         live.changed().await;
         // the file holds whole seconds

@@ -1,7 +1,7 @@
 //! Users who type who they are: a name and a PIN, for which they get a token that counts for some hours.
 //!
-//! A PIN is short, so guessing it is slow: each check costs memory and time (argon2id), one is made at a time, and wrong ones
-//! are limited for each user and each host. Nothing of this concerns a token that somebody has already.
+//! A PIN is short, so guessing it is slow: each check costs memory and time (argon2id), one is made at a time, and tries are limited
+//! for each user and host ([`LoginBudgets`]). Nothing of this concerns a token that somebody has already.
 
 use std::net::IpAddr;
 use std::sync::{Arc, LazyLock};
@@ -13,31 +13,19 @@ use subtle::ConstantTimeEq;
 use tokio::sync::Semaphore;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
+use tracing::warn;
 
-use super::pin::{hash, is_of};
+use super::login_budget::LoginBudgets;
+use super::pin::{hash, is_of, weakness};
 use super::token::{Token, random_secret};
-use super::{Rates, Tokens, User};
+use super::{Tokens, User};
 use crate::places::host_of;
 
 /// How long the token of a login counts. Reason: a shift, and some time.
 pub(crate) const LOGIN_MAX: Duration = Duration::from_hours(12);
 
-/// Logins at one time; for one more the oldest ends.
-const LOGINS_MAX: usize = 256;
-
-/// Logins that wait for the check of another one.
-const WAITING_MAX: usize = 8;
-
-/// Tries of one user, and of one host: a burst, and then one in so many seconds. Reason: 6 digits then last for half a year of
-/// guessing, and whoever mistypes a few times does not wait.
-const USER_BURST: u32 = 10;
-const USER_SECONDS: f64 = 30.0;
-const HOST_BURST: u32 = 10;
-const HOST_SECONDS: f64 = 15.0;
-
-/// Rates of names that nobody has; several names have one. Reason: they are limited as those of users, so that nobody learns who
-/// there is, and their number is bounded.
-const UNKNOWN_RATES: u16 = 512;
+/// Logins of one user at one time; for one more the oldest of that user ends.
+const LOGINS_PER_USER_MAX: usize = 16;
 
 /// Why nobody was let in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,6 +51,13 @@ impl Shown {
     pub(crate) fn is_login(&self) -> bool {
         self.login.is_some()
     }
+
+    /// Notes that the person of a login has done something.
+    pub(crate) fn be_active(&self) {
+        if let Some(login) = &self.login {
+            login.be_active();
+        }
+    }
 }
 
 impl From<User> for Shown {
@@ -74,8 +69,23 @@ impl From<User> for Shown {
 /// The end of a login.
 #[derive(Debug, Clone)]
 pub(crate) struct LoginEnd {
-    pub(super) until: Instant,
+    latest: Instant,
+    idle_max: Option<Duration>,
+    /// When its person last did something.
+    active: Arc<Mutex<Instant>>,
     pub(super) given_back: CancellationToken,
+}
+
+impl LoginEnd {
+    /// When it ends unless its person does something.
+    pub(super) fn until(&self) -> Instant {
+        let idle = self.idle_max.map(|idle_max| *self.active.lock() + idle_max);
+        idle.map_or(self.latest, |idle| idle.min(self.latest))
+    }
+
+    fn be_active(&self) {
+        *self.active.lock() = Instant::now();
+    }
 }
 
 /// A login.
@@ -96,12 +106,11 @@ impl Drop for Login {
 /// The logins in force.
 pub(crate) struct Logins {
     in_force: Mutex<Vec<Login>>,
-    of_user: Rates<String>,
-    of_unknown: Rates<u16>,
-    of_host: Rates<IpAddr>,
+    budgets: LoginBudgets,
     /// One check at a time, so that guessing takes one core and 19 MiB at most.
     checks: Semaphore,
-    waiting: Semaphore,
+    /// A login without activity for this long ends; `None`: never.
+    idle_max: Option<Duration>,
 }
 
 impl std::fmt::Debug for Logins {
@@ -112,18 +121,21 @@ impl std::fmt::Debug for Logins {
 
 impl Default for Logins {
     fn default() -> Self {
-        Self {
-            in_force: Mutex::default(),
-            of_user: Rates::new(USER_BURST, 1.0 / USER_SECONDS),
-            of_unknown: Rates::new(USER_BURST, 1.0 / USER_SECONDS),
-            of_host: Rates::new(HOST_BURST, 1.0 / HOST_SECONDS),
-            checks: Semaphore::new(1),
-            waiting: Semaphore::new(WAITING_MAX),
-        }
+        Self::new(None)
     }
 }
 
 impl Logins {
+    /// No login is in force. Each one ends after `idle_max` without activity.
+    pub(crate) fn new(idle_max: Option<Duration>) -> Self {
+        Self {
+            in_force: Mutex::default(),
+            budgets: LoginBudgets::default(),
+            checks: Semaphore::new(1),
+            idle_max,
+        }
+    }
+
     /// A token for the user with this name and PIN.
     pub(crate) async fn log_in(
         &self,
@@ -132,17 +144,9 @@ impl Logins {
         pin: String,
         from: IpAddr,
     ) -> Result<(String, User), Refused> {
-        let host = host_of(from);
-        if !host.is_loopback() {
-            self.of_host.of(&host).take().map_err(Refused::Wait)?;
-        }
+        let tried = self.budgets.count(name, host_of(from)).map_err(Refused::Wait)?;
         let known = tokens.with_pin(name);
-        let rate = match &known {
-            Some(user) => self.of_user.of(&user.name),
-            None => self.of_unknown.of(&place_of(name)),
-        };
-        rate.take().map_err(Refused::Wait)?;
-        let Ok(_waiting) = self.waiting.try_acquire() else {
+        let Some(_waiting) = self.budgets.wait(&tried) else {
             return Err(Refused::Busy);
         };
         let Ok(_check) = self.checks.acquire().await else {
@@ -150,9 +154,19 @@ impl Logins {
         };
         // an unknown name takes the time of a known one
         let phc = known.as_ref().and_then(|user| user.pin()).map(str::to_owned);
-        let check = move || is_of(&pin, phc.as_deref().unwrap_or(&NOBODY));
-        let is_right = tokio::task::spawn_blocking(check).await.unwrap_or(false);
+        let check = move || {
+            let is_right = is_of(&pin, phc.as_deref().unwrap_or(&NOBODY));
+            (is_right, weakness(&pin))
+        };
+        let (is_right, weakness) = tokio::task::spawn_blocking(check).await.unwrap_or_default();
         let user = known.filter(|_| is_right).ok_or(Refused::Wrong)?;
+        self.budgets.succeed(&tried);
+        if let Some(weakness) = weakness {
+            let name = &user.name;
+            warn!(
+                "the PIN of {name} is easy to guess ({weakness}); make a new one with tandem token {name} --pin"
+            );
+        }
         let token = random_secret().map_err(|_| Refused::Busy)?;
         self.begin(&token, &user);
         Ok((token, User::Token(user)))
@@ -161,15 +175,20 @@ impl Logins {
     fn begin(&self, token: &str, user: &Arc<Token>) {
         let now = Instant::now();
         let mut logins = self.in_force.lock();
-        logins.retain(|login| now < login.end.until);
-        if logins.len() >= LOGINS_MAX {
-            logins.remove(0);
+        logins.retain(|login| now < login.end.until());
+        let of_user = |login: &Login| login.user.name == user.name;
+        if logins.iter().filter(|login| of_user(login)).count() >= LOGINS_PER_USER_MAX
+            && let Some(oldest) = logins.iter().position(of_user)
+        {
+            logins.remove(oldest);
         }
         logins.push(Login {
             digest: Sha256::digest(token.as_bytes()).into(),
             user: Arc::clone(user),
             end: LoginEnd {
-                until: now + LOGIN_MAX,
+                latest: now + LOGIN_MAX,
+                idle_max: self.idle_max,
+                active: Arc::new(Mutex::new(now)),
                 given_back: CancellationToken::new(),
             },
         });
@@ -181,7 +200,7 @@ impl Logins {
         let logins = self.in_force.lock();
         let mut found = logins
             .iter()
-            .filter(|login| now < login.end.until && bool::from(login.digest.ct_eq(&digest)));
+            .filter(|login| now < login.end.until() && bool::from(login.digest.ct_eq(&digest)));
         let login = found.next()?;
         let user = User::Token(Arc::clone(&login.user));
         tokens.has(&user).then(|| Shown {
@@ -198,12 +217,6 @@ impl Logins {
         logins.retain(|login| !bool::from(login.digest.ct_eq(&digest)));
         logins.len() < before
     }
-}
-
-/// Which of these rates is that of a name.
-fn place_of(name: &str) -> u16 {
-    let digest = Sha256::digest(name);
-    u16::from_be_bytes([digest[0], digest[1]]) % UNKNOWN_RATES
 }
 
 /// The hash of a PIN that nobody has.
@@ -271,35 +284,68 @@ mod tests {
                 .await
                 .unwrap_err()
         };
-        for n in 0..USER_BURST - 1 {
-            assert_eq!(
-                try_from("anna", [10, 0, 0, u8::try_from(n).unwrap()]).await,
-                Refused::Wrong
+        // known and unknown names alike
+        for (name, host) in [("anna", 1), ("nobody", 2)] {
+            for _ in 0..10 {
+                assert_eq!(try_from(name, [10, 0, 0, host]).await, Refused::Wrong, "{name}");
+            }
+            assert!(
+                matches!(try_from(name, [10, 0, 0, host]).await, Refused::Wait(_)),
+                "{name}"
             );
         }
-        assert!(matches!(try_from("anna", [10, 0, 0, 99]).await, Refused::Wait(_)));
-        for n in 0..USER_BURST {
-            let host = [10, 0, 2, u8::try_from(n).unwrap()];
-            assert_eq!(try_from("nobody", host).await, Refused::Wrong);
-        }
-        let unknown = try_from("nobody", [10, 0, 2, 99]).await;
-        assert!(matches!(unknown, Refused::Wait(_)), "as for a user");
-        for _ in 0..HOST_BURST {
-            assert_eq!(try_from("bert", [10, 0, 1, 1]).await, Refused::Wrong);
-        }
-        assert!(matches!(try_from("carl", [10, 0, 1, 1]).await, Refused::Wait(_)));
-        assert!(logins.user_of(&tokens, token.as_bytes()).is_some());
-        tokio::time::advance(Duration::from_secs(31)).await;
         assert!(
-            logins
-                .log_in(&tokens, "anna", "493021".into(), HERE)
-                .await
-                .is_ok()
+            matches!(try_from("carl", [10, 0, 0, 1]).await, Refused::Wait(_)),
+            "the host"
         );
+        assert!(logins.user_of(&tokens, token.as_bytes()).is_some());
+        let again = logins.log_in(&tokens, "anna", "493021".into(), HERE).await;
+        assert!(again.is_ok(), "a stranger on another host does not block it");
         tokio::time::advance(LOGIN_MAX).await;
         assert!(
             logins.user_of(&tokens, token.as_bytes()).is_none(),
             "its time is over"
         );
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_login_without_activity_ends_and_one_in_use_stays() {
+        let logins = Logins::new(Some(Duration::from_hours(1)));
+        let tokens = tokens();
+        let (token, _) = logins
+            .log_in(&tokens, "anna", "493021".into(), HERE)
+            .await
+            .unwrap();
+        for _ in 0..5 {
+            tokio::time::advance(Duration::from_mins(59)).await;
+            logins
+                .user_of(&tokens, token.as_bytes())
+                .expect("it is in use")
+                .be_active();
+        }
+        tokio::time::advance(Duration::from_mins(59)).await;
+        assert!(
+            logins.user_of(&tokens, token.as_bytes()).is_some(),
+            "a look is no activity"
+        );
+        tokio::time::advance(Duration::from_mins(1)).await;
+        assert!(logins.user_of(&tokens, token.as_bytes()).is_none());
+    }
+
+    #[tokio::test]
+    async fn one_user_ends_no_login_of_another() {
+        let (logins, tokens) = (Logins::default(), tokens());
+        let bert = pin_entry("bert", Role::Operate, "750318", None).unwrap();
+        let bert = Tokens::parse(&bert).unwrap();
+        let (kept, _) = logins
+            .log_in(&tokens, "anna", "493021".into(), HERE)
+            .await
+            .unwrap();
+        let user = bert.with_pin("bert").unwrap();
+        for n in 0..300 {
+            logins.begin(&n.to_string(), &user);
+        }
+        assert_eq!(logins.in_force.lock().len(), 1 + LOGINS_PER_USER_MAX);
+        assert!(logins.user_of(&tokens, kept.as_bytes()).is_some());
     }
 }

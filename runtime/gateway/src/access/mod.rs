@@ -1,11 +1,13 @@
 //! Access control: every request needs a [`Right`], a [`Role`] is a set of rights, and a token identifies a user
 //! with a role. Without a token file everyone on the loopback is `admin`.
 
+mod account;
 mod entries;
 pub(crate) mod guard;
 pub(crate) mod http;
 mod live;
 pub(crate) mod login;
+mod login_budget;
 mod mosquitto;
 mod pin;
 mod rate;
@@ -18,8 +20,10 @@ mod users;
 use std::sync::Arc;
 
 use plc_api::wire::right::Right;
+use plc_api::wire::speaker::Speaker;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use account::Account;
 pub use entries::{NewToken, certificate_entry, new_token, pin_entry};
 pub(crate) use live::LiveTokens;
 pub(crate) use login::Shown;
@@ -85,22 +89,34 @@ pub(crate) enum User {
     Anyone,
     /// Anyone, on a route that needs no token.
     Stranger,
+    /// Anyone who reaches the server, where the builder allows hold, stop and abort without a login; it may do only these.
+    Unidentified,
     /// The owner of a token.
     Token(Arc<Token>),
 }
 
 impl User {
+    /// The sender that a topic names, behind a broker of others: its access rules say who may publish there. A handler has the
+    /// rights of a handler, a client those of the topics on which it may publish.
+    pub(crate) fn of_topic(speaker: Speaker) -> Self {
+        let (name, role) = match speaker {
+            Speaker::Handler(id) => (id, Role::Handler),
+            Speaker::Client(id) => (id, Role::Admin),
+        };
+        User::Token(Arc::new(Token::of_topic(name, role)))
+    }
+
     pub(crate) fn name(&self) -> Option<&str> {
         match self {
             User::Token(token) => Some(&token.name),
-            User::Anyone | User::Stranger => None,
+            User::Anyone | User::Stranger | User::Unidentified => None,
         }
     }
 
     pub(crate) fn role(&self) -> Role {
         match self {
             User::Anyone => Role::Admin,
-            User::Stranger => Role::View,
+            User::Stranger | User::Unidentified => Role::View,
             User::Token(token) => token.role,
         }
     }

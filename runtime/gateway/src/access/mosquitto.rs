@@ -3,6 +3,8 @@
 use std::fmt::Write as _;
 
 use plc_api::wire::machines;
+use plc_api::wire::right::Right;
+use plc_api::wire::speaker::Speaker;
 
 use super::{Role, Tokens};
 use crate::contract::topics::inbound_topics;
@@ -30,16 +32,31 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
     }
     for (name, role) in tokens.users() {
         let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.name());
-        for (row, _) in inbound_topics().filter(|(_, right)| role.has(*right)) {
-            // a handler announces itself, and is watched, in its own name only
-            let filter = match row.filter().as_str() {
-                filter @ ("handler/+/presence" | "client/+/heartbeat") if role == Role::Handler => {
-                    filter.replace('+', name)
-                }
-                filter => filter.to_owned(),
-            };
-            let _ = writeln!(text, "topic write {root}{filter}");
+        for (row, right) in inbound_topics().filter(|(_, right)| role.has(*right)) {
+            for filter in filters(name, role, &row.filter(), right) {
+                let _ = writeln!(text, "topic write {root}{filter}");
+            }
         }
     }
     text
+}
+
+/// The filters on which a user may publish: a handler as a handler of its own name, others as clients of their own names, and an
+/// admin also as any handler.
+fn filters(name: &str, role: Role, filter: &str, right: Right) -> Vec<String> {
+    if let "handler/+/presence" | "client/+/heartbeat" = filter {
+        return vec![if role == Role::Admin {
+            filter.to_owned()
+        } else {
+            filter.replacen('+', name, 1)
+        }];
+    }
+    let as_handler = if role == Role::Admin { "+" } else { name };
+    let handler = || Speaker::Handler(as_handler.to_owned()).path(filter);
+    let client = || Speaker::Client(name.to_owned()).path(filter);
+    match role {
+        Role::Handler => vec![handler()],
+        Role::Admin if Role::Handler.has(right) => vec![handler(), client()],
+        Role::Admin | Role::Operate | Role::View => vec![client()],
+    }
 }

@@ -9,6 +9,38 @@ use super::token::TokenError;
 const PIN_MIN: usize = 6;
 const PIN_MAX: usize = 128;
 
+/// Different characters of a PIN, at least.
+const DIFFERENT_MIN: usize = 3;
+
+/// Why a PIN is easy to guess: few different characters (`111111`), a sequence (`123456`, `987654`, `890123`), or a short part that
+/// repeats (`147147`).
+pub(super) fn weakness(pin: &str) -> Option<&'static str> {
+    let characters: Vec<_> = pin.chars().map(u32::from).collect();
+    let mut different = characters.clone();
+    different.sort_unstable();
+    different.dedup();
+    if different.len() < DIFFERENT_MIN {
+        return Some("it has fewer than 3 different characters");
+    }
+    let is_digits = pin.bytes().all(|byte| byte.is_ascii_digit());
+    let next = |character: u32| match character {
+        // digits begin again after 9
+        0x39 if is_digits => 0x30,
+        other => other + 1,
+    };
+    let is_up = characters.windows(2).all(|pair| pair[1] == next(pair[0]));
+    let is_down = characters.windows(2).all(|pair| pair[0] == next(pair[1]));
+    if is_up || is_down {
+        return Some("it is a sequence");
+    }
+    let repeats = |part: usize| {
+        characters.len() >= 2 * part && characters.chunks(part).all(|chunk| characters.starts_with(chunk))
+    };
+    (1..=characters.len() / 2)
+        .any(repeats)
+        .then_some("a part of it repeats")
+}
+
 fn argon2() -> Argon2<'static> {
     // 19 MiB, 2 passes: what OWASP asks for at least
     Argon2::new(Algorithm::Argon2id, Version::V0x13, Params::default())
@@ -23,6 +55,9 @@ pub(super) fn is_of(pin: &str, phc: &str) -> bool {
 pub(super) fn hash(pin: &str) -> Result<String, TokenError> {
     if !(PIN_MIN..=PIN_MAX).contains(&pin.chars().count()) {
         return Err(TokenError::Pin);
+    }
+    if let Some(weakness) = weakness(pin) {
+        return Err(TokenError::WeakPin(weakness));
     }
     let wrong = |error: argon2::password_hash::Error| TokenError::Random(error.to_string());
     let mut bytes = [0_u8; 16];
@@ -41,6 +76,29 @@ pub(super) fn is_hash(phc: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pin_that_is_easy_to_guess_is_refused_and_an_ordinary_one_taken() {
+        for pin in [
+            "111111",
+            "121212",
+            "112112",
+            "123456",
+            "012345",
+            "654321",
+            "890123",
+            "987654",
+            "210987",
+            "abcdef",
+            "147147",
+            "aaaaaaaaaa",
+        ] {
+            assert!(matches!(hash(pin), Err(TokenError::WeakPin(_))), "{pin}");
+        }
+        for pin in ["493021", "100200", "124578", "a1b2c3", "correct horse"] {
+            assert_eq!(weakness(pin), None, "{pin}");
+        }
+    }
 
     #[test]
     fn a_pin_that_is_too_short_is_refused_and_no_two_hashes_of_one_are_the_same() {

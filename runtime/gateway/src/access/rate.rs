@@ -46,11 +46,36 @@ impl Rate {
         Ok(())
     }
 
+    /// Takes one back that was counted.
+    pub(crate) fn give_back(&self) {
+        let mut state = self.refilled();
+        state.left = (state.left + 1.0).min(self.burst);
+    }
+
     /// Counts one more even without room. Returns how long the caller must wait to keep to the rate.
     pub(crate) fn owe(&self) -> Duration {
+        self.owe_many(1.0)
+    }
+
+    /// Counts this many, even without room. Returns how long the caller must wait to keep to the rate.
+    pub(crate) fn owe_many(&self, count: f64) -> Duration {
         let mut state = self.refilled();
-        state.left -= 1.0;
+        state.left -= count;
         Duration::from_secs_f64((-state.left).max(0.0) / self.per_second)
+    }
+
+    /// True for a rate that is as a new one.
+    fn is_recovered(&self) -> bool {
+        self.refilled().left >= self.burst
+    }
+
+    /// Counts nothing. The error is the time until all that was owed is paid.
+    pub(crate) fn check(&self) -> Result<(), Duration> {
+        let left = self.refilled().left;
+        if left < 0.0 {
+            return Err(Duration::from_secs_f64(-left / self.per_second));
+        }
+        Ok(())
     }
 
     fn refilled(&self) -> MutexGuard<'_, State> {
@@ -63,12 +88,14 @@ impl Rate {
     }
 }
 
-/// One [`Rate`] per key. With more than `KEYS_MAX` keys all of them start afresh, so that memory stays bounded.
+/// One [`Rate`] per key. With `KEYS_MAX` keys those that have recovered are forgotten, else the most recovered one; if all are used
+/// up, further keys share one rate. So no number of keys resets a rate that is used up.
 #[derive(Debug)]
 pub(crate) struct Rates<K> {
     burst: u32,
     per_second: f64,
     by_key: Mutex<HashMap<K, Arc<Rate>>>,
+    shared: Arc<Rate>,
 }
 
 /// Keys of one [`Rates`]. Reason: more than the tokens of a file and than the clients of the broker.
@@ -76,10 +103,12 @@ const KEYS_MAX: usize = 1024;
 
 impl<K: Clone + Eq + Hash> Rates<K> {
     pub(crate) fn new(burst: u32, per_second: impl Into<f64>) -> Self {
+        let per_second = per_second.into();
         Self {
             burst,
-            per_second: per_second.into(),
+            per_second,
             by_key: Mutex::default(),
+            shared: Arc::new(Rate::new(burst, per_second)),
         }
     }
 
@@ -87,7 +116,17 @@ impl<K: Clone + Eq + Hash> Rates<K> {
     pub(crate) fn of(&self, key: &K) -> Arc<Rate> {
         let mut by_key = self.by_key.lock();
         if by_key.len() >= KEYS_MAX && !by_key.contains_key(key) {
-            by_key.clear();
+            by_key.retain(|_, rate| !rate.is_recovered());
+            if by_key.len() >= KEYS_MAX {
+                let left = by_key.iter().map(|(key, rate)| (rate.refilled().left, key));
+                match left.max_by(|one, other| one.0.total_cmp(&other.0)) {
+                    Some((left, most)) if left >= 1.0 => {
+                        let most = most.clone();
+                        by_key.remove(&most);
+                    }
+                    _ => return Arc::clone(&self.shared),
+                }
+            }
         }
         let new = || Arc::new(Rate::new(self.burst, self.per_second));
         Arc::clone(by_key.entry(key.clone()).or_insert_with(new))
@@ -111,11 +150,36 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
+    async fn idle_keys_are_forgotten_first_and_a_used_up_rate_stays() {
+        let rates = Rates::new(1, 1.0 / 60.0);
+        assert!(rates.of(&0).take().is_ok());
+        for key in 1..2 * KEYS_MAX {
+            rates.of(&key);
+        }
+        assert!(rates.of(&0).take().is_err(), "other keys do not refill it");
+        rates.of(&0).give_back();
+        assert!(rates.of(&0).take().is_ok());
+    }
+
+    #[tokio::test(start_paused = true)]
     async fn what_is_owed_is_waited_for() {
         let rate = Rate::new(1, 10);
         assert_eq!(rate.owe(), Duration::ZERO);
         assert_eq!(rate.owe(), Duration::from_millis(100));
         assert_eq!(rate.owe(), Duration::from_millis(200));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_large_amount_is_owed_until_the_rate_has_paid_it() {
+        let rate = Rate::new(10, 5);
+        assert_eq!(rate.check(), Ok(()));
+        assert_eq!(rate.owe_many(10.0), Duration::ZERO);
+        assert_eq!(rate.check(), Ok(()), "all is spent, nothing is owed");
+        assert_eq!(rate.owe_many(15.0), Duration::from_secs(3));
+        tokio::time::advance(Duration::from_secs(2)).await;
+        assert_eq!(rate.check(), Err(Duration::from_secs(1)));
+        tokio::time::advance(Duration::from_secs(1)).await;
+        assert_eq!(rate.check(), Ok(()));
     }
 
     #[tokio::test(start_paused = true)]
@@ -129,5 +193,26 @@ mod tests {
             rates.of(&key);
         }
         assert!(rates.by_key.lock().len() <= KEYS_MAX);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn keys_beyond_the_limit_reset_no_rate_and_share_one() {
+        let rates = Rates::new(1, 1);
+        for key in 0..KEYS_MAX {
+            assert!(rates.of(&key).take().is_ok());
+        }
+        assert!(rates.of(&KEYS_MAX).take().is_ok());
+        assert!(
+            rates.of(&(KEYS_MAX + 1)).take().is_err(),
+            "it shares the rate of the key before"
+        );
+        assert!(rates.of(&0).take().is_err(), "no rate was reset");
+        tokio::time::advance(Duration::from_secs(1)).await;
+        rates.of(&KEYS_MAX);
+        assert_eq!(
+            rates.by_key.lock().len(),
+            1,
+            "those that have recovered are forgotten"
+        );
     }
 }

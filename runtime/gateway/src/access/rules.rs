@@ -6,6 +6,7 @@ use plc_api::wire::right::Right;
 use plc_api::wire::row::ParsedRequest;
 
 use super::{Role, User};
+use crate::urgent_slots::UrgentKind;
 
 /// An error, in words, if a user may not make a request. `serves`: whether the user is a handler that is there and serves an
 /// M code of this coordinate system; of any for `None`.
@@ -14,6 +15,12 @@ pub(crate) fn check(
     parsed: &ParsedRequest,
     serves: impl Fn(Option<CoordinateSystemNumber>) -> bool,
 ) -> Result<(), String> {
+    if *user == User::Unidentified {
+        return match UrgentKind::of_request(parsed.request()) {
+            Some((_, UrgentKind::Verb(_))) => Ok(()),
+            _ => Err("without a login only hold, stop and abort are allowed; log in".to_owned()),
+        };
+    }
     let role = user.role();
     if !role.has(parsed.right()) {
         let needed: Vec<_> = Role::ALL

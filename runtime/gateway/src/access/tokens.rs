@@ -6,10 +6,12 @@ use std::time::SystemTime;
 
 use sha2::{Digest, Sha256};
 use subtle::{ConditionallySelectable, ConstantTimeEq};
+use tracing::warn;
 
 use super::entries::read;
 use super::token::{Proof, Token, TokenError};
 use super::{Role, User};
+use crate::certificate::days_to_end;
 
 /// Bytes of a token file. Reason: 1000 entries with long names fit.
 const FILE_MAX: u64 = 512 * 1024;
@@ -85,6 +87,7 @@ impl Tokens {
             return Err(wrong(format!("it is larger than {FILE_MAX} bytes")));
         }
         let tokens = Self::parse(&text).map_err(wrong)?;
+        tokens.announce_ends(SystemTime::now());
         Ok(Self {
             file: Some((path.to_owned(), Stamp::of(&metadata))),
             ..tokens
@@ -98,6 +101,18 @@ impl Tokens {
     pub fn parse(text: &str) -> Result<Tokens, String> {
         let tokens = read(text)?.into_iter().map(Arc::new).collect();
         Ok(Tokens { tokens, file: None })
+    }
+
+    /// Warns of tokens that end soon.
+    fn announce_ends(&self, now: SystemTime) {
+        for token in &self.tokens {
+            if let Some(days) = token.until.and_then(|until| days_to_end(until, now)) {
+                warn!(
+                    "the entry of {} in the token file ends in {days} days; make a new one",
+                    token.name
+                );
+            }
+        }
     }
 
     /// The file they were read from, and its state then.
@@ -159,7 +174,7 @@ impl Tokens {
     pub(crate) fn has(&self, user: &User) -> bool {
         match user {
             User::Token(token) => self.tokens.contains(token),
-            User::Anyone | User::Stranger => true,
+            User::Anyone | User::Stranger | User::Unidentified => true,
         }
     }
 

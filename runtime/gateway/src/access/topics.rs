@@ -1,6 +1,7 @@
 //! Access to MQTT topics. Pure: no I/O.
 
 use plc_api::wire::right::Right;
+use plc_api::wire::speaker::Speaker;
 
 use super::{Role, User};
 use crate::contract::topics::inbound;
@@ -14,8 +15,12 @@ pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
     let Some((_, right)) = inbound(path) else {
         return false;
     };
-    let in_own_name = match path.split('/').collect::<Vec<_>>().as_slice() {
-        ["handler", id, "presence"] | ["client", id, "heartbeat"] => {
+    let in_own_name = match (
+        Speaker::split(path).0,
+        path.split('/').collect::<Vec<_>>().as_slice(),
+    ) {
+        (Some(speaker), _) => user.role() != Role::Handler || user.name() == Some(speaker.id()),
+        (None, ["handler", id, "presence"] | ["client", id, "heartbeat"]) => {
             user.role() != Role::Handler || user.name() == Some(id)
         }
         _ => true,
@@ -55,6 +60,8 @@ mod tests {
             ("heartbeat", [false; 4]),
             ("alarm/raise", [false, true, true, true]),
             ("alarm/active", [false; 4]),
+            ("stored_data/answer", [false, true, false, true]),
+            ("stored_data", [false; 4]),
             ("cs/1/command/start", [false, true, false, true]),
             ("cs/1/input/interlock/set", [false, true, true, true]),
             ("io/in/door/set", [false, true, true, true]),
@@ -70,6 +77,12 @@ mod tests {
             ("cs/1/variable/set", [false, true, true, true]),
             ("cs/1/variable/get", [true; 4]),
             ("cs/1/spindle/set", [false, true, true, true]),
+            ("client/magazine/cs/1/command/start", [false, true, false, true]),
+            ("client/other/cs/1/variable/get", [true, true, false, true]),
+            ("handler/magazine/cs/1/m_code/5/claim", [false, false, true, true]),
+            ("handler/other/cs/1/m_code/5/claim", [false, false, false, true]),
+            ("handler/magazine/io/out/lamp/set", [false, true, true, true]),
+            ("handler/magazine/cs/1/state", [false; 4]),
             ("cs/1/state", [false; 4]),
             ("cs/1/m_code/pending", [false; 4]),
             ("cs/1/m_code/5/output", [false; 4]),

@@ -1,9 +1,12 @@
 //! Who comes in by what it shows, over HTTP, WebSocket and MQTT alike, and until when.
 
 use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep_until};
 
 use super::LiveTokens;
-use super::login::{Logins, Shown};
+use super::login::{LoginEnd, Logins, Shown};
 
 /// The users of a machine: those of the token file, and persons who have logged in.
 #[derive(Debug, Clone)]
@@ -32,11 +35,11 @@ impl Ended {
 }
 
 impl Users {
-    /// Users of these tokens; nobody has logged in yet.
-    pub(crate) fn new(tokens: LiveTokens) -> Self {
+    /// Users of these tokens; nobody has logged in yet. A login without activity for `idle_max` ends.
+    pub(crate) fn new(tokens: LiveTokens, idle_max: Option<Duration>) -> Self {
         Self {
             tokens,
-            logins: Arc::default(),
+            logins: Arc::new(Logins::new(idle_max)),
         }
     }
 
@@ -64,7 +67,7 @@ impl Users {
             match &shown.login {
                 None => std::future::pending().await,
                 Some(login) => tokio::select! {
-                    () = tokio::time::sleep_until(login.until) => {}
+                    () = login_ended(login) => {}
                     () = login.given_back.cancelled() => {}
                 },
             }
@@ -73,5 +76,12 @@ impl Users {
             () = revoked => Ended::Revoked,
             () = login => Ended::Login,
         }
+    }
+}
+
+/// Waits until a login has ended by its time, which activity extends.
+async fn login_ended(login: &LoginEnd) {
+    while Instant::now() < login.until() {
+        sleep_until(login.until()).await;
     }
 }

@@ -20,8 +20,11 @@ use mqtt5::broker::sys_topics::BrokerStats;
 use mqtt5::broker::transport::{BrokerTransport, WebSocketTransport};
 use mqtt5::broker::{AuthProvider, BrokerConfig, ResourceLimits, ResourceMonitor};
 use mqtt5::packet::connect::ConnectPacket;
+use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
+use plc_api::supervisor::Supervisor;
+use plc_api::wire::row::ParsedRequest;
 use tokio::io::{AsyncBufRead as _, AsyncRead, AsyncWrite, BufReader, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{broadcast, oneshot};
@@ -31,24 +34,23 @@ use tokio_util::sync::WaitForCancellationFutureOwned;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
+use super::guard::{Answer, Guard, Judged, clearing};
 use super::line::Line;
 use super::socket::SocketBytes;
-use super::{Answer, Guard, Judged, clearing};
 use crate::access::{Ended, Shown};
+use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
+use crate::urgent_slots::ExecuteUrgent;
 
 /// Places of connections. A client is known once it is authenticated, and is then never closed for another one. Reason for
 /// the total: together with HTTP it stays below the 1024 files that a process may have open.
-pub(super) const PLACES: PlaceLimits = PlaceLimits {
+pub(crate) const PLACES: PlaceLimits = PlaceLimits {
     all: 448,
     of_one: 128,
     strangers: 192,
     known: 256,
 };
-
-/// Places of known clients that are only for users who may stop a machine.
-pub(super) const RESERVED: usize = 32;
 
 /// Size of the read buffer of a connection, bytes.
 const READ_MAX: usize = 4096;
@@ -68,6 +70,7 @@ pub(super) struct Hall {
     pub(super) clients: TaskTracker,
     pub(super) places: Arc<Places>,
     pub(super) counts: Counts,
+    pub(super) supervisor: Supervisor,
 }
 
 /// A connection of a client: over TCP with TLS or without, or over a WebSocket.
@@ -126,12 +129,14 @@ impl Hall {
             let _ = stream.set_nodelay(true);
             let leave = place.leave();
             let serving = Arc::clone(&self).let_in(stream, address, place);
-            self.clients.spawn(async move {
+            let serving = async move {
                 tokio::select! {
                     () = serving => {}
                     () = leave.cancelled() => {}
                 }
-            });
+            };
+            self.clients
+                .spawn(self.supervisor.contained("MQTT connection", serving));
         }
     }
 
@@ -290,16 +295,12 @@ impl Door {
             return PublishAction::Continue;
         };
         let (on_the_way, bytes) = (&self.guard.on_the_way, publish.payload.len());
-        let has_room = on_the_way.has_room(bytes)
-            || on_the_way.has_room_for_urgent(bytes) && self.guard.is_urgent(&event.topic, &publish.payload);
-        if !has_room {
+        if !on_the_way.has_room(bytes) {
             return self.refuse(&event);
         }
-        publish.topic_name = event.topic.to_string();
-        publish.payload = on_the_way.count(publish.payload);
-        publish.properties.remove_topic_alias();
-        publish.properties.inject_sender(event.user_id.as_deref());
-        publish.properties.inject_client_id(Some(&event.client_id));
+        self.stamp(&mut publish, &event);
+        let arrival = self.guard.arrive(&event.topic).to_string();
+        publish.properties.add_user_property(ARRIVAL.to_owned(), arrival);
         if publish.qos == QoS::ExactlyOnce {
             // the library delivers it when its client sends PUBREL
             return PublishAction::Transform(publish);
@@ -308,6 +309,42 @@ impl Door {
         self.router
             .route_message_with_deadline(&publish, Some(&event.client_id), now)
             .await;
+        PublishAction::Handled
+    }
+
+    /// Writes into a message what the broker knows of it, in place of what its client wrote there.
+    fn stamp(&self, publish: &mut PublishPacket, event: &ClientPublishEvent) {
+        publish.topic_name = event.topic.to_string();
+        publish.payload = (self.guard.on_the_way).count(std::mem::take(&mut publish.payload));
+        publish.properties.remove_topic_alias();
+        publish.properties.inject_sender(event.user_id.as_deref());
+        publish.properties.inject_client_id(Some(&event.client_id));
+        for name in [ARRIVAL, EXECUTED] {
+            publish.properties.remove_user_property_by_key(name);
+        }
+    }
+
+    /// Passes an urgent request to the machine; subscribers of its topic receive the message afterwards, if there is room.
+    async fn take_urgent(
+        &self,
+        event: ClientPublishEvent,
+        lane: Arc<dyn ExecuteUrgent>,
+        request: ParsedRequest,
+    ) -> PublishAction {
+        let publish = self.line.publish();
+        self.guard.take_urgent(&event, lane, request).await;
+        if let Some(mut publish) =
+            publish.filter(|publish| self.guard.on_the_way.has_room(publish.payload.len()))
+        {
+            self.stamp(&mut publish, &event);
+            publish
+                .properties
+                .add_user_property(EXECUTED.to_owned(), String::new());
+            let now = Instant::now();
+            self.router
+                .route_message_with_deadline(&publish, Some(&event.client_id), now)
+                .await;
+        }
         PublishAction::Handled
     }
 
@@ -323,6 +360,9 @@ impl Door {
 impl BrokerEventHandler for Door {
     fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
         Box::pin(async move {
+            if let Some((lane, request)) = self.guard.urgent(&event) {
+                return self.take_urgent(event, lane, request).await;
+            }
             match self.guard.judge(&event).await {
                 Judged::Deliver { clear } => {
                     if let Some(topic) = clear {
@@ -380,8 +420,13 @@ impl AuthProvider for Door {
         self.guard.authorize_publish(client_id, user, topic)
     }
 
-    fn authorize_subscribe<'a>(&'a self, _: &str, user: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {
-        self.guard.authorize_subscribe(user)
+    fn authorize_subscribe<'a>(
+        &'a self,
+        _: &str,
+        user: Option<&'a str>,
+        filter: &'a str,
+    ) -> Answer<'a, bool> {
+        self.guard.authorize_subscribe(user, filter)
     }
 }
 
@@ -413,6 +458,14 @@ impl Stream {
             ended: Box::pin(door.line.ended.clone().cancelled_owned()),
             line: Arc::clone(&door.line),
         }
+    }
+
+    /// The end of what is read: the client is told why, if there is a reason. Reads happen only between two written packets; a
+    /// client that does not accept it at once does not get it.
+    fn end(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        let packet = self.line.farewell();
+        let _ = Pin::new(&mut self.inner).poll_write(context, &packet);
+        Poll::Ready(Ok(()))
     }
 
     /// The refusal in place of a PUBACK or PUBREC. The library writes each packet at once.
@@ -458,10 +511,7 @@ impl AsyncRead for Stream {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.ended.as_mut().poll(context).is_ready() {
-            // reads happen only between two written packets; a client that does not accept it at once does not get it
-            let packet = self.line.farewell();
-            let _ = Pin::new(&mut self.inner).poll_write(context, &packet);
-            return Poll::Ready(Ok(()));
+            return self.end(context);
         }
         let Self { inner, line, .. } = &mut *self;
         let is_new = inner.buffer().is_empty();
@@ -471,6 +521,9 @@ impl AsyncRead for Stream {
         }
         let bytes = inner.buffer();
         let read = line.read(&bytes[..bytes.len().min(buffer.remaining())]);
+        if line.end_if_refused() {
+            return self.end(context);
+        }
         buffer.put_slice(&bytes[..read]);
         Pin::new(inner).consume(read);
         Poll::Ready(Ok(()))

@@ -9,23 +9,28 @@ use mqtt5::packet::FixedHeader;
 use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
+use plc_api::wire::PAYLOAD_MAX;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
+
+use super::MQTT_5;
 
 /// Bytes of the messages that are on their way to clients that are connected. When there are more, clients that take nothing
 /// are closed, and messages of others wait for no room but are refused. What waits in the queues of sessions comes on top.
 pub(super) const ON_THE_WAY_BYTES_MAX: usize = 64 * 1024 * 1024;
 
-/// Bytes beside these that are kept for what passes every queue: hold, stop, abort, the end of a jog, and alarms.
-const URGENT_BYTES_MAX: usize = 1024 * 1024;
-
-/// Bytes of one such message. Reason: the names in it have at most 192 characters, and an alarm's text is short.
-const URGENT_MESSAGE_MAX: usize = 4096;
-
 /// A client to which something is on its way, and which has taken nothing for this long, is closed when there is no room.
 const DEAF_AFTER: Duration = Duration::from_secs(1);
 
+/// Bytes of a CONNECT packet. Reason: the broker reads it before it knows the client. The will in it is a presence, which has
+/// at most as many bytes as any message of a client.
+const CONNECT_BYTES_MAX: usize = PAYLOAD_MAX + 4096;
+
+/// Bytes of the topic of a message. Reason: the library remembers 64 of them for each client, as aliases.
+const TOPIC_BYTES_MAX: usize = 1024;
+
 /// Kinds of packets, the first four bits.
+const CONNECT: u8 = 1;
 const PUBLISH: u8 = 3;
 const PUBACK: u8 = 4;
 const PUBCOMP: u8 = 7;
@@ -51,6 +56,8 @@ struct Passing {
     is_publish: bool,
     /// The latest PUBLISH that has come, whole once nothing is left.
     publish: Vec<u8>,
+    /// Why the broker takes no more from the client.
+    refusal: Option<(ReasonCode, &'static str)>,
     /// Messages of quality 1 and 2 that the client has not acknowledged, and when it last acknowledged one, or had none.
     unacknowledged: u32,
     acknowledged: Instant,
@@ -67,6 +74,7 @@ impl Line {
                 left: 0,
                 is_publish: false,
                 publish: Vec::new(),
+                refusal: None,
                 unacknowledged: 0,
                 acknowledged: Instant::now(),
                 stalled: None,
@@ -105,8 +113,23 @@ impl Line {
         passing.left -= body;
         if passing.is_publish {
             passing.publish.extend_from_slice(part);
+            if topic_bytes(&passing.publish).is_some_and(|bytes| bytes > TOPIC_BYTES_MAX) {
+                passing.refusal = Some((ReasonCode::TopicNameInvalid, "a topic has more than 1024 bytes"));
+            }
         }
         read + body
+    }
+
+    /// Ends the connection if its client has sent a packet beyond a limit. Returns `true` then.
+    pub(super) fn end_if_refused(&self) -> bool {
+        let passing = self.passing.lock();
+        let Some(refusal) = passing.refusal else {
+            return false;
+        };
+        let is_told = passing.version == MQTT_5;
+        drop(passing);
+        self.end(is_told.then_some(refusal));
+        true
     }
 
     /// The latest PUBLISH, which the library has just read. `None` where it is not one that it would have taken.
@@ -169,6 +192,9 @@ impl Passing {
             .map(|(place, byte)| usize::from(byte & 0x7f) << (7 * place))
             .sum();
         let kind = self.head[0] >> 4;
+        if kind == CONNECT && self.left > CONNECT_BYTES_MAX {
+            self.refusal = Some((ReasonCode::PacketTooLarge, "the CONNECT packet is too large"));
+        }
         self.is_publish = kind == PUBLISH;
         if self.is_publish {
             self.publish.clone_from(&self.head);
@@ -179,6 +205,14 @@ impl Passing {
         }
         self.head.clear();
     }
+}
+
+/// Bytes of the topic of a PUBLISH packet that has come this far. Returns `None` until they are known.
+fn topic_bytes(publish: &[u8]) -> Option<usize> {
+    let lengths = publish.iter().skip(1).take(4);
+    let header = 2 + lengths.take_while(|byte| **byte & 0x80 != 0).count();
+    let length = publish.get(header..header + 2)?.try_into().ok()?;
+    Some(u16::from_be_bytes(length).into())
 }
 
 /// A DISCONNECT packet of MQTT 5 with a reason code and its text.
@@ -236,12 +270,6 @@ impl OnTheWay {
         Bytes::from_owner(Counted { payload, bytes })
     }
 
-    /// Whether there is room for so many bytes of a message that passes every queue.
-    pub(super) fn has_room_for_urgent(&self, bytes: usize) -> bool {
-        let bytes_max = ON_THE_WAY_BYTES_MAX + URGENT_BYTES_MAX;
-        bytes <= URGENT_MESSAGE_MAX && self.bytes.load(Ordering::Relaxed) + bytes <= bytes_max
-    }
-
     /// Whether there is room for so many bytes. Where there is none, clients that take nothing are closed.
     pub(super) fn has_room(&self, bytes: usize) -> bool {
         if self.bytes.load(Ordering::Relaxed) + bytes <= ON_THE_WAY_BYTES_MAX {
@@ -291,6 +319,30 @@ mod tests {
         }
     }
 
+    #[test]
+    fn connects_and_topics_beyond_their_limits_end_the_connection() {
+        let connect = |bytes: usize| crate::tests::packet(0x10, &[&vec![b'x'; bytes]]);
+        let publish = |topic: usize| {
+            let length = u16::try_from(topic).unwrap().to_be_bytes();
+            crate::tests::packet(0x30, &[&length, &vec![b'a'; topic], b"payload"])
+        };
+        for (bytes, is_refused) in [
+            (connect(CONNECT_BYTES_MAX), false),
+            (connect(CONNECT_BYTES_MAX + 1), true),
+            (publish(TOPIC_BYTES_MAX), false),
+            (publish(TOPIC_BYTES_MAX + 1), true),
+        ] {
+            for piece in [1, 7, 4096] {
+                let line = Line::new();
+                line.speaks(MQTT_5);
+                ends(&line, &bytes, piece);
+                assert_eq!(line.end_if_refused(), is_refused, "{} bytes", bytes.len());
+                assert_eq!(line.ended.is_cancelled(), is_refused);
+                assert_eq!(line.farewell().is_empty(), !is_refused);
+            }
+        }
+    }
+
     #[tokio::test(start_paused = true)]
     async fn a_client_is_deaf_that_takes_nothing_while_something_is_on_its_way() {
         let line = Line::new();
@@ -323,11 +375,7 @@ mod tests {
         assert!(!on_the_way.has_room(11));
         let more = on_the_way.count(vec![0; 10].into());
         assert!(!on_the_way.has_room(1));
-        assert!(on_the_way.has_room_for_urgent(URGENT_MESSAGE_MAX));
-        assert!(!on_the_way.has_room_for_urgent(URGENT_MESSAGE_MAX + 1));
-        let urgent = on_the_way.count(vec![0; URGENT_BYTES_MAX - 10].into());
-        assert!(on_the_way.has_room_for_urgent(10) && !on_the_way.has_room_for_urgent(11));
-        drop((again, more, urgent));
+        drop((again, more));
         assert!(on_the_way.has_room(ON_THE_WAY_BYTES_MAX));
     }
 }

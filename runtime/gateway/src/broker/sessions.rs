@@ -8,10 +8,24 @@ use parking_lot::Mutex;
 use tokio::time::Instant;
 
 use super::{CLIENTS_MAX, SESSION_EXPIRY};
-use crate::access::User;
+use crate::access::{Account, User};
 
 /// Sessions that outlive their connections; more are refused. Reason: messages wait in memory for each absent client.
 pub(super) const REMEMBERED_MAX: usize = 64;
+
+/// Of these, sessions that are only for users who may operate the machine or serve M codes.
+const REMEMBERED_RESERVED: usize = 24;
+
+/// Of these, sessions of one user. Without users everyone on the computer may do everything, and only the total counts.
+const REMEMBERED_PER_USER_MAX: usize = 24;
+
+/// A session that outlives its connection.
+#[derive(Debug)]
+struct Remembered {
+    account: Account,
+    /// Since when the client is absent.
+    away: Option<Instant>,
+}
 
 /// A client that was let in.
 #[derive(Debug, Clone, Default)]
@@ -33,27 +47,56 @@ pub(crate) struct Sessions {
     admitted: Mutex<HashMap<String, Session>>,
     // the latest connection of each client id, and how many have not ended: one that was taken over ends later
     connected: Mutex<HashMap<Arc<str>, (Session, u32)>>,
-    // sessions that outlive their connections, and since when the client is absent
-    remembered: Mutex<HashMap<String, Option<Instant>>>,
+    // sessions that outlive their connections
+    remembered: Mutex<HashMap<String, Remembered>>,
     // hosts of those that have left, the last one at the end: what they published before may not have been read yet
     left: Mutex<VecDeque<(String, IpAddr)>>,
 }
 
 impl Sessions {
-    /// Remembers a new client if its session outlives its connection, forgets it otherwise. False beyond the limit.
-    pub(super) fn remember(&self, client_id: &str, outlives: bool) -> bool {
+    /// Remembers a new client if its session outlives its connection, forgets it otherwise. `is_reserved`: its user may operate the
+    /// machine or serve M codes.
+    ///
+    /// # Errors
+    /// The limit that is reached, in words.
+    pub(super) fn remember(
+        &self,
+        client_id: &str,
+        outlives: bool,
+        account: Account,
+        is_reserved: bool,
+    ) -> Result<(), String> {
         let mut remembered = self.remembered.lock();
         if !outlives {
             remembered.remove(client_id);
-            return true;
+            return Ok(());
         }
-        remembered.retain(|_, away| away.is_none_or(|since| since.elapsed() < SESSION_EXPIRY));
-        if client_id.is_empty() || remembered.len() >= REMEMBERED_MAX && !remembered.contains_key(client_id) {
-            return false;
+        if client_id.is_empty() {
+            return Err("a session that outlives its connection needs a client id; send one".to_owned());
         }
-        // absent until it is connected
-        remembered.insert(client_id.to_owned(), Some(Instant::now()));
-        true
+        remembered.retain(|_, session| session.away.is_none_or(|since| since.elapsed() < SESSION_EXPIRY));
+        if !remembered.contains_key(client_id) {
+            let own = remembered.values().filter(|session| session.account == account);
+            if matches!(account, Account::User(_)) && own.count() >= REMEMBERED_PER_USER_MAX {
+                return Err(format!(
+                    "the broker remembers {REMEMBERED_PER_USER_MAX} clients of this user that may be away; take a clean session"
+                ));
+            }
+            let reserved = if is_reserved { 0 } else { REMEMBERED_RESERVED };
+            if remembered.len() + reserved >= REMEMBERED_MAX {
+                return Err(format!(
+                    "the broker remembers {} clients that may be away; take a clean session",
+                    remembered.len()
+                ));
+            }
+        }
+        let session = Remembered {
+            account,
+            // absent until it is connected
+            away: Some(Instant::now()),
+        };
+        remembered.insert(client_id.to_owned(), session);
+        Ok(())
     }
 
     pub(super) fn admit(&self, client_id: &str, session: Session) {
@@ -68,8 +111,8 @@ impl Sessions {
     /// A client is connected. `user` is called when it was not admitted under this id.
     pub(super) fn connect(&self, client_id: Arc<str>, user: impl FnOnce() -> Option<User>) {
         let admitted = self.admitted.lock().remove(&*client_id);
-        if let Some(away) = self.remembered.lock().get_mut(&*client_id) {
-            *away = None;
+        if let Some(session) = self.remembered.lock().get_mut(&*client_id) {
+            session.away = None;
         }
         let session = admitted.unwrap_or_else(|| Session {
             user: user(),
@@ -87,8 +130,8 @@ impl Sessions {
             if *count == 0 {
                 let from = connected.remove(client_id).and_then(|(session, _)| session.from);
                 self.leave(client_id, from);
-                if let Some(away) = self.remembered.lock().get_mut(client_id) {
-                    *away = Some(Instant::now());
+                if let Some(session) = self.remembered.lock().get_mut(client_id) {
+                    session.away = Some(Instant::now());
                 }
             }
         }
@@ -176,16 +219,42 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn sessions_that_outlive_their_connections_are_bounded_until_they_are_given_up() {
         let sessions = Sessions::default();
+        let host = Account::Host(None);
+        let remember = |id: &str, outlives| sessions.remember(id, outlives, host.clone(), true).is_ok();
         for n in 0..REMEMBERED_MAX {
-            assert!(sessions.remember(&n.to_string(), true), "{n}");
+            assert!(remember(&n.to_string(), true), "{n}");
         }
-        assert!(!sessions.remember("one more", true));
-        assert!(sessions.remember("0", true), "it is known");
-        assert!(sessions.remember("one more", false), "it leaves nothing");
-        assert!(sessions.remember("0", false));
-        assert!(sessions.remember("in its place", true));
-        assert!(!sessions.remember("", true), "nobody could come back to it");
+        assert!(!remember("one more", true));
+        assert!(remember("0", true), "it is known");
+        assert!(remember("one more", false), "it leaves nothing");
+        assert!(remember("0", false));
+        assert!(remember("in its place", true));
+        assert!(!remember("", true), "nobody could come back to it");
         tokio::time::advance(SESSION_EXPIRY).await;
-        assert!(sessions.remember("when all are forgotten", true));
+        assert!(remember("when all are forgotten", true));
+    }
+
+    #[tokio::test]
+    async fn viewers_leave_sessions_to_users_who_operate_or_handle() {
+        let sessions = Sessions::default();
+        let user = |name: &str| Account::User(name.to_owned());
+        let remembered = |name: &str, is_reserved: bool| {
+            let tried = (0..REMEMBERED_MAX).filter(|n| {
+                sessions
+                    .remember(&format!("{name}-{n}"), true, user(name), is_reserved)
+                    .is_ok()
+            });
+            tried.count()
+        };
+        let viewers = [remembered("view-1", false), remembered("view-2", false)];
+        assert_eq!(
+            viewers,
+            [
+                REMEMBERED_PER_USER_MAX,
+                REMEMBERED_MAX - REMEMBERED_RESERVED - REMEMBERED_PER_USER_MAX
+            ]
+        );
+        assert_eq!(remembered("view-3", false), 0);
+        assert_eq!(remembered("operate", true), REMEMBERED_RESERVED);
     }
 }

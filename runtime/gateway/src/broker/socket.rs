@@ -10,6 +10,8 @@ use futures_util::{Sink, Stream};
 use parking_lot::Mutex;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
+use crate::socket_limits::{ControlFrames, TOO_MANY_CONTROL_FRAMES};
+
 /// The bytes in the frames of a WebSocket.
 pub(crate) struct SocketBytes {
     /// Nobody locks it: the library wants a connection that is `Sync`.
@@ -18,6 +20,7 @@ pub(crate) struct SocketBytes {
     come: Bytes,
     /// A frame may still be on its way out.
     is_unflushed: bool,
+    control: ControlFrames,
 }
 
 impl std::fmt::Debug for SocketBytes {
@@ -32,6 +35,7 @@ impl SocketBytes {
             socket: Mutex::new(socket),
             come: Bytes::new(),
             is_unflushed: false,
+            control: ControlFrames::new(),
         }
     }
 
@@ -55,7 +59,14 @@ impl AsyncRead for SocketBytes {
             flushed?;
         }
         while self.come.is_empty() {
-            match ready!(Pin::new(self.socket.get_mut()).poll_next(context)) {
+            let frame = ready!(Pin::new(self.socket.get_mut()).poll_next(context));
+            if let Some(Ok(frame)) = &frame
+                && !self.control.admit(frame)
+            {
+                let error = io::Error::new(io::ErrorKind::InvalidData, TOO_MANY_CONTROL_FRAMES);
+                return Poll::Ready(Err(error));
+            }
+            match frame {
                 Some(Ok(Frame::Binary(bytes))) => self.come = bytes,
                 Some(Ok(Frame::Ping(_) | Frame::Pong(_))) => {}
                 Some(Ok(Frame::Text(_))) => {

@@ -6,11 +6,13 @@ use plc_api::types::command::Command;
 use plc_api::types::topic::Topic;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::Topic as Inbound;
+use plc_api::wire::speaker::Speaker;
 use serde_json::{Map, Value, json};
 
 use super::outbound::{CS, M, outbound};
 use super::schemas::{Schemas, payload_of, reference};
 use super::topics::inbound_topics;
+use crate::access::Role;
 
 fn path_of(topic: &Topic) -> String {
     let path = topic.path().replace(&CS.to_string(), "{cs}");
@@ -55,7 +57,11 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         if let Some(answer) = answer_to(topic) {
             operation["reply"] = json!({"channel": {"$ref": format!("#/channels/{}", channel_name(answer))}});
         }
-        add(&topic.path(), "receive", &payload_of(topic).0, operation);
+        let (path, schema) = (topic.path(), payload_of(topic).0);
+        for named in named_paths(&path, right) {
+            add(&named, "receive", &schema, operation.clone());
+        }
+        add(&path, "receive", &schema, operation);
     }
     add_websocket(&mut channels, &mut operations);
     json!({
@@ -75,6 +81,24 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         "operations": operations,
         "components": {"schemas": schemas},
     })
+}
+
+/// The paths on which the senders of a request name themselves: handlers, clients, or both, by the right that it needs.
+fn named_paths(path: &str, right: Right) -> Vec<String> {
+    let speakers = [
+        (Speaker::Handler("{id}".into()), Role::Handler),
+        (Speaker::Client("{id}".into()), Role::Operate),
+        (Speaker::Client("{id}".into()), Role::Admin),
+    ];
+    let able = speakers.iter().filter(|(_, role)| role.has(right));
+    let mut paths: Vec<_> = able.map(|(speaker, _)| speaker.path(path)).collect();
+    paths.dedup();
+    // what only handlers do needs no other sender, and a presence names its own
+    if right == Right::Handle {
+        paths.truncate(1);
+    }
+    paths.retain(|named| Speaker::split(named).0.is_some());
+    paths
 }
 
 fn channel_name(path: &str) -> String {
@@ -132,7 +156,8 @@ fn parameter_of(name: &str) -> Value {
 /// A message with its examples, which stand under the path of its topic or, for a frame of the WebSocket, under its name.
 fn message(of: &str, schema: &str) -> Value {
     let mut message = json!({"payload": reference(schema)});
-    if let Some(payloads) = EXAMPLES[of].as_array() {
+    let (_, path) = Speaker::split(of);
+    if let Some(payloads) = EXAMPLES[path].as_array() {
         let examples = payloads.iter().map(|payload| json!({"payload": payload}));
         message["examples"] = examples.collect();
     }

@@ -14,6 +14,6 @@ mod outbound;
 #[cfg(test)]
 mod schemas;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 #[cfg(test)]
 mod typescript;

@@ -2,12 +2,11 @@
 
 use serde_json::{Map, Value, json};
 
-use plc_api::types::planned::PATH_TOLERANCE_MM;
-use plc_api::types::run::RUN_WAIT_MAX_S;
+use plc_api::wire::parameter::Values;
 use plc_api::wire::right::Right;
-use plc_api::wire::route::{Content, Headers, Query, Route};
+use plc_api::wire::route::{Content, Headers, Route};
 
-use super::routes::ROUTES;
+use super::routes::{ROUTES, Serves};
 use super::schemas::{Schemas, body_of, reference};
 
 pub(super) fn document(schemas: &Schemas) -> Value {
@@ -15,7 +14,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     for (path, places) in ROUTES.iter() {
         let of_path = places.iter();
         let operations =
-            of_path.map(|(route, serves)| (route.method.to_lowercase(), operation(route, serves.right())));
+            of_path.map(|(route, serves)| (route.method.to_lowercase(), operation(route, *serves)));
         paths.insert(path.clone(), operations.collect::<Map<_, _>>().into());
     }
     let mut schemas: Value = schemas.clone().into();
@@ -134,13 +133,15 @@ fn tag(route: &Route) -> &'static str {
     }
 }
 
-fn operation(route: &Route, right: Option<Right>) -> Value {
+fn operation(route: &Route, serves: Serves) -> Value {
+    let right = serves.right();
+    let is_limited_in_age = serves.takes_not_after() && matches!(route.body, Content::Json(_));
     let mut operation = json!({
         "operationId": operation_id(route),
         "tags": [tag(route)],
         "summary": route.summary,
         "parameters": parameters(route),
-        "responses": responses(route, right),
+        "responses": responses(route, right, is_limited_in_age),
     });
     if let Some(right) = right {
         operation["x-right"] = right.wire_name().into();
@@ -150,7 +151,7 @@ fn operation(route: &Route, right: Option<Right>) -> Value {
     let body = match route.body {
         Content::Nothing => return operation,
         Content::Json(form) => {
-            let (name, schema) = body_of(route, form);
+            let (name, schema) = body_of(route, form, is_limited_in_age);
             // no body is an empty object, where that is enough
             let required = schema["required"]
                 .as_array()
@@ -184,145 +185,62 @@ fn operation_id(route: &Route) -> String {
 }
 
 fn parameters(route: &Route) -> Vec<Value> {
-    let mut parameters: Vec<Value> = route
-        .names()
-        .map(|name| {
-            let schema = match (name, route.headers) {
-                ("cs", _) => json!({"type": "integer", "minimum": 1, "maximum": 255}),
-                ("number", _) => json!({"type": "integer", "minimum": 1, "maximum": route.number_max}),
-                ("name", _) => json!({"type": "string", "minLength": 1, "maxLength": 64}),
-                ("id", Headers::Nothing) => json!({"type": "string", "minLength": 1, "maxLength": 128}),
-                _ => json!({"type": "integer", "minimum": 0}),
-            };
-            json!({"name": name, "in": "path", "required": true, "schema": schema})
-        })
-        .collect();
-    if route.headers.has_key() {
-        parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
-    }
-    let is_release = route.headers == Headers::KeyAndFence;
-    let is_command = route.headers == Headers::Command;
-    if is_command || is_release {
-        parameters.push(json!({"name": "Lease-Fence", "in": "header", "required": is_release, "schema": {"type": "integer", "minimum": 0}, "description": "Number of the control lease under which it is sent."}));
-    }
-    if route.query == Query::Wait {
-        parameters.push(json!({"name": "wait", "in": "query", "schema": {"type": "string", "enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
-    }
-    if is_command {
-        let tag = "\"?([0-9]+|[0-9A-Fa-f]{64}|boot:[0-9A-Za-z]{1,64})\"?";
-        let pattern = format!("^{tag}(, *{tag}){{0,2}}$");
-        parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": pattern}, "description": "Revision of the state that the sender has seen, the hash of the program that it means, boot: and the boot_id that it has seen, or several of them, which must all hold then."}));
-    }
-    if route.query == Query::Dialect {
-        parameters.push(json!({"name": "dialect", "in": "query", "schema": {"type": "string", "enum": ["nj", "dgshape"]}, "description": "NC dialect of the text; without it that of the lowest coordinate system."}));
-    }
-    parameters.extend(of_programs(route.headers));
-    if route.query == Query::Journal {
-        parameters.extend(of_journal());
-    }
-    if route.query == Query::Seconds {
-        parameters.push(json!({"name": "wait", "in": "query", "schema": {"type": "integer", "minimum": 0, "maximum": RUN_WAIT_MAX_S}, "description": "How many seconds its end is waited for at most; without it the answer comes at once."}));
-    }
-    if route.query == Query::Runs {
-        parameters.push(json!({"name": "cs", "in": "query", "schema": {"type": "integer", "minimum": 1, "maximum": 255}, "description": "Of this coordinate system alone."}));
-    }
-    if matches!(route.query, Query::Path | Query::RunBy) {
-        parameters.push(json!({"name": "cs", "in": "query", "schema": {"type": "integer", "minimum": 1, "maximum": 255}, "description": "The coordinate system that runs it; without it the first one in which it is loaded, or the first one of all."}));
-    }
-    if route.query == Query::Trace {
-        parameters.push(json!({"name": "axes", "in": "query", "schema": {"type": "string", "maxLength": 9}, "description": "Letters of the axes, such as XZ; without it all."}));
-    }
-    if route.query == Query::Path {
-        parameters.push(json!({"name": "tolerance", "in": "query", "schema": {"type": "number", "minimum": PATH_TOLERANCE_MM}, "description": "How far a point of the path may be from the lines, mm: levels of detail that are finer than needed are left out."}));
-    }
-    if route.method == "GET"
-        && matches!(
-            route.query,
-            Query::Range | Query::Journal | Query::Path | Query::Runs | Query::Trace
-        )
-    {
-        for (name, minimum) in [("from", 0), ("count", 1)] {
-            parameters.push(
-                json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
-            );
+    let in_path = route.names().map(|name| {
+        let schema = match (name, route.headers) {
+            ("cs", _) => json!({"type": "integer", "minimum": 1, "maximum": 255}),
+            ("number", _) => json!({"type": "integer", "minimum": 1, "maximum": route.number_max}),
+            ("name", _) => json!({"type": "string", "minLength": 1, "maxLength": 64}),
+            ("id", Headers::Nothing) | ("what", _) => {
+                json!({"type": "string", "minLength": 1, "maxLength": 128})
+            }
+            _ => json!({"type": "integer", "minimum": 0}),
+        };
+        json!({"name": name, "in": "path", "required": true, "schema": schema})
+    });
+    let listed = |name: &str, place: &str, values: &Values, description: &str, is_required: bool| {
+        let schema = schema_of(values);
+        let mut parameter = json!({"name": name, "in": place, "schema": schema, "description": description});
+        if is_required {
+            parameter["required"] = true.into();
         }
-    }
-    parameters
+        parameter
+    };
+    let headers = route.headers.parameters().iter();
+    let in_header = headers.map(|header| {
+        listed(
+            header.name,
+            "header",
+            &header.values,
+            header.description,
+            header.is_required,
+        )
+    });
+    let queries = route.query.parameters.iter();
+    let in_query = queries.map(|query| {
+        listed(
+            query.name,
+            "query",
+            &query.values,
+            query.description,
+            query.is_required,
+        )
+    });
+    in_path.chain(in_header).chain(in_query).collect()
 }
 
-/// What is said of a program that is read or changed.
-fn of_programs(headers: Headers) -> Vec<Value> {
-    let hashes = json!({"type": "string", "pattern": "^(\\*|(W/)?\"?[0-9A-Fa-f]{64}\"?(, *(W/)?\"?[0-9A-Fa-f]{64}\"?)*)$"});
-    let header = |name: &str, schema: &Value, description: &str| json!({"name": name, "in": "header", "schema": schema, "description": description});
-    let mut parameters = Vec::new();
-    if matches!(headers, Headers::Condition | Headers::Upload) {
-        parameters.push(header(
-            "If-Match",
-            &hashes,
-            "The program is one of these, by their hashes, or any (*): else 412.",
-        ));
-        parameters.push(header(
-            "If-None-Match",
-            &hashes,
-            "The program is none of these, or there is none (*): else 412.",
-        ));
+fn schema_of(values: &Values) -> Value {
+    match values {
+        Values::Integer(min, Some(max)) => json!({"type": "integer", "minimum": min, "maximum": max}),
+        Values::Integer(min, None) => json!({"type": "integer", "minimum": min}),
+        Values::Number(min) => json!({"type": "number", "minimum": min}),
+        Values::Text(min, max) => json!({"type": "string", "minLength": min, "maxLength": max}),
+        Values::AnyText => json!({"type": "string"}),
+        Values::Words(words) => json!({"type": "string", "enum": words}),
+        Values::Form(form) => json!({"type": "string", "pattern": form}),
     }
-    if headers == Headers::Cached {
-        parameters.push(header(
-            "If-None-Match",
-            &json!({"type": "string"}),
-            "Programs that the client has, by their hashes: 304 if it is one of these.",
-        ));
-    }
-    if headers == Headers::Upload {
-        let schema = json!({"type": "string", "pattern": "^[A-Za-z0-9+/]{86}==$"});
-        parameters.push(header(
-            "Program-Signature",
-            &schema,
-            "Ed25519 signature of the text's bytes, 64 bytes in Base64.",
-        ));
-    }
-    parameters
 }
 
-/// What is asked of the journal.
-fn of_journal() -> impl Iterator<Item = Value> {
-    let fields = [
-        (
-            "since",
-            json!({"type": "string"}),
-            "From this time on: in UTC, such as 2026-11-25 or 2026-11-25T10:00, or how long ago, such as 2h or 30m.",
-        ),
-        (
-            "until",
-            json!({"type": "string"}),
-            "Before this time, written in the same way.",
-        ),
-        (
-            "cs",
-            json!({"type": "integer", "minimum": 0, "maximum": 255}),
-            "Of this coordinate system; 0: of the machine.",
-        ),
-        (
-            "m",
-            json!({"type": "integer", "minimum": 0, "maximum": 65535}),
-            "Of outputs of this M number, and of stops by it.",
-        ),
-        (
-            "user",
-            json!({"type": "string"}),
-            "Of this user, client or handler.",
-        ),
-        (
-            "run",
-            json!({"type": "string"}),
-            "Of this run, such as 1-7, or BOOT/1-7 of that start of the runtime.",
-        ),
-    ];
-    fields.into_iter().map(|(name, schema, description)| json!({"name": name, "in": "query", "schema": schema, "description": description}))
-}
-
-fn responses(route: &Route, right: Option<Right>) -> Value {
+fn responses(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Value {
     let mut responses = Map::new();
     for (status, content) in route.answers() {
         let content = match content {
@@ -357,7 +275,7 @@ fn responses(route: &Route, right: Option<Right>) -> Value {
             json!({"description": "The client has it.", "headers": headers}),
         );
     }
-    for status in refusals(route, right) {
+    for status in refusals(route, right, is_limited_in_age) {
         let mut refusal = json!({
             "description": refusal_text(status),
             "content": {"application/problem+json": {"schema": reference("Problem")}},
@@ -389,7 +307,7 @@ fn response_headers(route: &Route, status: u16) -> Option<Value> {
         let header = json!({"schema": {"type": "string"}, "description": description});
         Some(json!({"ETag": header}))
     };
-    let is_path = matches!(route.query, Query::Path);
+    let is_path = matches!(route.answer.1, Content::Bytes);
     match status {
         201 if route.headers == Headers::Command => {
             Some(json!({"Location": {"schema": {"type": "string"}, "description": "Where it can be read."}}))
@@ -413,8 +331,8 @@ fn is_state(route: &Route) -> bool {
         .any(|state| state.route.pattern == route.pattern)
 }
 
-/// The statuses of a route's refusals, each problem details.
-fn refusals(route: &Route, right: Option<Right>) -> Vec<u16> {
+/// The statuses of a route's refusals, each problem details. `is_limited_in_age`: its body may have `not_after`.
+fn refusals(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Vec<u16> {
     let changes = !matches!(right, None | Some(Right::Read));
     let of = [
         (true, &[403][..]),
@@ -422,6 +340,7 @@ fn refusals(route: &Route, right: Option<Right>) -> Vec<u16> {
         (route.names().next().is_some(), &[404]),
         (!matches!(route.body, Content::Nothing), &[400, 408, 413, 415]),
         (changes, &[404, 409]),
+        (is_limited_in_age, &[412]),
         // what was answered to the same key before may be a command's answer
         (route.headers.has_key(), &[400, 412, 422]),
         (
@@ -442,7 +361,7 @@ fn refusal_text(status: u16) -> &'static str {
         404 => "There is no such thing.",
         408 => "The body did not come in time.",
         409 => "The state does not allow it.",
-        412 => "The condition does not hold.",
+        412 => "The condition does not hold, or the request is older than it may be.",
         413 => "Larger than the limit.",
         415 => "The body is of another type.",
         422 => "The program has errors, is not signed, or is of another dialect.",

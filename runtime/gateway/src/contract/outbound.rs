@@ -23,6 +23,7 @@ pub(super) fn outbound() -> Vec<Topic> {
         Topic::Io(IoPoint::output("{name}")),
         Topic::Variables,
         Topic::Tools,
+        Topic::StoredData,
     ];
     let of_cs = of_cs.map(|topic| Topic::cs(CS, topic));
     machine.into_iter().chain(of_cs).collect()

@@ -10,7 +10,7 @@ use plc_api::wire::hmi::Hmi;
 use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
 use plc_api::wire::machines::Machines;
 use plc_api::wire::right::Right;
-use plc_api::wire::route::{Content, Route};
+use plc_api::wire::route::{Content, Headers, Route};
 use plc_api::wire::row::Row;
 use plc_api::wire::states::{AllIo, CoordinateSystems, Health, Inputs, STATES, StateRow};
 
@@ -34,6 +34,12 @@ impl Serves {
             Serves::State(_) => Some(Right::Read),
             Serves::Own(right) => right,
         }
+    }
+
+    /// True where the body may carry an age limit.
+    #[cfg(test)]
+    pub(crate) fn takes_not_after(self) -> bool {
+        matches!(self, Serves::Request(row) if row.takes_not_after)
     }
 }
 
@@ -69,7 +75,11 @@ static OWN: [(Option<Right>, Route); 13] = [
     ),
     (
         None,
-        Route::get("/health", "Whether the server answers, and has its MQTT broker.").gives::<Health>(),
+        Route::get(
+            "/health",
+            "Whether the server answers, has its MQTT broker, and all tasks of the runtime work.",
+        )
+        .gives::<Health>(),
     ),
     (
         Some(Right::Read),
@@ -106,6 +116,7 @@ static OWN: [(Option<Right>, Route); 13] = [
         Some(Right::Read),
         Route::get("/ws", "WebSocket: messages of the topics that the client names.")
             .answered(101, Content::Nothing)
+            .headers(Headers::WebSocket)
             .refusals(&[400, 426]),
     ),
 ];

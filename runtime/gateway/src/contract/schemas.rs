@@ -1,7 +1,11 @@
 //! JSON Schemas of all that crosses a wire, from the types that the tables name.
 
+use std::collections::BTreeSet;
+use std::sync::LazyLock;
+
 use plc_api::types::command::CommandMeta;
 use plc_api::types::form::{Enveloped, Form};
+use plc_api::wire::ROWS;
 use plc_api::wire::problem::Problem;
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Topic;
@@ -11,7 +15,6 @@ use serde_json::{Map, Value, json};
 
 use super::outbound::outbound;
 use super::routes::ROUTES;
-use super::topics::inbound_topics;
 
 /// Schemas by name.
 pub(super) type Schemas = Map<String, Value>;
@@ -34,25 +37,55 @@ pub(super) fn all() -> Schemas {
 }
 
 fn incoming() -> Schemas {
-    let mut all = Schemas::new();
-    for (route, _) in ROUTES.values().flatten() {
+    let (mut all, mut limited) = (Schemas::new(), BTreeSet::new());
+    for (route, serves) in ROUTES.values().flatten() {
         if let Content::Json(form) = route.body {
-            let (name, schema) = body_of(route, form);
+            let (name, schema) = body_of(route, form, serves.takes_not_after());
             put(&mut all, &name, &schema);
             within(&mut all, form, Way::In);
+            if serves.takes_not_after() {
+                limited.insert(name);
+            }
         }
     }
-    for (topic, _) in inbound_topics() {
+    for row in &ROWS {
+        let Some(topic) = &row.topic else { continue };
         let (name, schema) = payload_of(topic);
         put(&mut all, &name, &schema);
         within(&mut all, topic.form, Way::In);
-        if !topic.envelope.is_empty() {
-            within(&mut all, Form::of::<CommandMeta>(), Way::In);
+        if topic.envelope.is_empty() && row.takes_not_after {
+            limited.insert(name);
         }
     }
+    within(&mut all, Form::of::<CommandMeta>(), Way::In);
     named(&mut all, Form::of::<ClientFrame>(), Way::In);
+    let not_after = schema_of(Form::of::<CommandMeta>(), Way::In).0["properties"]["not_after"].clone();
+    for name in &limited {
+        add_not_after(&mut all, name, &not_after);
+    }
     all
 }
+
+/// Adds the age limit to an object, or to each of several of which it is one.
+fn add_not_after(all: &mut Schemas, name: &str, not_after: &Value) {
+    let schema = &mut all[name];
+    if let Some(properties) = schema.get_mut("properties").and_then(Value::as_object_mut) {
+        properties.insert("not_after".to_owned(), not_after.clone());
+        return;
+    }
+    let choices = schema["anyOf"].as_array().cloned().unwrap_or_default();
+    if choices.is_empty() && schema["additionalProperties"] == false {
+        schema["properties"] = json!({"not_after": not_after});
+    }
+    for choice in choices {
+        let reference = choice["$ref"].as_str().unwrap();
+        add_not_after(all, reference.rsplit('/').next().unwrap(), not_after);
+    }
+}
+
+/// Names of what the server and the runtime say.
+static SAID: LazyLock<BTreeSet<String>> =
+    LazyLock::new(|| outgoing().into_iter().map(|(name, _)| name).collect());
 
 /// What the server and the runtime say.
 pub(super) fn outgoing() -> Schemas {
@@ -77,9 +110,13 @@ pub(super) fn outgoing() -> Schemas {
     all
 }
 
-/// Name and schema of a route's body: of a command, the arguments of its verb; without what the path names.
-pub(super) fn body_of(route: &Route, form: Form) -> (String, Value) {
+/// Name and schema of a route's body: of a command, the arguments of its verb; without what the path names. A body that
+/// may carry an age limit is no answer, so it has a name of its own.
+pub(super) fn body_of(route: &Route, form: Form, takes_not_after: bool) -> (String, Value) {
     let (mut name, mut schema) = ((form.name)().into_owned(), schema_of(form, Way::In).0);
+    if takes_not_after && SAID.contains(&name) {
+        name += "Change";
+    }
     let verb = route.fixed().find(|(name, _)| *name == "verb");
     if let Some((_, verb)) = verb
         && let Some(variants) = schema["oneOf"].as_array()

@@ -1,11 +1,24 @@
 //! The documents of the interface are those of its tables and types.
 
+use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::LazyLock;
 
 use serde_json::Value;
 
 use super::routes::ROUTES;
 use super::{asyncapi, openapi, schemas, typescript};
+
+/// Names of the parameters that the OpenAPI document lists for a route, of the query, the path or the header.
+pub(crate) fn parameters_in_document(method: &str, path: &str, place: &str) -> BTreeSet<String> {
+    static DOCUMENT: LazyLock<Value> = LazyLock::new(|| openapi::document(&schemas::all()));
+    let parameters = &DOCUMENT["paths"][path][method.to_lowercase()]["parameters"];
+    let parameters = parameters.as_array().unwrap().iter();
+    let of_place = parameters.filter(|parameter| parameter["in"] == place);
+    of_place
+        .map(|parameter| parameter["name"].as_str().unwrap().to_owned())
+        .collect()
+}
 
 /// Compares a text with the file that is checked in; with `TANDEM_UPDATE=1` writes it.
 fn is_checked_in(file: &str, text: &str) {
@@ -27,6 +40,72 @@ fn json_is_checked_in(file: &str, document: &Value) {
 #[test]
 fn the_openapi_document_is_that_of_the_routes() {
     json_is_checked_in("api/openapi.json", &openapi::document(&schemas::all()));
+}
+
+/// Sources of what the server answers itself, beside the rows of the wire.
+const OWN_SOURCES: [(&str, &str); 4] = [
+    ("rest/states.rs", include_str!("../rest/states.rs")),
+    ("rest/documents.rs", include_str!("../rest/documents.rs")),
+    ("rest/login.rs", include_str!("../rest/login.rs")),
+    ("websocket.rs", include_str!("../websocket.rs")),
+];
+
+#[test]
+fn what_the_server_answers_itself_reads_no_query_and_no_header_of_ours() {
+    for (file, source) in OWN_SOURCES {
+        for reads in [
+            "extract::Query",
+            "RawQuery",
+            ".query()",
+            ".headers.get",
+            "headers().get",
+        ] {
+            assert!(
+                !source.contains(reads),
+                "{file}: {reads}: list it as a parameter of the route"
+            );
+        }
+        let read = source.matches("headers.get(").count();
+        let of_host = source.matches("headers.get(header::HOST)").count();
+        assert_eq!(
+            read, of_host,
+            "{file} reads a header: list it as a parameter of the route"
+        );
+    }
+}
+
+#[test]
+fn each_header_that_a_row_reads_is_in_the_document_of_a_route() {
+    let known = [
+        "Idempotency-Key",
+        "Lease-Fence",
+        "If-Match",
+        "If-None-Match",
+        "Program-Signature",
+    ];
+    for (path, places) in ROUTES.iter() {
+        for (route, _) in places {
+            let read = known.iter().filter(|name| route.headers.reads(name));
+            let read: BTreeSet<String> = read.map(|name| (*name).to_owned()).collect();
+            let mut listed = parameters_in_document(route.method, path, "header");
+            listed.remove("Sec-WebSocket-Protocol");
+            assert_eq!(read, listed, "{} {path}", route.method);
+        }
+    }
+}
+
+#[test]
+fn no_write_has_a_default_address() {
+    let document = openapi::document(&schemas::all());
+    for (path, operations) in document["paths"].as_object().unwrap() {
+        for method in ["put", "post", "delete"] {
+            let parameters = operations[method]["parameters"].as_array();
+            let mut addresses = parameters.into_iter().flatten();
+            let optional =
+                addresses.find(|parameter| parameter["name"] == "from" && parameter["required"] != true);
+            assert_eq!(optional, None, "{method} {path}");
+        }
+    }
 }
 
 #[test]

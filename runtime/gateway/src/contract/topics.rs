@@ -4,6 +4,7 @@
 use plc_api::wire::ROWS;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::Topic;
+use plc_api::wire::speaker::Speaker;
 
 /// Every topic that comes in, with the right that its sender needs.
 pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static Topic, Right)> {
@@ -11,9 +12,16 @@ pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static Topic, Right)> 
         .filter_map(|row| Some((row.topic.as_ref()?, row.right)))
 }
 
-/// The topic of a path below the root, with the same.
+/// The topic of a path below the root, with the same; the levels of its sender are left out.
 pub(crate) fn inbound(path: &str) -> Option<(&'static Topic, Right)> {
+    let (_, path) = Speaker::split(path);
     inbound_topics().find(|(topic, _)| topic.fits(path))
+}
+
+/// The filters of everything that comes in, below the root.
+pub(crate) fn inbound_filters() -> impl Iterator<Item = String> {
+    let unnamed = inbound_topics().map(|(topic, _)| topic.filter());
+    unnamed.chain(Speaker::FILTERS.map(ToOwned::to_owned))
 }
 
 /// True for a path on which commands, claims and settings come in, which must not be retained. Presence of handlers
@@ -33,6 +41,8 @@ mod tests {
             "cs/1/input/dry_run/set",
             "cs/2/m_code/5/reset",
             "motor/1/skip_input/set",
+            "client/panel/cs/1/command/start",
+            "handler/clamp/cs/1/m_code/5/claim",
         ] {
             assert!(is_inbound(path), "{path}");
         }

@@ -1,5 +1,6 @@
 //! Passes what came in over MQTT to the port, in the order of arrival, without waiting for its answers.
 
+use std::collections::BTreeMap;
 use std::future::{pending, poll_fn};
 use std::sync::Arc;
 use std::task::Poll;
@@ -15,21 +16,23 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::{Inbound, sender};
 use plc_api::wire::problem::code_word;
 use plc_api::wire::row::{ParsedRequest, connection_name};
-use tokio::sync::{Semaphore, mpsc};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio::time::Instant;
 use tracing::warn;
 
-use super::{Publisher, message};
+use super::message;
 use crate::access::rules;
+use crate::arrivals::Arrivals;
 use crate::broker::Sessions;
-use crate::machine::{Caller, Machine};
+use crate::machine::{Authorized, Caller, Machine};
 use crate::metrics::{Metrics, add};
 use crate::presence_ages::PresenceAges;
+use crate::publisher::Publisher;
 
 /// Requests without an answer yet; more are refused, except hold, stop and abort.
 const UNANSWERED_MAX: usize = 256;
 
-/// The same for hold, stop and abort.
+/// The same for urgent requests through an external broker. A further one waits: it is never rejected because of others.
 const URGENT_MAX: usize = 64;
 
 /// Who receives a refusal: coordinate system, client id, command id.
@@ -44,7 +47,21 @@ pub(super) struct Dispatch {
     results: mpsc::Sender<Message>,
     /// Clients of the embedded broker.
     clients: Option<Arc<Sessions>>,
+    /// The order in which the embedded broker received messages.
+    arrivals: Arc<Arrivals>,
+    /// True behind a broker of others: topics name the senders of requests, so that its access rules can tie them to users.
+    requires_named: bool,
     ages: PresenceAges,
+}
+
+/// How a message came in.
+pub(super) struct Arrival {
+    /// With the retain flag.
+    pub(super) retain: bool,
+    /// Its number at the embedded broker.
+    pub(super) number: Option<u64>,
+    /// On a topic that names its sender.
+    pub(super) is_named: bool,
 }
 
 impl Dispatch {
@@ -53,6 +70,8 @@ impl Dispatch {
         machine: Machine,
         metrics: Arc<Metrics>,
         clients: Option<Arc<Sessions>>,
+        arrivals: Arc<Arrivals>,
+        requires_named: bool,
     ) -> (Self, mpsc::Receiver<Message>) {
         let (results, received) = mpsc::channel(UNANSWERED_MAX);
         let dispatch = Self {
@@ -62,6 +81,8 @@ impl Dispatch {
             urgent: Arc::new(Semaphore::new(URGENT_MAX)),
             results,
             clients,
+            arrivals,
+            requires_named,
             ages: PresenceAges::default(),
         };
         (dispatch, received)
@@ -69,15 +90,20 @@ impl Dispatch {
 
     /// Carries out what came in, and returns the reply to a command that never becomes a request. Each request has reached
     /// the port before the next one is made, so that the port sees them in order; a slow answer delays nothing.
-    /// `retain`: it came with the retain flag.
     pub(super) async fn take(
         &mut self,
         publisher: Publisher,
         inbound: Inbound,
-        retain: bool,
+        arrival: Arrival,
     ) -> Option<Message> {
         match inbound {
-            Inbound::Ask { request, urgent } => self.ask(publisher, request, urgent, retain).await,
+            Inbound::Ask { request, urgent } => {
+                let is_foreign = publisher.client_id().is_none();
+                match refuse_unnamed(request.request()).filter(|_| is_foreign) {
+                    Some((id, refusal)) => Some(self.refuse_handler(id, None, &refusal)),
+                    None => self.ask(publisher, request, urgent, arrival).await,
+                }
+            }
             Inbound::Reject {
                 cs,
                 client_id,
@@ -114,7 +140,7 @@ impl Dispatch {
         publisher: Publisher,
         mut parsed: ParsedRequest,
         urgent: bool,
-        retain: bool,
+        arrival: Arrival,
     ) -> Option<Message> {
         if let Some(client_id) = publisher.client_id() {
             parsed.identify(&connection(client_id));
@@ -122,12 +148,17 @@ impl Dispatch {
         self.end_of_another(parsed.request()).await;
         let to_tell =
             sender(parsed.request()).map(|(cs, meta)| (cs, meta.client_id.clone(), meta.command_id.clone()));
-        let places = if urgent { &self.urgent } else { &self.unanswered };
-        let Ok(place) = Arc::clone(places).try_acquire_owned() else {
+        let moved = moving_system(parsed.request()).zip(arrival.number);
+        if let Some(refusal) = self.reject_on_arrival(parsed.request(), urgent, &arrival) {
+            return match output_of(parsed.request()) {
+                Some(output) => Some(self.refuse_output(output, refusal)),
+                None => self.refuse(to_tell, refusal).await,
+            };
+        }
+        let Some(place) = self.place(urgent).await else {
             let text = "too many requests are unanswered; send it again";
-            return self
-                .refuse(to_tell, Refusal::new(RefusalCode::Unavailable, text))
-                .await;
+            let refusal = Refusal::new(RefusalCode::Unavailable, text);
+            return self.refuse(to_tell, refusal).await;
         };
         let announced = match parsed.request() {
             Request::Handler(id, presence) if presence.online => {
@@ -135,30 +166,19 @@ impl Dispatch {
             }
             _ => None,
         };
-        let judged = match publisher {
-            Publisher::User { user, from, .. } => {
-                let caller = Caller {
-                    user: &user,
-                    from,
-                    over: ServerTransport::Mqtt,
-                };
-                self.machine.judge(caller, parsed).await
-            }
-            Publisher::Unknown { name, .. } => Machine::judge_last_will(&name, parsed),
-        };
-        let authorized = match (judged, announced) {
+        let authorized = match (authorize(&self.machine, publisher, parsed).await, announced) {
             (Ok(authorized), _) => authorized,
             (Err(refusal), Some((id, instance))) => return Some(self.refuse_handler(id, instance, &refusal)),
             (Err(refusal), None) => return self.refuse(to_tell, refusal).await,
         };
         if let Request::Handler(id, presence) = authorized.request() {
-            self.ages.hear(id, presence, retain, Instant::now());
+            self.ages.hear(id, presence, arrival.retain, Instant::now());
         }
         let (machine, results) = (self.machine.clone(), self.results.clone());
         let output = output_of(authorized.request());
         // the port itself replies to a sender with a name, refusals included
         let is_replied_to = to_tell.is_some();
-        let mut asking = Box::pin(async move {
+        let asking = async move {
             if let Err(refusal) = machine.carry_out(authorized).await
                 && !is_replied_to
             {
@@ -171,12 +191,54 @@ impl Dispatch {
                 }
             }
             drop(place);
-        });
+        };
+        let supervisor = self.machine.supervisor();
+        let mut asking = Box::pin(supervisor.contained("request over MQTT", asking));
         let begun = poll_fn(|context| Poll::Ready(asking.as_mut().poll(context))).await;
         if begun.is_pending() {
-            tokio::spawn(asking);
+            tokio::spawn(asking); // with its supervisor
+        }
+        if let Some((cs, number)) = moved {
+            self.arrivals.receive(cs, number);
         }
         None
+    }
+
+    /// A place for a request without an answer yet. An urgent one waits for its place, and always gets one.
+    async fn place(&self, urgent: bool) -> Option<OwnedSemaphorePermit> {
+        if urgent {
+            Arc::clone(&self.urgent).acquire_owned().await.ok()
+        } else {
+            Arc::clone(&self.unanswered).try_acquire_owned().ok()
+        }
+    }
+
+    /// Rejects what its topic or its order of arrival forbids.
+    fn reject_on_arrival(&self, request: &Request, urgent: bool, arrival: &Arrival) -> Option<Refusal> {
+        if self.requires_named && !arrival.is_named && !urgent && !names_itself(request) {
+            let text = "over a broker of others the topic names the sender: publish on client/{client_id}/... or \
+                        handler/{handler_id}/..., or set [mqtt] accept_unverified_senders";
+            return Some(Refusal::new(RefusalCode::Forbidden, text));
+        }
+        let (cs, number) = moving_system(request).zip(arrival.number)?;
+        if !self.arrivals.is_overtaken(cs, number) {
+            return None;
+        }
+        self.arrivals.receive(cs, number);
+        let text =
+            "a hold, stop or abort that came after it has been executed before it; send the command again";
+        Some(Refusal::new(RefusalCode::NotAllowed, text))
+    }
+
+    /// A claim or reset that does not reach the port.
+    fn refuse_output(&self, (topic, result): (Topic, HandshakeResult), refusal: Refusal) -> Message {
+        self.drop_message(&format!("MQTT request refused: {refusal}"));
+        let text = Some(refusal.text);
+        message(
+            &self.machine,
+            topic,
+            Payload::Result(HandshakeResult { text, ..result }),
+        )
     }
 
     fn refuse_handler(&self, id: String, instance: Option<String>, refusal: &Refusal) -> Message {
@@ -272,26 +334,80 @@ impl Dispatch {
         refusal: Refusal,
     ) -> Message {
         add(&self.metrics.mqtt_refused, 1);
-        // as a literal: the text is its sender's, and a line of the log is one line
-        warn!("MQTT command {command_id:?} of {client_id:?} rejected: {refusal}");
         if refusal.code == RefusalCode::Retained {
             let text = format!("retained command {command_id:.128} of {client_id:.64} over MQTT: {refusal}");
             self.machine.notice(ServerNotice::Warning(text));
         }
-        let state = self.machine.read(&Topic::cs(cs, CsTopic::State)).await;
-        let reply = CommandReply {
-            command_id,
-            status: CommandStatus::Rejected,
-            code: code_word(refusal.code),
-            text: refusal.text,
-            state_rev: state.and_then(|state| state.rev).unwrap_or(0),
-            variables: None,
-            lease: None,
-            hash: None,
-            run_id: None,
-        };
-        message(&self.machine, Topic::Reply(client_id), Payload::Reply(reply))
+        rejection(&self.machine, cs, (client_id, command_id), refusal).await
     }
+}
+
+/// Why a presence is refused that names no instance, where no connection stands for it: its broker is not the embedded one.
+fn refuse_unnamed(request: &Request) -> Option<(String, Refusal)> {
+    let Request::Handler(id, presence) = request else {
+        return None;
+    };
+    let text = "instance: name the process, by 1 to 64 characters without / + # ~ that it makes at its start; this broker does not \
+                tell two processes apart";
+    let is_unnamed = presence.online && presence.instance.is_none();
+    is_unnamed.then(|| (id.clone(), Refusal::new(RefusalCode::Invalid, text)))
+}
+
+/// True for a presence and a heartbeat, whose topics have always named their senders.
+fn names_itself(request: &Request) -> bool {
+    matches!(request, Request::Handler(..) | Request::Heartbeat(..))
+}
+
+/// The coordinate system that a command is to move; `None` for other requests.
+fn moving_system(request: &Request) -> Option<CoordinateSystemNumber> {
+    match request {
+        Request::Command { cs, command, .. } if command.verb().moves() => Some(*cs),
+        _ => None,
+    }
+}
+
+/// Authorizes the request of a publisher.
+pub(super) async fn authorize(
+    machine: &Machine,
+    publisher: Publisher,
+    parsed: ParsedRequest,
+) -> Result<Authorized, Refusal> {
+    match publisher {
+        Publisher::User { user, from, .. } => {
+            let caller = Caller {
+                user: &user,
+                from,
+                over: ServerTransport::Mqtt,
+            };
+            machine.judge(caller, parsed).await
+        }
+        Publisher::Unknown { name, .. } => Machine::judge_last_will(&name, parsed),
+    }
+}
+
+/// The reply to a command that is rejected before it reaches the port.
+pub(super) async fn rejection(
+    machine: &Machine,
+    cs: CoordinateSystemNumber,
+    (client_id, command_id): (String, String),
+    refusal: Refusal,
+) -> Message {
+    // as a literal: the text is its sender's, and a line of the log is one line
+    warn!("MQTT command {command_id:?} of {client_id:?} rejected: {refusal}");
+    let state = machine.read(&Topic::cs(cs, CsTopic::State)).await;
+    let reply = CommandReply {
+        command_id,
+        status: CommandStatus::Rejected,
+        code: code_word(refusal.code),
+        text: refusal.text,
+        state_rev: state.and_then(|state| state.rev).unwrap_or(0),
+        variables: None,
+        lease: None,
+        hash: None,
+        run_id: None,
+        moved: BTreeMap::new(),
+    };
+    message(machine, Topic::Reply(client_id), Payload::Reply(reply))
 }
 
 /// Names a connection to the embedded broker.

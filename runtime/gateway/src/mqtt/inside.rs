@@ -17,6 +17,7 @@ use tokio::sync::oneshot;
 use tokio::time::Instant;
 
 use super::wire::{Connect, Event, Lost, Named, Version, Wire};
+use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::broker::{Exchange, ON_THE_WAY_MAX, PACKET_MAX};
 
 /// What waits to be carried out; more is refused until there is room.
@@ -273,6 +274,8 @@ fn published(publish: PublishPacket) -> Event {
     let named = Named {
         user: said(SENDER),
         client_id: said(CLIENT_ID),
+        arrival: said(ARRIVAL).and_then(|number| number.parse().ok()),
+        is_executed: said(EXECUTED).is_some(),
     };
     let mut taken = Publish::new(publish.topic_name, rumqttc::QoS::AtLeastOnce, publish.payload);
     taken.retain = publish.retain;
@@ -287,7 +290,7 @@ mod tests {
     use tokio::sync::mpsc;
 
     use super::*;
-    use crate::broker::{Broker, BrokerAccess};
+    use crate::broker::{Broker, BrokerAccess, PLACES};
     use crate::tests::StubPort;
 
     const ROOT: &str = "tandem/v1/mill-1/";
@@ -300,7 +303,7 @@ mod tests {
             users: None,
             machine: crate::machine::Machine::new(StubPort::new()),
         };
-        Broker::start("127.0.0.1:0".parse().unwrap(), access, None, refused).unwrap()
+        Broker::start("127.0.0.1:0".parse().unwrap(), access, None, refused, PLACES).unwrap()
     }
 
     /// A connection that is subscribed to everything, with a will.

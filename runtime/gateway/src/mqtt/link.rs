@@ -16,20 +16,24 @@ use plc_api::types::machine::{BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::decode;
+use plc_api::wire::speaker::Speaker;
 use rumqttc::{LastWill, Publish, QoS};
 use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
 use tokio::time::{Instant, Interval};
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
-use super::dispatch::Dispatch;
+use super::dispatch::{Arrival, Dispatch};
 use super::outbox::{Handed, Outbox, Parcel};
-use super::wire::{self, Connect, Event, Lost, Version, Wire};
-use super::{Parts, Publisher, client_id, message};
+use super::urgent_replies::Reader;
+use super::wire::{self, Connect, Event, Lost, Named, Version, Wire};
+use super::{Parts, client_id, message, publisher_of};
 use crate::broker_address::Refused;
-use crate::contract::topics::{inbound_topics, is_inbound};
+use crate::contract::topics::{inbound_filters, is_inbound};
 use crate::metrics::add;
 use crate::position::{every, is_position};
+use crate::publisher::Publisher;
 
 /// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no more.
 const MESSAGE_MAX: usize = 256 * 1024;
@@ -66,6 +70,8 @@ pub(super) struct Link<C> {
     reported_connected: bool,
     // presences since every state was published
     presences: u32,
+    /// Open outputs are being marked as redelivered.
+    redelivering: Option<JoinHandle<()>>,
 }
 
 /// What a connection has learned of its broker.
@@ -102,6 +108,7 @@ enum Wakeup {
     Message(Option<Arc<Message>>),
     PositionsDue,
     PresenceEnded,
+    Redelivered,
     Refused(Refused),
     Result(Box<Message>),
     Stop,
@@ -113,6 +120,8 @@ impl<C: Connect> Link<C> {
             parts.machine.clone(),
             Arc::clone(&parts.metrics),
             parts.clients.clone(),
+            Arc::clone(&parts.arrivals),
+            parts.clients.is_none() && !parts.settings.accept_unverified_senders,
         );
         Self {
             outbox: Outbox::default(),
@@ -131,6 +140,7 @@ impl<C: Connect> Link<C> {
             hang_ups: 0,
             reported_connected: true,
             presences: 0,
+            redelivering: None,
         }
     }
 
@@ -277,13 +287,22 @@ impl<C: Connect> Link<C> {
                 None => std::future::pending().await,
             }
         };
-        let mut sources: [Pin<&mut (dyn Future<Output = Wakeup> + Send)>; 6] = [
+        let redelivered = async {
+            match &mut self.redelivering {
+                // one that has panicked marks nothing more
+                Some(redelivering) => drop(redelivering.await),
+                None => std::future::pending().await,
+            }
+            Wakeup::Redelivered
+        };
+        let mut sources: [Pin<&mut (dyn Future<Output = Wakeup> + Send)>; 7] = [
             pin!(event),
             pin!(message),
             pin!(positions_due),
             pin!(refused),
             pin!(result),
             pin!(presence_ended),
+            pin!(redelivered),
         ];
         self.turn = (self.turn + 1) % sources.len();
         sources.rotate_left(self.turn);
@@ -301,16 +320,8 @@ impl<C: Connect> Link<C> {
     /// Handles everything except the connection itself.
     async fn on_wakeup(&mut self, wakeup: Wakeup) {
         match wakeup {
-            Wakeup::Message(Some(message)) => {
-                // presence of handlers comes in over MQTT, and would come back for ever
-                if !matches!(message.topic, Topic::HandlerPresence(_)) && !is_position(&message.topic) {
-                    let is_presence = message.topic == Topic::Presence;
-                    self.outbox.put(message);
-                    if is_presence {
-                        self.on_presence();
-                    }
-                }
-            }
+            Wakeup::Message(Some(message)) => self.put(message),
+            Wakeup::Redelivered => self.release_pending(),
             // the port has closed: nothing more to publish, but the connection stays until the stop
             Wakeup::Message(None) => self.subscription = None,
             Wakeup::PositionsDue => self.put_positions().await,
@@ -325,7 +336,12 @@ impl<C: Connect> Link<C> {
                     name: String::new(),
                     client_id: None,
                 };
-                self.take(publisher, &topic, &payload, true).await;
+                let arrival = Arrival {
+                    retain: true,
+                    number: None,
+                    is_named: true,
+                };
+                self.take(publisher, &topic, &payload, arrival).await;
             }
             Wakeup::Result(result) => self.outbox.put(Arc::from(result)),
             Wakeup::Mqtt(_) | Wakeup::Stop => {}
@@ -335,6 +351,28 @@ impl<C: Connect> Link<C> {
             add(&self.parts.metrics.mqtt_events_lost, lost);
             warn!("the MQTT broker is too slow or away: {lost} events were dropped; states are kept");
         }
+    }
+
+    fn put(&mut self, message: Arc<Message>) {
+        // presence of handlers comes in over MQTT, and would come back for ever
+        let is_of_lane = self.parts.urgent_replies.is_urgent(&message, Reader::Link);
+        if matches!(message.topic, Topic::HandlerPresence(_)) || is_position(&message.topic) || is_of_lane {
+            return;
+        }
+        let is_presence = message.topic == Topic::Presence;
+        self.outbox.put(message);
+        if is_presence {
+            self.on_presence();
+        }
+    }
+
+    /// The machine has published all open outputs as redelivered: no older `m_code/pending` reaches the broker.
+    fn release_pending(&mut self) {
+        self.redelivering = None;
+        while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
+            self.put(message);
+        }
+        self.outbox.release();
     }
 
     /// Positions are not retained but streamed, at rest too, so that late subscribers learn them.
@@ -368,12 +406,14 @@ impl<C: Connect> Link<C> {
         let Parts { root, metrics, .. } = &self.parts;
         metrics.mqtt_connected.store(1, Ordering::Relaxed);
         add(&metrics.mqtt_connections, 1);
-        if !wire.subscribe(inbound_topics().map(|(topic, _)| format!("{root}{}", topic.filter()))) {
+        if !wire.subscribe(inbound_filters().map(|filter| format!("{root}{filter}"))) {
             warn!(
                 "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
             );
         }
-        self.outbox.on_connected();
+        let is_again = self.connections > 1;
+        self.outbox.on_connected(is_again);
+        self.redelivering = is_again.then(|| tokio::spawn(self.parts.machine.republish()));
         self.presences = 0;
         self.dispatch.on_connected();
         metrics
@@ -383,9 +423,6 @@ impl<C: Connect> Link<C> {
                 since: Timestamp::from_system_time(self.parts.machine.time()),
             }));
         self.report_bus(true);
-        if self.connections > 1 {
-            self.parts.machine.notice(ServerNotice::Reconnected);
-        }
     }
 
     /// Reports a lost and a restored connection to the machine.
@@ -430,8 +467,7 @@ impl<C: Connect> Link<C> {
                 self.on_connected(&session.wire);
             }
             Event::Published { publish, named } => {
-                let publisher = Publisher::of(&self.parts, &named);
-                self.on_publish(&publish, publisher, session.version).await;
+                self.on_publish(&publish, &named, session.version).await;
             }
             Event::Acknowledged { refused } => {
                 self.outbox.on_acknowledged();
@@ -452,31 +488,37 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    async fn on_publish(&mut self, publish: &Publish, publisher: Publisher, version: Version) {
-        // empty: a retained topic that was cleared, by us or by its sender
-        if publish.payload.is_empty() {
+    async fn on_publish(&mut self, publish: &Publish, named: &Named, version: Version) {
+        // empty: a retained topic that was cleared, by us or by its sender; executed: the urgent lane has taken it
+        if publish.payload.is_empty() || named.is_executed {
             return;
         }
+        let path = publish.topic.strip_prefix(&self.parts.root).unwrap_or_default();
+        let speaker = Speaker::split(path).0;
+        let is_named = speaker.is_some();
+        let publisher = publisher_of(&self.parts, named, speaker);
         if let Some(path) = publish.topic.strip_prefix(&self.parts.root)
             && is_inbound(path)
-            && (publish.retain || is_to_clear(path, version))
+            && (publish.retain || version.is_to_clear(path))
         {
             self.outbox.retain(path.to_owned(), String::new());
         }
-        self.take(publisher, &publish.topic, &publish.payload, publish.retain)
+        let arrival = Arrival {
+            retain: publish.retain,
+            number: named.arrival,
+            is_named,
+        };
+        self.take(publisher, &publish.topic, &publish.payload, arrival)
             .await;
     }
 
-    async fn take(&mut self, publisher: Publisher, topic: &str, payload: &[u8], retained: bool) {
+    async fn take(&mut self, publisher: Publisher, topic: &str, payload: &[u8], arrival: Arrival) {
         let Some(path) = topic.strip_prefix(&self.parts.root) else {
             return;
         };
         add(&self.parts.metrics.mqtt_received, 1);
-        if let Some(reply) = self
-            .dispatch
-            .take(publisher, decode(path, payload, retained), retained)
-            .await
-        {
+        let inbound = decode(path, payload, arrival.retain);
+        if let Some(reply) = self.dispatch.take(publisher, inbound, arrival).await {
             self.outbox.put(Arc::new(reply));
         }
     }
@@ -502,6 +544,7 @@ impl<C: Connect> Link<C> {
         while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
             self.on_wakeup(Wakeup::Message(Some(message))).await;
         }
+        self.outbox.release();
         let offline = message(&self.parts.machine, offline.topic, offline.payload);
         self.outbox.put(Arc::new(offline));
         while self.publish(&mut session).await {}
@@ -554,9 +597,4 @@ fn expiry_s(message: &Message) -> Option<u32> {
     };
     let expires_ms = presence.expires_ms.filter(|_| presence.online)?;
     u32::try_from(expires_ms.div_ceil(1000)).ok()
-}
-
-/// Over 3.1.1 a live message does not keep its retain flag, so every command is cleared.
-fn is_to_clear(path: &str, version: Version) -> bool {
-    version == Version::V3_1_1 && (path.contains("/command/") || path.contains("/lease/"))
 }

@@ -8,9 +8,10 @@ mod dispatch;
 mod inside;
 mod link;
 mod outbox;
+mod urgent_lane;
+mod urgent_replies;
 mod wire;
 
-use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,18 +19,25 @@ use plc_api::server::ServedPort;
 use plc_api::types::Timestamp;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::Topic;
+use plc_api::wire::speaker::Speaker;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::AbortOnDropHandle;
 
 use crate::access::{LiveTokens, User};
-use crate::broker::Sessions;
+use crate::arrivals::Arrivals;
+use crate::broker::{Broker, Sessions};
 use crate::broker_address::Refused;
 use crate::machine::Machine;
 use crate::metrics::Metrics;
+use crate::publisher::Publisher;
 use crate::settings::{GatewaySettings, MqttSettings};
+use crate::urgent_slots::ExecuteUrgent;
 pub(crate) use inside::Inside;
 use link::Link;
+use urgent_lane::UrgentLane;
+use urgent_replies::UrgentReplies;
 pub use wire::{Connect, Event, Lost, Named, Version, Wire};
 
 /// Messages refused by the embedded broker that wait for a reply.
@@ -65,52 +73,25 @@ pub(crate) struct Parts {
     pub(crate) position_interval: Duration,
     pub(crate) refused: mpsc::Receiver<Refused>,
     pub(crate) metrics: Arc<Metrics>,
+    /// The order in which the embedded broker received messages.
+    pub(crate) arrivals: Arc<Arrivals>,
+    pub(crate) urgent_replies: Arc<UrgentReplies>,
 }
 
-/// Who has published a message.
-#[derive(Debug)]
-enum Publisher {
-    User {
-        user: User,
-        from: Option<IpAddr>,
-        client_id: Option<String>,
-    },
-    /// A name whose token counts no more, or nobody that the broker names.
-    Unknown { name: String, client_id: Option<String> },
-}
-
-impl Publisher {
-    /// The publisher that the broker names.
-    fn of(parts: &Parts, named: &Named) -> Self {
-        let clients = parts.clients.as_ref();
-        let from = clients.and_then(|clients| clients.address_of(named.client_id.as_deref()?));
-        let user = match &parts.tokens {
-            None => Some(User::Anyone),
-            Some(tokens) => named
-                .user
-                .as_deref()
-                .and_then(|name| tokens.now().user_named(name)),
-        };
-        let client_id = clients.and(named.client_id.clone());
-        match user {
-            Some(user) => Publisher::User {
-                user,
-                from,
-                client_id,
-            },
-            None => Publisher::Unknown {
-                name: named.user.clone().unwrap_or_default(),
-                client_id,
-            },
-        }
-    }
-
-    /// Its MQTT client id, where the embedded broker says it.
-    fn client_id(&self) -> Option<&str> {
-        match self {
-            Publisher::User { client_id, .. } | Publisher::Unknown { client_id, .. } => client_id.as_deref(),
-        }
-    }
+/// The publisher that the broker names; behind a broker of others, the sender that the topic names.
+fn publisher_of(parts: &Parts, named: &Named, speaker: Option<Speaker>) -> Publisher {
+    let clients = parts.clients.as_ref();
+    let from = clients.and_then(|clients| clients.address_of(named.client_id.as_deref()?));
+    let user = match &parts.tokens {
+        None if clients.is_none() => Some(speaker.map_or(User::Anyone, User::of_topic)),
+        None => Some(User::Anyone),
+        Some(tokens) => named
+            .user
+            .as_deref()
+            .and_then(|name| tokens.now().user_named(name)),
+    };
+    let client_id = clients.and(named.client_id.clone());
+    Publisher::new(user, named.user.as_deref(), from, client_id)
 }
 
 /// A message of this boot, from now.
@@ -129,6 +110,8 @@ fn message(machine: &Machine, topic: Topic, payload: Payload) -> Message {
 pub struct MqttEnd {
     stop: CancellationToken,
     task: JoinHandle<()>,
+    /// The lane of urgent requests through the embedded broker, and the task that publishes its replies.
+    _urgent: Option<(Arc<UrgentLane>, AbortOnDropHandle<()>)>,
 }
 
 impl MqttEnd {
@@ -145,14 +128,46 @@ impl MqttEnd {
             position_interval: Duration::from_millis(settings.position_interval_ms),
             refused,
             metrics: Arc::default(),
+            arrivals: Arc::default(),
+            urgent_replies: Arc::default(),
         };
         Self::start(parts, connect)
     }
 
     pub(crate) fn start<C: Connect>(parts: Parts, at: C) -> Self {
         let stop = CancellationToken::new();
-        let task = tokio::spawn(Link::new(parts, at, stop.clone()).run());
-        Self { stop, task }
+        let supervisor = parts.machine.supervisor();
+        let link = Link::new(parts, at, stop.clone());
+        let task = tokio::spawn(supervisor.essential("link to the MQTT broker", link.run()));
+        Self {
+            stop,
+            task,
+            _urgent: None,
+        }
+    }
+
+    /// Serves a machine through its embedded broker, with a lane for urgent requests.
+    pub(crate) fn start_inside(parts: Parts, broker: &Broker) -> Self {
+        let exchange = broker.exchange();
+        let lane = Arc::new(UrgentLane::new(
+            parts.machine.clone(),
+            Arc::clone(&parts.metrics),
+            (Arc::clone(&exchange.router), Arc::clone(&parts.arrivals)),
+            Arc::clone(&parts.urgent_replies),
+            parts.root.clone(),
+        ));
+        let replies = lane.subscribe();
+        let executing: Arc<dyn ExecuteUrgent> = Arc::<UrgentLane>::clone(&lane);
+        broker.open_urgent_lane(&executing);
+        let replying = Arc::clone(&lane).publish_replies(replies);
+        let supervisor = parts.machine.supervisor();
+        let replying = tokio::spawn(supervisor.essential("replies to urgent MQTT commands", replying));
+        let replying = AbortOnDropHandle::new(replying);
+        let end = Self::start(parts, Inside(exchange));
+        Self {
+            _urgent: Some((lane, replying)),
+            ..end
+        }
     }
 
     /// Publishes that the runtime is offline, disconnects and stops.

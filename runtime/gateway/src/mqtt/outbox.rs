@@ -42,10 +42,19 @@ impl Parcel {
         self.topic().is_some_and(Topic::is_state)
     }
 
+    /// True for the notice of an output.
+    fn is_notice(&self) -> bool {
+        matches!(self.topic(), Some(Topic::CoordinateSystem(_, CsTopic::Output(_))))
+    }
+
     /// The state that this event explains.
     fn explains(&self) -> Option<Topic> {
         self.topic().and_then(Topic::explains)
     }
+}
+
+fn is_pending(topic: &Topic) -> bool {
+    matches!(topic, Topic::CoordinateSystem(_, CsTopic::Pending))
 }
 
 /// Everything to be published, and what was published and is not acknowledged yet.
@@ -55,6 +64,8 @@ pub(super) struct Outbox {
     states: BTreeMap<Topic, Arc<Message>>,
     queue: Queue<Parcel>,
     reported_lost: u64,
+    /// Notices of open outputs, held back with `m_code/pending` on a new connection; `None`: nothing is held back.
+    held: Option<Vec<Parcel>>,
     // published with QoS 1, oldest first; None: a state, which is published again anyway
     unacknowledged: VecDeque<Option<Parcel>>,
 }
@@ -65,7 +76,14 @@ impl Outbox {
         if message.topic.is_state() {
             self.states.insert(message.topic.clone(), Arc::clone(&message));
         }
-        self.queue.put(Parcel::Message(message));
+        let parcel = Parcel::Message(message);
+        match &mut self.held {
+            Some(_) if parcel.topic().is_some_and(is_pending) => {}
+            Some(held) if parcel.is_notice() => held.push(parcel),
+            _ => {
+                self.queue.put(parcel);
+            }
+        }
     }
 
     /// Replaces what the broker retains for a client; an empty payload clears it.
@@ -108,25 +126,36 @@ impl Outbox {
 
     /// On a new connection, queues the last value of every retained state, and the events that no broker has acknowledged.
     /// A state follows the last event that explains it; states without one come first. Notices of outputs that are still
-    /// open come last, after `pending`, which lists them.
-    pub(super) fn on_connected(&mut self) {
+    /// open come last, after `pending`, which lists them: with `holds` these wait for [`release`](Self::release).
+    pub(super) fn on_connected(&mut self, holds: bool) {
+        let held = self.held.take().unwrap_or_default().into_iter();
         let unacknowledged = std::mem::take(&mut self.unacknowledged).into_iter();
         let waiting = self.queue.take_all().into_iter();
         let (open, past): (Vec<_>, Vec<_>) = unacknowledged
             .flatten()
             .chain(waiting.filter(|parcel| !parcel.is_state()))
+            .chain(held)
             .partition(|parcel| self.is_of_open_output(parcel));
+        let (open, held) = if holds {
+            (Vec::new(), Some(open))
+        } else {
+            (open, None)
+        };
+        self.held = held;
+        let is_held = |topic: &Topic| holds && is_pending(topic);
         let events: Vec<_> = past.into_iter().chain(open).collect();
         let explained_last: BTreeMap<_, _> = (0..events.len())
             .filter_map(|at| Some((events[at].explains()?, at)))
             .collect();
         for (topic, state) in &self.states {
-            if !explained_last.contains_key(topic) {
+            if !explained_last.contains_key(topic) && !is_held(topic) {
                 self.queue.put(Parcel::Message(Arc::clone(state)));
             }
         }
         for (at, event) in events.into_iter().enumerate() {
-            let explains = event.explains().filter(|state| explained_last[state] == at);
+            let explains = event
+                .explains()
+                .filter(|state| explained_last[state] == at && !is_held(state));
             self.queue.put(event);
             if let Some(state) = explains.and_then(|topic| self.states.get(&topic)) {
                 self.queue.put(Parcel::Message(Arc::clone(state)));
@@ -134,10 +163,21 @@ impl Outbox {
         }
     }
 
+    /// Queues what was held back: `m_code/pending`, then the notices of outputs that it lists.
+    pub(super) fn release(&mut self) {
+        let Some(held) = self.held.take() else { return };
+        for (_, state) in self.states.iter().filter(|(topic, _)| is_pending(topic)) {
+            self.queue.put(Parcel::Message(Arc::clone(state)));
+        }
+        for notice in held {
+            self.queue.put(notice);
+        }
+    }
+
     /// Queues the last value of every state again, for clients of a broker that has lost one.
     pub(super) fn say_states_again(&mut self) {
-        for state in self.states.values() {
-            self.queue.put(Parcel::Message(Arc::clone(state)));
+        for state in self.states.values().cloned().collect::<Vec<_>>() {
+            self.put(state);
         }
     }
 
@@ -251,6 +291,27 @@ mod tests {
     }
 
     #[test]
+    fn on_a_new_connection_pending_and_notices_wait_until_they_are_released() {
+        let mut outbox = Outbox::default();
+        for message in [showing([7]), output(7), switch(true)] {
+            outbox.put(message);
+        }
+        send_all(&mut outbox);
+        outbox.on_connected(true);
+        outbox.put(showing([7, 8]));
+        outbox.put(output(8));
+        assert_eq!(send_all(&mut outbox), [switch(true)]);
+        // the connection is lost, and another one made
+        outbox.on_connected(true);
+        assert_eq!(send_all(&mut outbox), [switch(true)]);
+        outbox.release();
+        assert_eq!(send_all(&mut outbox), [showing([7, 8]), output(7), output(8)]);
+        outbox.put(cancel(8));
+        outbox.put(showing([7]));
+        assert_eq!(send_all(&mut outbox), [cancel(8), showing([7])]);
+    }
+
+    #[test]
     fn a_waiting_state_is_sent_once_with_its_last_value_and_in_its_first_place() {
         let mut outbox = Outbox::default();
         for message in [switch(true), cancel(1), switch(false)] {
@@ -273,7 +334,7 @@ mod tests {
         outbox.on_acknowledged(); // the state
         outbox.on_acknowledged(); // cancel 1
         outbox.put(cancel(3));
-        outbox.on_connected();
+        outbox.on_connected(false);
         assert_eq!(send_all(&mut outbox), [switch(true), cancel(2), cancel(3)]);
     }
 
@@ -319,7 +380,7 @@ mod tests {
         for message in [pending(2), cancel(2), pending(3), output(3)] {
             outbox.put(message);
         }
-        outbox.on_connected();
+        outbox.on_connected(false);
         let right = [
             switch(true),
             output(1),
@@ -340,7 +401,7 @@ mod tests {
         }
         let pending = showing([2, 4]);
         outbox.put(Arc::clone(&pending));
-        outbox.on_connected();
+        outbox.on_connected(false);
         let right = [
             output(1),
             output(3),

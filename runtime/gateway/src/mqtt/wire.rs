@@ -83,6 +83,14 @@ pub enum Version {
     V3_1_1,
 }
 
+impl Version {
+    /// True for a message that is cleared at the broker: over 3.1.1 a live message does not keep its retain flag, so every command is
+    /// cleared.
+    pub(super) fn is_to_clear(self, path: &str) -> bool {
+        self == Self::V3_1_1 && (path.contains("/command/") || path.contains("/lease/"))
+    }
+}
+
 impl fmt::Display for Version {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -329,6 +337,10 @@ pub struct Named {
     pub user: Option<String>,
     /// Its client id.
     pub client_id: Option<String>,
+    /// Its number in the order of arrival.
+    pub arrival: Option<u64>,
+    /// True for an urgent request that the broker has passed to the machine already.
+    pub is_executed: bool,
 }
 
 fn event_3(event: rumqttc::Event) -> Option<Event> {

@@ -52,7 +52,7 @@ impl Listener<BrokerAddress> {
 
 impl<C: Connect> Listener<C> {
     /// Listens while somebody asks, until it is stopped.
-    pub(crate) async fn run(self) {
+    pub(crate) async fn run(&self) {
         loop {
             tokio::select! {
                 () = self.stop.cancelled() => return,

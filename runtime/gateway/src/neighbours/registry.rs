@@ -8,6 +8,7 @@ use plc_api::types::machine::{ActiveAlarms, AlarmRecord, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::PendingOutput;
 use plc_api::types::run::TimeLeft;
+use plc_api::types::start::StartConditions;
 use plc_api::types::state::State;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::machines::{CoordinateSystemSeen, MachineLink, MachineSeen};
@@ -38,6 +39,8 @@ pub(super) struct Registry {
 #[derive(Debug, Default)]
 struct Heard {
     presence: Option<(Presence, Instant)>,
+    /// When its newest heartbeat arrived.
+    beat_at: Option<Instant>,
     alarms: ActiveAlarms,
     systems: BTreeMap<CoordinateSystemNumber, System>,
     /// Bytes of the messages by topic.
@@ -49,6 +52,7 @@ struct System {
     state: Option<State>,
     outputs: Vec<PendingOutput>,
     time_left: TimeLeft,
+    start: Option<StartConditions>,
 }
 
 impl Registry {
@@ -114,10 +118,13 @@ impl Registry {
 
 /// Whether this is one of the topics that are read.
 fn is_read(topic: &Topic) -> bool {
-    use CsTopic::{Pending, State, TimeLeft};
+    use CsTopic::{Pending, StartConditions, State, TimeLeft};
     matches!(
         topic,
-        Topic::Presence | Topic::AlarmActive | Topic::CoordinateSystem(_, State | Pending | TimeLeft)
+        Topic::Presence
+            | Topic::Heartbeat
+            | Topic::AlarmActive
+            | Topic::CoordinateSystem(_, State | Pending | StartConditions | TimeLeft)
     )
 }
 
@@ -144,6 +151,7 @@ impl Heard {
                         CsTopic::State => system.state = None,
                         CsTopic::Pending => system.outputs.clear(),
                         CsTopic::TimeLeft => system.time_left = TimeLeft::default(),
+                        CsTopic::StartConditions => system.start = None,
                         _ => {}
                     }
                 }
@@ -160,6 +168,7 @@ impl Heard {
         match message.payload {
             Payload::Presence(presence) => self.presence = Some((presence, now)),
             Payload::AlarmActive(alarms) => self.alarms = alarms,
+            Payload::Heartbeat(_) => self.beat_at = Some(now),
             of_system => self.systems.entry(cs).or_default().take(of_system),
         }
         self.bytes.insert(message.topic, bytes);
@@ -185,6 +194,7 @@ impl Heard {
         Some(MachineSeen {
             machine: name.to_owned(),
             link,
+            age_ms: self.beat_at.map(|beat_at| age_ms(now - beat_at)),
             url: presence.url.clone().filter(|url| is_origin(url)),
             alarm_count: u32::try_from(alarms.len()).unwrap_or(u32::MAX),
             alarms: newest,
@@ -193,12 +203,17 @@ impl Heard {
     }
 }
 
+fn age_ms(age: Duration) -> u64 {
+    u64::try_from(age.as_millis()).unwrap_or(u64::MAX)
+}
+
 impl System {
     fn take(&mut self, payload: Payload) {
         match payload {
             Payload::State(state) => self.state = Some(state),
             Payload::Pending(pending) => self.outputs = pending.outputs,
             Payload::TimeLeft(time_left) => self.time_left = time_left,
+            Payload::StartConditions(conditions) => self.start = Some(conditions),
             _ => {}
         }
     }
@@ -206,13 +221,17 @@ impl System {
     fn seen(&self, number: CoordinateSystemNumber) -> CoordinateSystemSeen {
         let waits = self.state.as_ref().and_then(|state| state.waiting_on.as_ref());
         let output = waits.and_then(|waits| self.outputs.iter().find(|open| open.output.seq == waits.seq));
-        let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
+        // a time of another run is none of this one
+        let run_id = self.state.as_ref().and_then(|state| state.run_id.as_ref());
+        let is_of_run = run_id.is_some() && self.time_left.run_id.as_ref() == run_id;
+        let finite = |value: Option<f64>| value.filter(|value| is_of_run && value.is_finite());
         CoordinateSystemSeen {
             number,
             state: self.state.clone(),
             waiting_on: output.cloned(),
             left_s: finite(self.time_left.left_s),
             progress: finite(self.time_left.progress),
+            start_conditions: self.start.clone(),
         }
     }
 }
@@ -232,6 +251,7 @@ mod tests {
     fn state(program: u16) -> String {
         let state = State {
             program: Some(program),
+            run_id: Some("r-1".into()),
             ..State::default()
         };
         serde_json::to_string(&state).unwrap()
@@ -262,6 +282,20 @@ mod tests {
         assert_eq!(registry.machines(later)[0].link, MachineLink::Offline);
         take(&mut registry, "mill-2", "presence", "", later);
         assert_eq!(registry.machines(later), [], "its presence was taken away");
+    }
+
+    #[test]
+    fn the_age_of_a_machine_is_that_of_its_newest_heartbeat() {
+        let (mut registry, now) = (Registry::new("mill-1"), Instant::now());
+        take(&mut registry, "mill-2", "presence", PRESENCE, now);
+        assert_eq!(registry.machines(now)[0].age_ms, None);
+        for cycle in 1..=3 {
+            let at = now + Duration::from_millis(100 * cycle);
+            let heartbeat = json!({ "cycle": cycle }).to_string();
+            take(&mut registry, "mill-2", "heartbeat", &heartbeat, at);
+        }
+        let later = now + Duration::from_millis(850);
+        assert_eq!(registry.machines(later)[0].age_ms, Some(550));
     }
 
     #[test]
@@ -336,15 +370,16 @@ mod tests {
         take(&mut registry, "mill-2", "presence", PRESENCE, now);
         take(&mut registry, "mill-2", "cs/1/m_code/pending", &pending, now);
         take(&mut registry, "mill-2", "cs/1/state", &waiting, now);
-        take(
-            &mut registry,
-            "mill-2",
-            "cs/1/time_left",
-            r#"{"left_s":12.5,"progress":0.25}"#,
-            now,
-        );
-        let seen = &registry.machines(now)[0].coordinate_systems[0];
-        assert_eq!(seen.waiting_on.as_ref().map(|open| open.output.seq), Some(3));
-        assert_eq!((seen.left_s, seen.progress), (Some(12.5), Some(0.25)));
+        for (run_id, left) in [
+            ("r-1", (Some(12.5), Some(0.25))),
+            ("r-0", (None, None)),
+            ("", (None, None)),
+        ] {
+            let time_left = json!({"run_id": run_id, "left_s": 12.5, "progress": 0.25}).to_string();
+            take(&mut registry, "mill-2", "cs/1/time_left", &time_left, now);
+            let seen = &registry.machines(now)[0].coordinate_systems[0];
+            assert_eq!(seen.waiting_on.as_ref().map(|open| open.output.seq), Some(3));
+            assert_eq!((seen.left_s, seen.progress), left, "{run_id}");
+        }
     }
 }

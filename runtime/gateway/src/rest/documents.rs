@@ -1,6 +1,6 @@
 //! The documents of the interface, which tests keep equal to its types and tables.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
@@ -15,6 +15,9 @@ use crate::shared::{Shared, unexpected};
 const OPENAPI: &str = include_str!("../../api/openapi.json");
 const ASYNCAPI: &str = include_str!("../../api/asyncapi.json");
 
+/// Read once: that takes longer than all else of a request for it.
+static PARSED_ASYNCAPI: LazyLock<Option<Value>> = LazyLock::new(|| serde_json::from_str(ASYNCAPI).ok());
+
 pub(super) fn routes() -> Router<Arc<Shared>> {
     Router::new()
         .route("/openapi.json", get(|| async { document(OPENAPI) }))
@@ -28,7 +31,7 @@ fn document(text: &'static str) -> Response {
 
 /// The document of MQTT, with the servers by which whoever asks reaches this machine.
 async fn asyncapi(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Value>, Problem> {
-    let mut document: Value = serde_json::from_str(ASYNCAPI).map_err(|_| unexpected())?;
+    let mut document = Value::clone(PARSED_ASYNCAPI.as_ref().ok_or_else(unexpected)?);
     let asked = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let here = asked.map_or_else(|| shared.http_addr.to_string(), str::to_owned);
     let websocket = if shared.scheme == "https" { "wss" } else { "ws" };

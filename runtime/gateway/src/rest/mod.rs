@@ -15,6 +15,7 @@ use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter};
 use axum::{Extension, Router};
+use plc_api::wire::parameter::Fault;
 use plc_api::wire::row::check_path;
 
 use crate::contract::routes::{ROUTES, Serves};
@@ -67,6 +68,16 @@ fn params<'a>(
 
 fn nothing_at(uri: &Uri) -> Problem {
     Problem::not_found(format!("there is nothing at {}", uri.path()))
+}
+
+/// The answer to what came in and is no request.
+fn problem_of(fault: Fault, uri: &Uri) -> Problem {
+    match fault {
+        Fault::Level(_) => nothing_at(uri),
+        Fault::NotFound(text) => Problem::not_found(text),
+        Fault::Json(error) => Problem::invalid(format!("the JSON body is not right: {error}")),
+        Fault::Invalid(text) => Problem::invalid(text),
+    }
 }
 
 /// A JSON answer.

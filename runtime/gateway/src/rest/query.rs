@@ -1,81 +1,64 @@
-//! The query of a route; an unknown parameter is answered with 400.
+//! The query of a route.
 
 use axum::extract::Query;
 use axum::http::Uri;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::data::JournalFilter;
-use plc_api::wire::route::{self, Route};
-use plc_api::wire::row::QueryValues;
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use plc_api::wire::parameter::QueryValues;
+use plc_api::wire::route::Route;
 
+use super::problem_of;
 use crate::problem::Problem;
-
-/// Kinds of queries, each with the fields that it reads.
-macro_rules! queries {
-    ($($(#[$attribute:meta])* $name:ident { $($field:ident: $type:ty),* } => $values:expr;)*) => {$(
-        #[derive(Deserialize)]
-        $(#[$attribute])*
-        struct $name {
-            $(#[serde(default)] $field: $type,)*
-        }
-
-        impl From<$name> for QueryValues {
-            fn from($name { $($field),* }: $name) -> Self {
-                $values
-            }
-        }
-    )*};
-}
-
-queries! {
-    #[serde(deny_unknown_fields)]
-    Range { from: u32, count: Option<u32> } => QueryValues { from, count, ..QueryValues::default() };
-    Wait { wait: Option<String> } => QueryValues { wait, ..QueryValues::default() };
-    #[serde(deny_unknown_fields)]
-    Upload { dialect: Option<String> } => QueryValues { dialect, ..QueryValues::default() };
-    #[serde(deny_unknown_fields)]
-    RunBy { cs: Option<CoordinateSystemNumber> } => QueryValues { cs, ..QueryValues::default() };
-    #[serde(deny_unknown_fields)]
-    Seconds { wait: Option<String> } => QueryValues { wait, ..QueryValues::default() };
-    #[serde(deny_unknown_fields)]
-    Runs { cs: Option<CoordinateSystemNumber>, from: u32, count: Option<u32> } =>
-        QueryValues { cs, from, count, ..QueryValues::default() };
-    #[serde(deny_unknown_fields)]
-    Samples { from: u32, count: Option<u32>, axes: Option<String> } => QueryValues { from, count, axes, ..QueryValues::default() };
-    #[serde(deny_unknown_fields)]
-    Path { cs: Option<CoordinateSystemNumber>, tolerance: Option<f64>, from: u32, count: Option<u32> } =>
-        QueryValues { cs, tolerance, from, count, ..QueryValues::default() };
-    #[serde(deny_unknown_fields)]
-    Lines {
-        from: u32, count: Option<u32>, since: Option<String>, until: Option<String>,
-        cs: Option<CoordinateSystemNumber>, m: Option<u16>, user: Option<String>, run: Option<String>
-    } => QueryValues {
-        from,
-        count,
-        filter: JournalFilter { since, until, cs, m, user, run },
-        ..QueryValues::default()
-    };
-}
 
 /// The query of a URL.
 pub(super) fn read(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
-    match route.query {
-        route::Query::Nothing => Ok(QueryValues::default()),
-        route::Query::Range => read_as::<Range>(uri),
-        route::Query::Journal => read_as::<Lines>(uri),
-        route::Query::Wait => read_as::<Wait>(uri),
-        route::Query::Dialect => read_as::<Upload>(uri),
-        route::Query::Seconds => read_as::<Seconds>(uri),
-        route::Query::Runs => read_as::<Runs>(uri),
-        route::Query::Trace => read_as::<Samples>(uri),
-        route::Query::RunBy => read_as::<RunBy>(uri),
-        route::Query::Path => read_as::<Path>(uri),
-    }
+    let pairs = Query::<Vec<(String, String)>>::try_from_uri(uri);
+    let Query(pairs) = pairs.map_err(|refusal| Problem::invalid(refusal.body_text()))?;
+    let pairs = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+    route.query.read(pairs).map_err(|fault| problem_of(fault, uri))
 }
 
-fn read_as<T: DeserializeOwned + Into<QueryValues>>(uri: &Uri) -> Result<QueryValues, Problem> {
-    let read = Query::<T>::try_from_uri(uri);
-    read.map(|Query(values)| values.into())
-        .map_err(|refusal| Problem::invalid(refusal.body_text()))
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use axum::http::Uri;
+
+    use super::*;
+    use crate::contract::routes::ROUTES;
+    use crate::contract::tests::parameters_in_document;
+
+    /// A value that each parameter of this name takes.
+    const VALUE: &str = "1";
+
+    #[test]
+    fn each_query_parameter_that_a_route_reads_is_in_the_document() {
+        let routes = || {
+            ROUTES
+                .iter()
+                .flat_map(|(path, places)| places.iter().map(move |(route, _)| (path, *route)))
+        };
+        let all: BTreeSet<String> = routes()
+            .flat_map(|(path, route)| parameters_in_document(route.method, path, "query"))
+            .collect();
+        assert!(all.len() > 8, "{all:?}");
+        let nothing = format!("{:?}", QueryValues::default());
+        for (path, route) in routes() {
+            let listed = parameters_in_document(route.method, path, "query");
+            let needed = if route.method == "PUT" && listed.contains("from") {
+                "from=1&"
+            } else {
+                ""
+            };
+            let is_read = |name: &&String| {
+                let query = if *name == "from" {
+                    "from=1".to_owned()
+                } else {
+                    format!("{needed}{name}={VALUE}")
+                };
+                let uri: Uri = format!("/?{query}").parse().unwrap();
+                read(route, &uri).is_ok_and(|values| format!("{values:?}") != nothing)
+            };
+            let read: BTreeSet<String> = all.iter().filter(is_read).cloned().collect();
+            assert_eq!(read, listed, "{} {path}", route.method);
+        }
+    }
 }

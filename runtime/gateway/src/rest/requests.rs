@@ -2,9 +2,13 @@
 //! `?wait=1` 200 when done, or 202 when that takes longer than a minute.
 
 use std::borrow::Cow;
+use std::future::poll_fn;
+use std::pin::pin;
 use std::sync::Arc;
+use std::task::Poll;
 use std::time::Duration;
 
+use axum::body::Body;
 use axum::extract::{FromRequestParts, RawPathParams, Request as HttpRequest};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
@@ -18,27 +22,25 @@ use plc_api::types::topic::Topic;
 use plc_api::wire::answer::{AnswerForm, Reply};
 use plc_api::wire::percent_encoded;
 use plc_api::wire::route::{self, Content, Route};
-use plc_api::wire::row::{Fault, IF_NONE_MATCH, IncomingRequest, Row, Sender, Source, number};
+use plc_api::wire::row::{IF_NONE_MATCH, IncomingRequest, Row, Sender, Source, number};
 use plc_api::wire::tag;
-use tokio::sync::SemaphorePermit;
+use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
-use super::{body, json_response, nothing_at, params, query};
-use crate::access::User;
+use super::{body, json_response, nothing_at, params, problem_of, query};
+use crate::access::{Account, User};
 use crate::contract::routes::API;
 use crate::machine::{Authorized, Caller};
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::{LARGE_REQUESTS_MAX, Shared, unexpected};
+use crate::shared::{Shared, unexpected};
+use crate::urgent_slots::UrgentKind;
 
 /// Who commands when a command comes over REST from nobody in particular.
 const CLIENT_ID: &str = "rest";
 
 /// Longest time that `?wait=1` waits; then 202. Reason: shorter than what proxies and clients allow.
 const WAIT_MAX: Duration = Duration::from_mins(1);
-
-/// Longest time that a request with a whole program waits for others of that kind; then 503.
-const LARGE_WAIT_MAX: Duration = Duration::from_secs(30);
 
 /// Serves a row on one of its routes.
 pub(super) async fn serve(
@@ -59,77 +61,90 @@ pub(super) async fn serve(
         body::check_text(&head.headers)?;
     }
     let permit = if row.is_large {
-        Some(large_place(&shared).await?)
+        Some(shared.large_requests.acquire(user.name()).await?)
     } else {
         None
     };
-    let bytes = match route.body {
-        Content::Text => body::read(body, PROGRAM_BYTES_MAX).await?,
-        Content::Json(_) => body::json(&head.headers, body).await?,
-        Content::Nothing | Content::Document | Content::Bytes => Vec::new(),
-    };
+    let bytes = read_body(route, &head.headers, body).await?;
     let cs = match params.iter().find(|(name, _)| *name == "id") {
         Some((_, id)) if route.headers == route::Headers::Command => {
-            Some(of_alarm(&shared, id, &head.uri).await?)
+            Some(of_alarm(&shared, id, &head.uri).await?.to_string())
         }
         _ => None,
     };
-    let cs = cs.map(|cs| cs.to_string());
     params.extend(cs.as_deref().map(|cs| ("cs", cs)));
-    let sender = HttpSender {
-        shared: &shared,
-        user: &user,
-        headers: &head.headers,
-    };
+    let sender = HttpSender::of(&shared, (&user, &head.headers), route);
     let incoming = IncomingRequest {
         params: &params,
         body: Cow::Owned(bytes),
         query,
         source: Source::Http(&sender),
+        not_after_is_apart: false,
     };
-    let parsed = row.parse(incoming).map_err(|fault| match fault {
-        Fault::Level(_) => nothing_at(&head.uri),
-        Fault::NotFound(text) => Problem::not_found(text),
-        Fault::Json(error) => Problem::invalid(format!("the JSON body is not right: {error}")),
-        Fault::Invalid(text) => Problem::invalid(text),
-    })?;
+    let parsed = row
+        .parse(incoming)
+        .map_err(|fault| problem_of(fault, &head.uri))?;
     let caller = Caller {
         user: &user,
         from: head.extensions.get::<Peer>().map(|peer| peer.address),
         over: ServerTransport::Rest,
     };
-    let judged = shared.machine.judge(caller, parsed).await;
-    let authorized = judged.map_err(Problem::from)?;
+    let authorized = (shared.machine.judge(caller, parsed).await).map_err(Problem::from)?;
     let form = (row.answer)(authorized.request());
-    let reply = match authorized.request() {
-        Request::Command { .. } => carry_out(&shared, authorized, &form).await?,
+    let urgent = UrgentKind::of_request(authorized.request());
+    let reply = match (authorized.request(), urgent) {
+        (Request::Command { .. }, Some(kind)) => {
+            let account = Account::new(&user, caller.from);
+            carry_out_urgent(&shared, authorized, (account, kind), &form).await?
+        }
+        (Request::Command { .. }, None) => carry_out(&shared, authorized, &form).await?,
+        (Request::Handler(..), _) => form.encode(register(&shared, authorized).await?)?,
         _ => form.encode(shared.ask(authorized).await?)?,
     };
-    drop(permit);
-    Ok(unless_had(&head.headers, reply))
+    let mut response = sender.response(reply);
+    if let Some(permit) = permit {
+        response.extensions_mut().insert(Arc::new(permit));
+    }
+    Ok(response)
 }
 
-/// The answer, or that the client has it already.
-fn unless_had(headers: &HeaderMap, reply: Reply) -> Response {
+async fn read_body(route: &Route, headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Problem> {
+    Ok(match route.body {
+        Content::Text => body::read(body, PROGRAM_BYTES_MAX).await?,
+        Content::Json(_) => body::json(headers, body).await?,
+        Content::Nothing | Content::Document | Content::Bytes => Vec::new(),
+    })
+}
+
+/// A handler registers, or leaves.
+async fn register(shared: &Shared, authorized: Authorized) -> Result<Answer, Problem> {
+    let Request::Handler(id, presence) = authorized.request().clone() else {
+        return Err(unexpected());
+    };
+    presence.check_registration().map_err(Problem::invalid)?;
+    if presence.online {
+        shared.registrations.begin(&id, &presence)?;
+    }
+    let answer = shared.ask(authorized).await;
+    if answer.is_err() || !presence.online {
+        shared.registrations.end(&id, presence.instance.as_ref());
+    }
+    answer
+}
+
+/// The tag of what a client may have already.
+fn tag_of(reply: &Reply) -> Option<&str> {
     match reply {
-        Reply::Program(ProgramText { hash: tag, .. }) | Reply::Bytes(PlannedPath { tag, .. })
-            if has(headers, &tag) =>
-        {
-            not_modified(&tag)
-        }
-        reply => response(reply),
+        Reply::Program(ProgramText { hash: tag, .. }) | Reply::Bytes(PlannedPath { tag, .. }) => Some(tag),
+        _ => None,
     }
 }
 
-/// True when the client has the program already.
-fn has(headers: &HeaderMap, hash: &str) -> bool {
-    let tags = headers.get_all(IF_NONE_MATCH).iter();
-    let mut tags = tags.filter_map(|tags| tags.to_str().ok());
-    tags.any(|tags| tag::is_had(tags, hash))
-}
-
-fn not_modified(hash: &str) -> Response {
-    tagged(StatusCode::NOT_MODIFIED.into_response(), hash)
+fn not_modified(reply: &Reply) -> Response {
+    tagged(
+        StatusCode::NOT_MODIFIED.into_response(),
+        tag_of(reply).unwrap_or_default(),
+    )
 }
 
 fn tagged(mut response: Response, hash: &str) -> Response {
@@ -139,25 +154,51 @@ fn tagged(mut response: Response, hash: &str) -> Response {
     response
 }
 
-/// A place for a request that carries a whole program.
-async fn large_place(shared: &Shared) -> Result<SemaphorePermit<'_>, Problem> {
-    let place = timeout(LARGE_WAIT_MAX, shared.large_requests.acquire()).await;
-    place.ok().and_then(Result::ok).ok_or_else(|| {
-        let text =
-            format!("{LARGE_REQUESTS_MAX} programs are on their way, which is the limit; send it again");
-        Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
-    })
-}
-
 struct HttpSender<'a> {
     shared: &'a Shared,
     user: &'a User,
     headers: &'a HeaderMap,
+    route: &'a Route,
+}
+
+impl<'a> HttpSender<'a> {
+    fn of(shared: &'a Shared, (user, headers): (&'a User, &'a HeaderMap), route: &'a Route) -> Self {
+        Self {
+            shared,
+            user,
+            headers,
+            route,
+        }
+    }
+
+    /// The answer, or that the client has it.
+    fn response(&self, reply: Reply) -> Response {
+        if self.had(&reply) {
+            not_modified(&reply)
+        } else {
+            response(reply)
+        }
+    }
+
+    /// The values of a header that the route lists; of another one none, so that no route reads what its document does not list.
+    fn listed(&self, name: &str) -> impl Iterator<Item = &HeaderValue> {
+        let is_listed = self.route.headers.reads(name);
+        is_listed
+            .then(|| self.headers.get_all(name).iter())
+            .into_iter()
+            .flatten()
+    }
+
+    /// True if the client has what is answered.
+    fn had(&self, reply: &Reply) -> bool {
+        let mut tags = self.listed(IF_NONE_MATCH).filter_map(|tags| tags.to_str().ok());
+        tag_of(reply).is_some_and(|tag| tags.any(|tags| tag::is_had(tags, tag)))
+    }
 }
 
 impl Sender for HttpSender<'_> {
     fn header(&self, name: &str) -> Option<&str> {
-        let value = self.headers.get(name)?;
+        let value = self.listed(name).next()?;
         Some(value.to_str().unwrap_or_default())
     }
 
@@ -192,11 +233,7 @@ async fn carry_out(
     authorized: Authorized,
     form: &AnswerForm,
 ) -> Result<Reply, Problem> {
-    let places = match authorized.request() {
-        Request::Command { command, .. } if command.is_urgent() => &shared.urgent_commands,
-        _ => &shared.open_commands,
-    };
-    let Ok(place) = Arc::clone(places).try_acquire_owned() else {
+    let Ok(place) = Arc::clone(&shared.open_commands).try_acquire_owned() else {
         return Err(Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
             "unavailable",
@@ -208,23 +245,81 @@ async fn carry_out(
         _ => (String::new(), false),
     };
     // a task of its own: a client that goes away takes back nothing
-    let asking = shared.tasks.spawn({
+    let asking = {
         let shared = Arc::clone(shared);
         async move {
             let answer = shared.ask(authorized).await;
             drop(place);
             answer
         }
-    });
-    let answer: Answer = if wait {
-        match timeout(WAIT_MAX, asking).await {
+    };
+    let asking = spawn_request(shared, asking);
+    answered(asking, form, wait.then_some(command_id)).await
+}
+
+/// Executes a hold, stop or abort, or ends a jog. It waits only for an earlier one of the same account, kind and coordinate system.
+async fn carry_out_urgent(
+    shared: &Arc<Shared>,
+    mut authorized: Authorized,
+    (account, kind): (Account, (CoordinateSystemNumber, UrgentKind)),
+    form: &AnswerForm,
+) -> Result<Reply, Problem> {
+    let waits = shared.urgent_wait(&account);
+    if waits.is_none() {
+        authorized.do_not_wait();
+    }
+    let command_id = match authorized.request() {
+        Request::Command { meta, wait: true, .. } => Some(meta.command_id.clone()),
+        _ => None,
+    };
+    let slot = shared.urgent.enter(account, kind).await;
+    let is_waiting = command_id.is_some();
+    let asking = {
+        let shared = Arc::clone(shared);
+        async move {
+            let mut asking = pin!(shared.ask(authorized));
+            let first = poll_fn(|context| Poll::Ready(asking.as_mut().poll(context))).await;
+            // the coordinate system has it: what follows is only the wait until it is done
+            let slot = (!is_waiting).then_some(slot);
+            let answer = match first {
+                Poll::Ready(answer) => answer,
+                Poll::Pending => asking.await,
+            };
+            drop((slot, waits));
+            answer
+        }
+    };
+    let asking = spawn_request(shared, asking);
+    answered(asking, form, command_id).await
+}
+
+/// Starts a request in a task of its own; a panic ends that request alone.
+fn spawn_request(
+    shared: &Shared,
+    asking: impl Future<Output = Result<Answer, Problem>> + Send + 'static,
+) -> JoinHandle<Option<Result<Answer, Problem>>> {
+    let supervisor = shared.machine.supervisor();
+    shared
+        .tasks
+        .spawn(supervisor.catch_panic("request over REST", asking))
+}
+
+/// The answer to a command; with `waiting`, the id of one that is to be done, that it is accepted after [`WAIT_MAX`].
+async fn answered(
+    asking: JoinHandle<Option<Result<Answer, Problem>>>,
+    form: &AnswerForm,
+    waiting: Option<String>,
+) -> Result<Reply, Problem> {
+    let answer: Answer = match waiting {
+        Some(command_id) => match timeout(WAIT_MAX, asking).await {
             Ok(answer) => answer,
             Err(_) => return Ok(Reply::Accepted(command_id, None)),
-        }
-    } else {
-        asking.await
+        },
+        None => asking.await,
     }
-    .map_err(|_| unexpected())??;
+    .ok()
+    .flatten()
+    .ok_or_else(unexpected)??;
     Ok(form.encode(answer)?)
 }
 

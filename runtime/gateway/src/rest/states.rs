@@ -113,13 +113,21 @@ async fn all_io(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> 
 
 async fn health(State(shared): State<Arc<Shared>>) -> Response {
     let link = &shared.metrics.broker;
-    let status = if link.is_lost() {
+    let faults = shared.machine.supervisor().faults();
+    let status = if faults.iter().any(|fault| fault.consequence.needs_restart()) {
+        HealthStatus::Failed
+    } else if link.is_lost() || !faults.is_empty() {
         HealthStatus::Degraded
     } else {
         HealthStatus::Ok
     };
-    let broker = link.in_use();
-    json_text(json!(Health { status, broker }).to_string())
+    let health = Health {
+        status,
+        broker: link.in_use(),
+        stop_without_login: shared.access.allows_stop_without_login(),
+        faults,
+    };
+    json_text(json!(health).to_string())
 }
 
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {

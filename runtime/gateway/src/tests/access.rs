@@ -337,7 +337,7 @@ async fn over_a_websocket_only_a_handler_announces_itself_and_validates_in_its_o
     gateway.shutdown().await;
 }
 
-fn mqtt_options(gateway: &Gateway, id: &str, user: &str, password: &str) -> MqttOptions {
+pub(super) fn mqtt_options(gateway: &Gateway, id: &str, user: &str, password: &str) -> MqttOptions {
     let address = gateway.mqtt_addr().unwrap();
     let mut options = MqttOptions::new(id, address.ip().to_string(), address.port());
     options.set_credentials(user, password);
@@ -567,7 +567,7 @@ async fn headers_are_limited_in_number_in_size_and_in_time() {
     let address = listener.local_addr().unwrap();
     let stop = CancellationToken::new();
     let server = tokio::spawn(crate::server::serve(
-        crate::server::LimitedListener::new(listener),
+        crate::server::LimitedListener::new(listener, crate::server::PLACES),
         axum::Router::new(),
         None,
         stop.clone(),

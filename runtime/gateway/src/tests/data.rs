@@ -99,7 +99,7 @@ async fn rest_sets_ranges_tools_and_offsets() {
         put(&port, "/variables/p?from=7&count=2", values.clone()).await,
         204
     );
-    assert_eq!(put(&port, "/cs/2/variables/q", values.clone()).await, 204);
+    assert_eq!(put(&port, "/cs/2/variables/q?from=0", values.clone()).await, 204);
     let change = json!({"tools": [{"id": 4, "length": 12.5}], "remove": [3]});
     assert_eq!(put(&port, "/tools", change).await, 204);
     let offsets = json!({"work_offsets": {"G54": {"X": 10.0}}});
@@ -125,14 +125,57 @@ async fn rest_sets_ranges_tools_and_offsets() {
         Request::WriteWorkOffsets(1, g54()),
     ];
     assert_eq!(port.asked(), asked);
-    assert_eq!(put(&port, "/variables/p?count=3", values).await, 400);
-    assert_eq!(put(&port, "/variables/p", json!({"values": [null]})).await, 400);
-    assert_eq!(put(&port, "/variables/p", json!({})).await, 400);
+    assert_eq!(put(&port, "/variables/p?from=0&count=3", values).await, 400);
+    assert_eq!(
+        put(&port, "/variables/p?from=0", json!({"values": [null]})).await,
+        400
+    );
+    assert_eq!(put(&port, "/variables/p?from=0", json!({})).await, 400);
     assert_eq!(
         put(&port, "/tools", json!({"tools": [{"id": 4, "lenght": 1}]})).await,
         400
     );
     assert_eq!(port.asked().len(), asked.len());
+}
+
+#[tokio::test]
+async fn a_write_of_variables_without_the_number_of_the_first_is_refused() {
+    let port = machine();
+    for path in ["/variables/p", "/cs/2/variables/q", "/variables/p?count=1"] {
+        let response = call(
+            &port,
+            "PUT",
+            &format!("/api/v1{path}"),
+            &JSON,
+            json!({"values": [7]}).to_string(),
+        )
+        .await;
+        assert_eq!(response.status(), 400, "{path}");
+        let text = text(response).await;
+        assert!(text.contains("the query lacks from"), "{text}");
+    }
+    assert_eq!(port.asked(), []);
+}
+
+#[tokio::test]
+async fn what_get_gives_of_variables_is_written_where_path_and_query_say_the_same() {
+    let port = machine();
+    let (_, read) = get(&port, "/variables/p?from=7&count=2").await;
+    assert_eq!(put(&port, "/variables/p?from=7", read.clone()).await, 204);
+    let write = Request::WriteVariables {
+        area: VariableArea::Global,
+        from: 7,
+        values: vec![1.5, f64::NAN],
+        meta: None,
+    };
+    assert_eq!(
+        format!("{:?}", port.asked().last().unwrap()),
+        format!("{write:?}")
+    );
+    let count = port.asked().len();
+    assert_eq!(put(&port, "/variables/p?from=8", read.clone()).await, 400);
+    assert_eq!(put(&port, "/cs/1/variables/q?from=7", read).await, 400);
+    assert_eq!(port.asked().len(), count);
 }
 
 #[tokio::test]

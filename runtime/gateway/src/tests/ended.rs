@@ -19,6 +19,7 @@ async fn with_login() -> (Gateway, String) {
     settings.tokens = Some(Arc::new(Tokens::parse(&person).unwrap()));
     // so that twelve hours pass quickly
     settings.position_interval_ms = 10_000;
+    settings.login_idle = None;
     let gateway = start_with(&StubPort::new(), settings).await;
     let users = gateway.shared.access.users().unwrap();
     let from = std::net::Ipv4Addr::LOCALHOST.into();

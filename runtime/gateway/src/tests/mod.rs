@@ -16,9 +16,13 @@ mod places;
 mod programs;
 mod rest;
 mod rest_refusals;
+mod senders;
 mod threats;
+mod unread;
+mod urgent;
 mod websocket;
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -227,6 +231,10 @@ impl ServedPort for StubPort {
         self.told.lock().unwrap().push(notice);
     }
 
+    fn republish(&self) -> BoxFuture<'_, ()> {
+        Box::pin(std::future::ready(()))
+    }
+
     fn servo_timing(&self) -> Option<ServoTiming> {
         self.servo_timing.lock().unwrap().clone()
     }
@@ -253,6 +261,7 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
         lease: None,
         hash: None,
         run_id: None,
+        moved: BTreeMap::new(),
     }
 }
 
@@ -271,7 +280,9 @@ pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>
             port: 1883,
             is_private: false,
         },
-        Access::new(tokens.map(|tokens| crate::access::Users::new(crate::access::LiveTokens::fixed(tokens)))),
+        Access::new(
+            tokens.map(|tokens| crate::access::Users::new(crate::access::LiveTokens::fixed(tokens), None)),
+        ),
         Duration::from_millis(20),
         CancellationToken::new(),
     ))

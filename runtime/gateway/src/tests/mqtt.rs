@@ -9,7 +9,7 @@ use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::*;
-use crate::broker::{Broker, BrokerAccess};
+use crate::broker::{Broker, BrokerAccess, PLACES};
 use crate::mqtt::{self, MqttEnd};
 use crate::settings::MqttSettings;
 
@@ -329,7 +329,7 @@ async fn an_external_broker_keeps_no_command() {
 }
 
 /// A broker that knows nothing of commands, as an external one.
-fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
+pub(super) fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
     let (refused, _) = mpsc::channel(1);
     // knows nothing of our topics, as a broker of somebody else
     let access = BrokerAccess {
@@ -338,12 +338,17 @@ fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
         users: None,
         machine: crate::machine::Machine::new(StubPort::new()),
     };
-    let broker = Broker::start(address, access, None, refused).unwrap();
+    let broker = Broker::start(address, access, None, refused, PLACES).unwrap();
     let address = broker.addr();
     (broker, address)
 }
 
 fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
+    mqtt_end_that(true, port, address)
+}
+
+/// The same; it accepts senders that topics do not name, or not.
+pub(super) fn mqtt_end_that(accepts: bool, port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     let (_, refused) = mpsc::channel(1);
     let parts = mqtt::Parts {
         machine: crate::machine::Machine::new(Arc::<StubPort>::clone(port)),
@@ -351,6 +356,7 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
         clients: None,
         settings: MqttSettings {
             embedded_listen: None,
+            accept_unverified_senders: accepts,
             ..MqttSettings::default()
         },
         machine_name: "mill-1".into(),
@@ -358,6 +364,8 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
         position_interval: Duration::from_millis(20),
         refused,
         metrics: Arc::default(),
+        arrivals: Arc::default(),
+        urgent_replies: Arc::default(),
     };
     let at = crate::broker_address::BrokerAddress {
         nodes: vec![(address.ip().to_string(), address.port())],

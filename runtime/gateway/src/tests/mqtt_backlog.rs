@@ -47,10 +47,7 @@ impl Wire for Eager {
         let payload = r#"{"command_id":"c-1","client_id":"hmi"}"#;
         Ok(mqtt::Event::Published {
             publish: Publish::new("tandem/v1/mill-1/cs/1/command/stop", QoS::AtLeastOnce, payload),
-            named: Named {
-                user: None,
-                client_id: None,
-            },
+            named: Named::default(),
         })
     }
 

@@ -304,17 +304,21 @@ async fn a_refused_message_is_acknowledged_in_the_words_of_the_clients_version()
 async fn a_client_whose_will_is_a_command_is_not_let_in() {
     let gateway = start(&StubPort::new()).await;
     let address = gateway.mqtt_addr().unwrap();
-    for (path, retain, is_let_in) in [
-        ("cs/1/command/start", true, false),
-        ("cs/1/command/start", false, false),
-        ("cs/1/m_code/7/reset", false, false),
-        ("cs/1/input/dry_run/set", false, false),
-        ("handler/arm/presence", true, true),
+    for (path, payload, retain, is_let_in) in [
+        ("cs/1/command/start", "{}", true, false),
+        ("cs/1/command/start", "{}", false, false),
+        ("cs/1/m_code/7/reset", "{}", false, false),
+        ("cs/1/input/dry_run/set", "{}", false, false),
+        ("handler/arm/presence", r#"{"online": false}"#, true, true),
+        ("handler/arm/presence", r#"{"online": true}"#, true, false),
+        ("handler/arm/presence", "{}", true, false),
+        ("handler/arm/presence", "", true, false),
+        ("client/arm/heartbeat", r#"{"ttl_ms": 500}"#, false, false),
     ] {
         let mut options = rumqttc::MqttOptions::new("hmi", address.ip().to_string(), address.port());
         options.set_last_will(LastWill::new(
             format!("{ROOT}{path}"),
-            "{}",
+            payload,
             QoS::AtLeastOnce,
             retain,
         ));
@@ -322,7 +326,7 @@ async fn a_client_whose_will_is_a_command_is_not_let_in() {
         assert_eq!(
             within(eventloop.poll()).await.is_ok(),
             is_let_in,
-            "{path}, retain {retain}"
+            "{path} {payload}, retain {retain}"
         );
     }
     gateway.shutdown().await;

@@ -2,6 +2,7 @@
 
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, header};
+use plc_api::supervisor::Supervisor;
 use tandem_mtconnect::{Agent, AgentSettings};
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
@@ -28,7 +29,13 @@ async fn it_is_off_where_nothing_is_written_and_reads_for_everyone_on_a_loopback
     let port = StubPort::new();
     let shared = shared(Arc::clone(&port));
     assert_eq!(status(&shared, None, "GET", None).await, 404);
-    let agent = Agent::start(port, AgentSettings::default(), CancellationToken::new()).await;
+    let agent = Agent::start(
+        port,
+        AgentSettings::default(),
+        CancellationToken::new(),
+        Supervisor::default(),
+    )
+    .await;
     assert_eq!(status(&shared, Some(&agent), "GET", None).await, 200);
     for method in ["POST", "PUT", "DELETE"] {
         assert_eq!(status(&shared, Some(&agent), method, None).await, 405, "{method}");
@@ -40,7 +47,13 @@ async fn where_there_are_users_it_is_for_those_who_may_read() {
     let port = StubPort::new();
     let users = Users::new();
     let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
-    let agent = Agent::start(port, AgentSettings::default(), CancellationToken::new()).await;
+    let agent = Agent::start(
+        port,
+        AgentSettings::default(),
+        CancellationToken::new(),
+        Supervisor::default(),
+    )
+    .await;
     assert_eq!(status(&shared, Some(&agent), "GET", None).await, 401);
     assert_eq!(status(&shared, Some(&agent), "GET", Some("wrong")).await, 401);
     assert_eq!(

@@ -27,7 +27,7 @@ fn serving(dir: &std::path::Path) -> Arc<Shared> {
             m_code: Some(60),
             ..HmiButton::default()
         }],
-        cards: Vec::new(),
+        ..Hmi::default()
     };
     let hmi = HmiSettings {
         dir: Some(dir.to_owned()),

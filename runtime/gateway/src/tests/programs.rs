@@ -153,6 +153,7 @@ async fn a_planned_path_is_bytes_with_an_etag_and_its_query_says_which_part() {
             Request::PlannedPath(..) => Answer::Path(PlannedPath {
                 tag: "a-1-all".into(),
                 bytes: vec![0x54, 0xff, 0x00],
+                ..PlannedPath::default()
             }),
             _ => Answer::Done,
         })

@@ -154,6 +154,7 @@ async fn every_verb_has_its_route_and_each_command_an_id_of_its_own() {
         Command::Abort,
         Command::Mdi {
             text: "G00 X1\nY2".into(),
+            is_macro: false,
         },
         Command::Home { axes: vec!['X'] },
         Command::Home { axes: Vec::new() },

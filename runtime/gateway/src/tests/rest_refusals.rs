@@ -197,7 +197,10 @@ async fn a_body_that_hardly_comes_is_given_up_and_a_large_one_on_a_slow_line_is_
 #[tokio::test(start_paused = true)]
 async fn programs_that_wait_for_others_are_told_that_there_is_no_place() {
     let shared = shared(StubPort::new());
-    let _places = shared.large_requests.acquire_many(4).await.unwrap();
+    let mut permits = Vec::new();
+    for _ in 0..4 {
+        permits.push(shared.large_requests.acquire(None).await.unwrap());
+    }
     let request = axum::http::Request::put("/api/v1/programs/1")
         .header("host", "127.0.0.1:8080")
         .body(Body::from("M30"))

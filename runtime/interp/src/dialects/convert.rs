@@ -2,7 +2,7 @@
 //! out of the program, stands there as a comment, and is told; nothing is dropped without a word.
 //!
 //! Each motion names its code, fixed cycles become their motions, and an M code stands in a block of its own. What comes
-//! out is checked as a program of nj: a block that is wrong there counts as one that could not be converted.
+//! out is checked as a program of nj, and a block that is wrong there is reported.
 
 mod block;
 mod coordinates;
@@ -10,12 +10,14 @@ mod cycles;
 mod fanuc;
 mod left;
 mod state;
+#[cfg(test)]
+mod tests;
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
-use tandem_model::Diagnostic;
-use tandem_model::settings::{Calculator, NcOptions};
+use tandem_model::settings::{Calculator, NcOptions, Unit};
+use tandem_model::{AxisVector, Diagnostic};
 use tandem_syntax::{Grammar, LineIndex, NcProgram, Token, TokenKind, parse, tokens};
 
 pub use self::state::Source;
@@ -23,8 +25,33 @@ use self::state::State;
 use crate::check::{CheckContext, check, check_source};
 use crate::dialects;
 
-/// What a program starts with in its own dialect, where nj starts otherwise.
-const START: &str = "G00 G17 G21 G40 G49 G80 G90 G98 G54 G500 ta0 td0 ts0";
+/// What a program starts with in its own dialect, where nj starts otherwise, in this unit.
+fn start(unit: Unit) -> String {
+    let unit = match unit {
+        Unit::Millimetre => "G21",
+        Unit::Inch => "G20",
+    };
+    format!("G00 G17 {unit} G40 G49 G80 G90 G98 G54 G500 ta0 td0 ts0")
+}
+
+/// Settings of the machine that a program was written for.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// Those of its dialect.
+    pub options: NcOptions,
+    /// The unit in force at the start of a program.
+    pub unit: Unit,
+}
+
+impl From<&NcOptions> for Settings {
+    /// These options, with programs that start in mm.
+    fn from(options: &NcOptions) -> Self {
+        Self {
+            options: *options,
+            unit: Unit::Millimetre,
+        }
+    }
+}
 
 /// A program of nj, and what it lacks.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -35,22 +62,28 @@ pub struct Converted {
     pub left: Vec<Left>,
 }
 
-/// A line that could not be converted.
+/// A line that could not be converted, or whose blocks the dialect nj refuses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Left {
     /// Line of the source, from 1.
     pub line: u32,
+    /// Its blocks are in the text. The text does not load until they are corrected.
+    pub is_written: bool,
     /// What stands there.
     pub text: String,
     /// Why, and what to write instead.
     pub reason: String,
 }
 
-/// Writes a program in dialect nj.
-pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
-    let mut options = *options;
+/// Writes a program in dialect nj. Every word of the source is in the text, or its line is in `left`.
+pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Converted {
+    let Settings {
+        mut options,
+        mut unit,
+    } = settings.into();
     if from == Source::Fanuc {
         options.calculator = Calculator::All;
+        unit = Unit::Millimetre;
     }
     let (grammar, read) = match from {
         Source::Dgshape => (Grammar::dgshape(), Cow::Borrowed(source)),
@@ -59,7 +92,8 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
             Cow::Owned(fanuc::comments_in_parentheses(source)),
         ),
     };
-    let read = read.as_ref();
+    let all = read.as_ref();
+    let (read, others) = all.split_at(fanuc::second_program(all, grammar, from).unwrap_or(all.len()));
     let (program, mut found) = parse(read, grammar);
     if from == Source::Dgshape {
         let context = CheckContext {
@@ -68,8 +102,8 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
         };
         found.extend(check(&program, dialects::dgshape(), &context).diagnostics);
     }
-    let mut state = State::new(from, options);
-    let mut lines = vec![(0, START.to_owned())];
+    let mut state = State::new(from, options, unit);
+    let mut lines = vec![(0, start(unit))];
     if from == Source::Fanuc && fanuc::is_subprogram(&program) {
         // what is in force is that of the program that calls it
         state.lose_modal_state();
@@ -102,6 +136,10 @@ pub fn convert(source: &str, from: Source, options: &NcOptions) -> Converted {
     }
     if from == Source::Fanuc && !fanuc::has_end(&program) {
         writer.lines.push((number, "M30 // the text ends".to_owned()));
+    }
+    writer.leave_settings();
+    if !others.is_empty() {
+        writer.leave_others(read.lines().count(), others.lines().count());
     }
     writer.finish()
 }
@@ -163,7 +201,7 @@ impl Writer<'_> {
             (Some(why), _) => Err(why),
             // nj has no marks
             (None, TokenKind::Mark) => Ok(Vec::new()),
-            (None, TokenKind::ProgramNumber) => Ok(vec![format!("// {}", self.of(code))]),
+            (None, TokenKind::ProgramNumber) => self.program_number(code, line),
             (None, _) => self.block(number),
         };
         if let Some(rest) = line.iter().find(|token| token.kind == TokenKind::Rest)
@@ -190,17 +228,67 @@ impl Writer<'_> {
         }
     }
 
+    /// A line with a program number, which becomes a comment. Whatever else is on it would be lost.
+    fn program_number(&self, number: &Token, line: &[Token]) -> Result<Vec<String>, String> {
+        let is_alone = line.iter().all(|token| {
+            token == number || token.kind == TokenKind::Comment || self.of(token).trim().is_empty()
+        });
+        let text = self.of(number);
+        let digits = text.get(1..).unwrap_or_default();
+        if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
+            return Err("O is followed by no program number. Calls by a name and O-words of other controls have no equal here: write M98 with the number of a subprogram, or the blocks themselves.".to_owned());
+        }
+        if !is_alone {
+            return Err(format!(
+                "{text} is not alone on its line. Write the words after it on the next line."
+            ));
+        }
+        Ok(vec![format!("// {text}")])
+    }
+
+    /// Reports settings that move every program, and that nj does not have.
+    fn leave_settings(&mut self) {
+        let offset = self.state.options.external_offset;
+        if self.state.from == Source::Dgshape && offset != AxisVector::ZERO {
+            self.leave(
+                1,
+                "the external offset of the configuration shifts all work coordinates, and dialect nj has none. Add it to the work offsets of the machine that runs the program.",
+            );
+        }
+    }
+
+    /// Keeps the lines of further programs as comments, and reports where they begin.
+    fn leave_others(&mut self, lines_before: usize, lines: usize) {
+        let first = u32::try_from(lines_before).unwrap_or(u32::MAX).saturating_add(1);
+        for line in (first..).take(lines) {
+            let raw = self.raw(line);
+            if !matches!(raw, "" | "%") {
+                let kept = format!("// not converted: {raw}");
+                self.lines.push((line, kept));
+            }
+        }
+        self.leave(
+            first,
+            "a second program begins here. Convert each program of this file alone, as a file of its own; its lines follow as comments.",
+        );
+    }
+
     fn raw(&self, number: u32) -> &str {
         let line = self.shown.get(number.saturating_sub(1) as usize);
         line.copied().unwrap_or_default()
     }
 
     fn leave(&mut self, line: u32, reason: &str) {
+        self.report(line, false, reason.to_owned());
+    }
+
+    fn report(&mut self, line: u32, is_written: bool, reason: String) {
         let text = self.raw(line).to_owned();
         self.left.push(Left {
             line,
+            is_written,
             text,
-            reason: reason.to_owned(),
+            reason,
         });
     }
 
@@ -255,7 +343,7 @@ impl Writer<'_> {
                 .get(written.saturating_sub(1) as usize)
                 .map_or(0, |(line, _)| *line);
             if told.insert(line) {
-                self.leave(line, &format!("{}. {}", one.message, one.help));
+                self.report(line, true, format!("{}. {}", one.message, one.help));
             }
         }
         self.left.sort_by_key(|left| left.line);

@@ -42,6 +42,7 @@ fn the_emergency_stop_is_what_its_input_says_while_somebody_writes_that() {
             written: value.into(),
             owner: Some("plc".into()),
             lost,
+            unknown: false,
             forced: None,
         };
         feed.take(&message(Topic::Io(IoPoint::input(name)), Payload::Io(state)));

@@ -3,14 +3,13 @@
 use std::collections::VecDeque;
 
 use proptest::prelude::*;
-use rtrb::RingBuffer;
 use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{ArcPath, AxisVector};
 use tandem_motion::Planner;
-use tandem_servo::{Control, Splice};
+use tandem_servo::{Control, Splice, profile_queue};
 
 use crate::look_ahead::{Feeds, Way, feeds, is_fault, jerks, machine, soft_machine, ways};
 use crate::planned::Machine;
@@ -354,7 +353,7 @@ fn go_back_through_a_ring(
     machine.rig.control(Control::Hold);
     machine.cycles(2);
     let mut back = machine.planner.retrace(machine.place());
-    let (mut ring, profiles) = RingBuffer::new(room);
+    let (mut ring, profiles) = profile_queue(room);
     let splice = Splice { at: None, profiles };
     machine.rig.handle.splices.push(splice).unwrap();
     machine.rig.control(Control::Splice);

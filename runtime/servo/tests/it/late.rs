@@ -119,7 +119,53 @@ fn a_servo_that_is_late_while_nothing_moves_holds_nothing() {
     assert!(late(&mut rig, 30_000).is_empty(), "a feed hold");
     rig.control(Control::Resume);
     rig.until(is_finished(2));
-    assert!(late(&mut rig, 30_000).is_empty());
+    rig.cycles(101);
+    assert!(late(&mut rig, 30_000).is_empty(), "at rest for more than 0.1 s");
+}
+
+#[test]
+fn p10_late_servo_at_a_reversal_holds_before_the_next_motion() {
+    for cycles in [0, 1, 50, 100] {
+        let mut rig = on_drives();
+        rig.push(rapid(1, 0.0, 30.0));
+        rig.until(is_finished(1));
+        // the way back has not been handed over
+        rig.cycles(cycles);
+        let events = late(&mut rig, 100);
+        assert!(
+            matches!(events[..], [Event::Late { cycles: 100 }, Event::Held { .. }]),
+            "{cycles}: {events:?}"
+        );
+        rig.push(rapid(2, 30.0, 0.0));
+        assert!(rig.cycles(100).is_empty(), "{cycles}");
+        rig.control(Control::Resume);
+        rig.until(is_finished(2));
+        close(rig.x(), 0.0);
+    }
+}
+
+#[test]
+fn p10_late_servo_in_any_cycle_of_a_stroke_holds() {
+    let length = {
+        let mut rig = on_drives();
+        rig.push(rapid(1, 0.0, 5.0));
+        rig.push(rapid(2, 5.0, 0.0));
+        rig.until(is_finished(2))
+    };
+    for cycles in 0..length {
+        let mut rig = on_drives();
+        rig.push(rapid(1, 0.0, 5.0));
+        rig.push(rapid(2, 5.0, 0.0));
+        rig.cycles(cycles);
+        let events = late(&mut rig, 100);
+        assert!(
+            events.contains(&Event::Late { cycles: 100 }),
+            "{cycles}: {events:?}"
+        );
+        let at = rig.x();
+        assert!(!rig.cycles(500).iter().any(is_finished(2)));
+        assert!((rig.x() - at).abs() < 1.0);
+    }
 }
 
 #[test]
@@ -178,23 +224,25 @@ fn late_again_while_it_comes_to_rest_is_told_and_holds_once() {
 }
 
 #[test]
-fn in_a_thread_the_hold_waits_until_the_tool_is_out_and_the_way_goes_on_within_the_limits() {
+fn m1h_late_servo_in_a_thread_rests_where_it_stood_and_resumes() {
     let mut rig = Rig::on_bus(&with_spindle(), Drives::default());
     at_the_hole(&mut rig, 0.0);
     rig.cycles(1000);
-    let z = rig.position().0[2];
-    assert!(z < -5.5 && z > -9.5, "{z}");
+    let stood = rig.position().0[2];
+    assert!(stood < -5.5 && stood > -9.5, "{stood}");
     let events = late(&mut rig, 100);
-    assert_eq!(events, [Event::Late { cycles: 100 }]);
-    let first = z - rig.position().0[2];
+    assert!(matches!(
+        events[..],
+        [Event::Late { cycles: 100 }, Event::Held { .. }]
+    ));
+    assert!(rig.cycles(1000).is_empty());
+    close(rig.position().0[2], stood);
+    rig.control(Control::Resume);
+    rig.cycle();
+    let first = stood - rig.position().0[2];
     assert!((0.0..0.5 * A_MAX * T * T).contains(&first), "from rest: {first}");
     rig.until(is_finished(4));
     close(rig.position().0[2], -5.0);
-    assert!(
-        rig.cycles(100)
-            .iter()
-            .all(|event| !matches!(event, Event::Started { .. }))
-    );
 }
 
 #[test]

@@ -2,11 +2,10 @@
 
 use std::collections::VecDeque;
 
-use rtrb::RingBuffer;
 use tandem_model::profile::{Law, Pace, PacePiece, PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_motion::Planner;
-use tandem_servo::{Control, Event, Splice};
+use tandem_servo::{Control, Event, Splice, profile_queue};
 
 use crate::look_ahead::{Feeds, Watch, Way, push};
 use crate::rig::{Rig, is_finished};
@@ -57,7 +56,7 @@ impl Machine {
     }
 
     pub fn splice(&mut self, at: Option<PathPlace>, profiles: VecDeque<Profile>) {
-        let (mut ring, consumer) = RingBuffer::new(100_000);
+        let (mut ring, consumer) = profile_queue(100_000);
         for profile in profiles {
             ring.push(profile).unwrap();
         }

@@ -16,6 +16,7 @@ fn s1c_sample_k_is_the_formula_at_k_periods_and_the_last_sample_is_the_end_point
         segment: 1,
         origin: place,
         time_s,
+        ..
     } = started[0]
     else {
         panic!("{started:?}");

@@ -205,6 +205,51 @@ fn m1i_a_hold_in_the_thread_comes_after_the_way_out() {
 }
 
 #[test]
+fn m1h_hold_in_phase_rests_in_the_thread_and_leaves_it_in_phase() {
+    // on the way in, in the dwell, on the way out; also after a feed hold that waits for the end of the thread
+    for cycles in [100, 1000, 3000, 3300, 5000] {
+        for waits in [false, true] {
+            let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
+            let mut turned = Turned::new(&rig);
+            let mut step = |rig: &mut Rig| {
+                let events = rig.cycle();
+                turned.check(rig, PER_MM);
+                events
+            };
+            for _ in 0..cycles {
+                step(&mut rig);
+            }
+            if waits {
+                rig.control(Control::Hold);
+                for _ in 0..20 {
+                    step(&mut rig);
+                }
+            }
+            rig.control(Control::HoldInPhase);
+            let mut braking = 0;
+            while !step(&mut rig)
+                .iter()
+                .any(|event| matches!(event, Event::Held { .. }))
+            {
+                braking += 1;
+            }
+            assert!(braking <= 200, "within the hold's slew time: {braking} cycles");
+            let z = rig.position().0[2];
+            for _ in 0..1000 {
+                assert!(step(&mut rig).is_empty());
+            }
+            close(rig.position().0[2], z);
+            rig.control(Control::Resume);
+            while !step(&mut rig).iter().any(is_finished(4)) {
+                assert!(rig.reading().time_s < ENDLESS_S);
+            }
+            close(rig.position().0[2], R);
+            rig.until(is_finished(5));
+        }
+    }
+}
+
+#[test]
 fn m1i_without_a_spindle_a_hold_waits_through_gaps_in_the_thread() {
     let mut rig = Rig::new(&settings());
     rig.push(line(1, AxisVector::ZERO, vector(&[0.0, 0.0, R]), 50.0, 0.05));

@@ -358,7 +358,16 @@ impl Server<'_> {
             let (target, wrong) = self.setup.target(&document.path);
             let (dialect, machine) = (target.dialect, target.machine.clone());
             document.target = target;
-            let all = check_text(&document.path, document.text(), dialect, machine.as_deref(), None);
+            let assigned = machine
+                .as_deref()
+                .and_then(|machine| machine.system_of_program(&document.path));
+            let all = check_text(
+                &document.path,
+                document.text(),
+                dialect,
+                machine.as_deref(),
+                assigned,
+            );
             // those of the programs that it calls are shown where they are open
             document.found = all
                 .into_iter()

@@ -55,7 +55,12 @@ impl Setup {
         let (machine, wrong) = config
             .as_ref()
             .map_or((None, None), |config| self.machine(config));
-        let of_machine = || machine.as_deref().map_or_else(dialects::nj, Machine::dialect);
+        let of_machine = || {
+            let machine = machine.as_deref()?;
+            let assigned = machine.system_of_program(program);
+            Some(assigned.map_or_else(|| machine.dialect(), |system| system.dialect))
+        };
+        let of_machine = || of_machine().unwrap_or_else(dialects::nj);
         let dialect = self.dialect.unwrap_or_else(of_machine);
         let config = config.filter(|_| machine.is_some());
         (

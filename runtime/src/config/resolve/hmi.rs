@@ -9,9 +9,9 @@ use tandem_interp::meaning::Role;
 use tandem_model::limits::{M_CODE_MAX, OPTIONAL_SKIP_MAX};
 use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, GLOBAL_VARIABLES};
 
-use super::super::Config;
 use super::super::machine::CoordinateSystem;
 use super::super::text::Problems;
+use super::super::{Config, HmiConfig};
 use super::Checked;
 use crate::program_store::StoredProgram;
 
@@ -32,6 +32,9 @@ impl Config {
     pub(super) fn check_hmi(&self, systems: &[CoordinateSystem], problems: &mut Problems<'_>) {
         let hmi = &self.hmi;
         let dir = hmi.dir.as_ref().map(|dir| self.base_dir.join(dir));
+        let schema = schemars::schema_for!(HmiConfig);
+        let mut checked = problems.of("hmi", "[hmi] ");
+        checked.check_range(&schema, "jog_step_max", hmi.jog_step_max);
         for (what, count) in [("button", hmi.button.len()), ("card", hmi.card.len())] {
             if count > ADDED_MAX {
                 problems.add(

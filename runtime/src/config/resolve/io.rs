@@ -1,7 +1,9 @@
 //! `[io.in]` and `[io.out]`.
 
 use plc_api::types::ids::is_client_id;
-use plc_api::types::io::{IO_MAX, IoDeclaration, IoDeclarations, IoKind, IoPoint, IoSide, IoValue};
+use plc_api::types::io::{
+    IO_MAX, IoDeclaration, IoDeclarations, IoKind, IoLoss, IoPoint, IoSide, IoStart, IoValue,
+};
 
 use super::super::text::Problems;
 use super::super::{IoConfig, IoPointConfig};
@@ -35,6 +37,7 @@ impl IoConfig {
                     checked.problem("", "name it by 1 to 64 characters without / + #");
                 }
                 let name = name.clone();
+                config.check_loss(side, &mut checked);
                 declared.insert(IoPoint { side, name }, config.declaration(&mut checked));
             }
         }
@@ -43,6 +46,26 @@ impl IoConfig {
 }
 
 impl IoPointConfig {
+    /// `keep` belongs to outputs, and to `at_start`.
+    fn check_loss(&self, side: IoSide, checked: &mut Checked<'_, '_>) {
+        let is_kept = self.on_loss == Some(IoLoss::KEEP);
+        match (is_kept, self.at_start) {
+            (true, _) if side == IoSide::In => checked.problem(
+                "on_loss",
+                "on_loss = \"keep\" is for outputs; what nobody reads any more is unknown: write a safe value",
+            ),
+            (true, None) => checked.problem(
+                "on_loss",
+                "on_loss = \"keep\" needs at_start = \"last\", or at_start with the value at a start",
+            ),
+            (false, Some(_)) => checked.problem(
+                "at_start",
+                "at_start is for on_loss = \"keep\"; otherwise an output begins with on_loss",
+            ),
+            _ => {}
+        }
+    }
+
     fn declaration(&self, checked: &mut Checked<'_, '_>) -> IoDeclaration {
         let numbers = [
             ("unit", self.unit.is_some()),
@@ -76,14 +99,21 @@ impl IoPointConfig {
         };
         let declaration = IoDeclaration {
             kind: self.kind,
-            on_loss: self.on_loss.unwrap_or(default),
+            on_loss: self.on_loss.unwrap_or(default.into()),
+            at_start: self.at_start,
             text: self.text.clone(),
             unit: self.unit.clone(),
             min: self.min,
             max: self.max,
         };
-        if let Err(why) = declaration.check(declaration.on_loss) {
-            checked.problem("on_loss", format!("on_loss = {why}"));
+        let at_start = match self.at_start {
+            Some(IoStart::Value(value)) => Some(value),
+            _ => None,
+        };
+        for (key, value) in [("on_loss", declaration.on_loss.value()), ("at_start", at_start)] {
+            if let Some(Err(why)) = value.map(|value| declaration.check(value)) {
+                checked.problem(key, format!("{key} = {why}"));
+            }
         }
         declaration
     }
@@ -111,7 +141,8 @@ mod tests {
     fn inputs_and_outputs_are_declared_by_name_with_a_safe_value_of_their_kind() {
         let io = declared(
             "[io.in.door_closed]\ntext = \"Door\"\n[io.out.lamp]\non_loss = true\n\
-             [io.out.pressure]\nkind = \"number\"\nunit = \"bar\"\nmin = 1\nmax = 6.5\non_loss = 1\n",
+             [io.out.pressure]\nkind = \"number\"\nunit = \"bar\"\nmin = 1\nmax = 6.5\non_loss = 1\n\
+             [io.out.valve]\non_loss = \"keep\"\nat_start = \"last\"\n",
         );
         let all: Vec<_> = io
             .unwrap()
@@ -132,6 +163,10 @@ mod tests {
             (IoPoint::input("door_closed"), door),
             (IoPoint::output("lamp"), IoDeclaration::new(true)),
             (IoPoint::output("pressure"), pressure),
+            (
+                IoPoint::output("valve"),
+                IoDeclaration::new(false).kept(IoStart::LAST),
+            ),
         ];
         assert_eq!(all, expected);
     }
@@ -143,6 +178,24 @@ mod tests {
             ("[io.in.\"a/b\"]", "[io.in.a/b]", "without / + #"),
             ("[io.in.a]\nunit = \"bar\"", "unit", "kind = \"number\""),
             ("[io.in.a]\nmax = 1", "max", "kind = \"number\""),
+            ("[io.out.a]\non_loss = \"keep\"", "on_loss", "at_start"),
+            ("[io.out.a]\nat_start = true", "at_start", "on_loss"),
+            ("[io.out.a]\non_loss = \"stay\"", "line", "\"keep\""),
+            (
+                "[io.out.a]\non_loss = \"keep\"\nat_start = \"first\"",
+                "line",
+                "\"last\"",
+            ),
+            (
+                "[io.out.a]\non_loss = \"keep\"\nat_start = 1",
+                "at_start = 1",
+                "true or false",
+            ),
+            (
+                "[io.in.a]\non_loss = \"keep\"\nat_start = true",
+                "[io.in.a] on_loss",
+                "for outputs",
+            ),
             (
                 "[io.out.p]\nkind = \"number\"\non_loss = false",
                 "[io.out.p] on_loss",

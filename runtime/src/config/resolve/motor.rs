@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use tandem_model::settings::{MotorKind, MotorSettings, SimulatedRound, SimulatedSkip};
 
 use super::super::text::Problems;
-use super::super::{Config, MotorConfig, POSITION_MAX, RoundKind};
+use super::super::{Config, EncoderKind, MotorConfig, POSITION_MAX, RoundKind};
 
 impl Config {
     /// The motors by number.
@@ -22,6 +22,17 @@ impl Config {
                     "soft_limits = [{low}, {high}]: write [lowest, highest], within {POSITION_MAX} of 0"
                 );
                 checked.problem("soft_limits", text);
+            }
+            if let Some(at) = motor.start_at {
+                let [low, high] = motor.soft_limits.unwrap_or([-POSITION_MAX, POSITION_MAX]);
+                if motor.kind == MotorKind::Spindle {
+                    let text = format!("start_at = {at}: a spindle has none; remove it");
+                    checked.problem("start_at", text);
+                } else if !(low..=high).contains(&at) {
+                    let text =
+                        format!("start_at = {at}: write a position within soft_limits, {low} to {high}");
+                    checked.problem("start_at", text);
+                }
             }
             if motors.insert(motor.number, motor.settings()).is_some() {
                 checked.problem("number", "the number stands twice");
@@ -99,6 +110,15 @@ impl Config {
 }
 
 impl MotorConfig {
+    /// 0, or the soft limit next to it.
+    fn position_near_zero(&self) -> f64 {
+        match self.soft_limits {
+            Some([low, high]) if low > 0.0 && low < high => low,
+            Some([low, high]) if high < 0.0 && low < high => high,
+            _ => 0.0,
+        }
+    }
+
     fn settings(&self) -> MotorSettings {
         MotorSettings {
             number: self.number,
@@ -114,6 +134,9 @@ impl MotorConfig {
             soft_limits: self.soft_limits,
             reference_points: self.reference_points,
             lag_ms: self.lag_ms,
+            at_speed_percent: self.at_speed_percent,
+            start_at: self.start_at.unwrap_or_else(|| self.position_near_zero()),
+            is_homed_at_start: self.encoder == EncoderKind::Absolute,
             orientation_velocity: self.orientation_velocity,
             orientation_position: self.orientation_position,
         }

@@ -370,7 +370,7 @@ fn the_journal_names_the_line_that_a_run_began_at() {
 }
 
 #[test]
-fn how_far_a_run_is_is_told_of_one_from_the_head_only() {
+fn how_far_a_run_is_is_told_of_one_from_the_head_and_from_a_line() {
     let told = |from: Option<LineStart>| {
         with_program("G01 X100 F600\nX200\nM30", async move |scene, _| {
             let cs = scene.cs(1);
@@ -384,5 +384,5 @@ fn how_far_a_run_is_is_told_of_one_from_the_head_only() {
         })
     };
     assert!(told(None));
-    assert!(!told(Some(LineStart::line(2))));
+    assert!(told(Some(LineStart::line(2))));
 }

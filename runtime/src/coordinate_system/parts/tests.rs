@@ -5,6 +5,7 @@ use plc_api::types::run::{Run, RunEndedHow, RunOrder};
 use plc_api::{CoordinateSystem, Execution, Plc};
 
 use crate::journal::Event;
+use crate::program_store::StoredProgram;
 use crate::test::{Bench, kept_journal};
 
 /// A part takes 3 s and more.
@@ -167,6 +168,67 @@ fn no_part_begins_when_the_lease_of_the_order_has_ended() {
         assert_eq!(end_of(&mill).await, (RunEndedHow::LeaseLost, 1));
     });
     play.unwrap();
+}
+
+/// Another text for the machine's store, as its folder is read when a person has written a file there.
+fn write_outside(runtime: &crate::Runtime, number: u16, text: &str) {
+    let shared = runtime.shared();
+    let program = StoredProgram::new(number, text, shared.machine.text_rules());
+    shared.store.keep(program);
+    shared.wake_all();
+}
+
+/// The main program computes which subprogram it calls: 1001 in the first part, 1002 in the second one.
+const COMPUTES: &str = "P1 = P1 + 1\nL1 = 1000 + P1\nM98 P[L1]\nM98 P1010\nG90 G01 X10 F600\nX0\nM30\n";
+
+fn computing() -> Bench {
+    let called = "G91 G01 X1 F600\nM99\n";
+    [1001, 1002, 1003, 1010]
+        .into_iter()
+        .fold(Bench::new().subprogram(50, COMPUTES), |bench, number| {
+            bench.subprogram(number, called)
+        })
+}
+
+#[test]
+fn the_next_part_is_refused_when_a_program_of_the_run_was_changed_outside() {
+    for (number, is_refused) in [(50, true), (1001, true), (1010, true), (1003, false)] {
+        let (journal, lines) = kept_journal();
+        let play = computing().journal(journal).play(async move |scene, runtime| {
+            let (plc, mill) = (scene.plc(), scene.cs(1));
+            let ordered = mill.order(order(2)).await.unwrap();
+            let hash = mill.state().await.unwrap().hash;
+            plc.sleep(s(1)).await;
+            write_outside(runtime, number, "G91 G01 Y5 F600\nM99\n");
+            let end = ordered.ended().await.unwrap();
+            let (how, done) = (end.end.as_ref().unwrap().how, end.parts_done);
+            let wanted = if is_refused {
+                (RunEndedHow::Refused, 1)
+            } else {
+                (RunEndedHow::Completed, 2)
+            };
+            assert_eq!((how, done), wanted, "{number}");
+            assert_eq!(end.hash, hash, "{number}");
+            let text = end.end.unwrap().text;
+            assert_eq!(
+                text.contains(&format!("program {number} was changed")),
+                is_refused,
+                "{text}"
+            );
+            assert!(
+                mill.position().await.unwrap().machine["Y"].abs() < 1e-9,
+                "{number}"
+            );
+            hash
+        });
+        let hash = play.unwrap();
+        let lines = lines.lock().unwrap();
+        let begun = lines.iter().filter_map(|line| match &line.event {
+            Event::Start { program_hash, .. } => Some(program_hash),
+            _ => None,
+        });
+        assert!(begun.into_iter().all(|begun| *begun == hash), "{number}");
+    }
 }
 
 #[test]

@@ -197,7 +197,7 @@ fn after_a_back_trace_the_motion_turns_before_it_goes_on() {
 #[test]
 fn a_stop_under_way_is_not_begun_anew_and_an_abort_an_alarm_and_a_reset_are() {
     let stopping = after(state("ACTIVE"), [end(End::Stop)]);
-    for why in [End::Stop, End::JogEnded] {
+    for why in [End::Stop, End::JogEnded(JogStop::Commanded)] {
         let again = stopping.clone().on(RunEvent::End {
             why,
             epoch: EPOCH + 1,
@@ -330,7 +330,7 @@ impl Model {
                     assert!(!self.has_run);
                     self.has_alarm &= !matches!(why, End::Reset { .. });
                 }
-                RunAction::HoldServo => assert_eq!(self.state.transition(), Some(Transition::Holding)),
+                RunAction::HoldServo { .. } => assert_eq!(self.state.transition(), Some(Transition::Holding)),
                 _ => assert!(had_run, "an ended run never moves: {action:?}"),
             }
         }

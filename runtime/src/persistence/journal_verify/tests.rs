@@ -16,6 +16,7 @@ fn open(folder: &Path, bytes_max: u64) -> Files {
         boot_id: BootId("b1".to_owned()),
         started: tokio::time::Instant::now(),
         last: Arc::default(),
+        generations: Arc::default(),
     };
     Files::open(folder, bytes_max, own).unwrap()
 }
@@ -49,7 +50,7 @@ fn breaks(folder: &Path) -> Vec<Break> {
 
 /// A start of the runtime with this folder.
 fn start(folder: &Path) {
-    let started = JournalThread::start(folder, BootId("b2".to_owned()), Arc::default());
+    let started = JournalThread::start(folder, BootId("b2".to_owned()), Arc::default(), Arc::default());
     drop(started.unwrap());
 }
 

@@ -7,6 +7,16 @@ fn file(folder: &Path, name: &str, text: &str) {
     fs::write(folder.join(name), text).unwrap();
 }
 
+fn opening(dialect: &'static str, is_mixed: bool) -> Opening {
+    Opening {
+        dialect,
+        is_mixed,
+        bytes_max: PROGRAMS_BYTES_MAX,
+        generations: Arc::default(),
+        holds_back: false,
+    }
+}
+
 fn found(folder: &Path) -> BTreeMap<u16, Found> {
     look(folder, false, PROGRAMS_BYTES_MAX).unwrap().programs
 }
@@ -20,7 +30,7 @@ fn same_time(of: &Path, as_file: &Path) {
 #[test]
 fn the_same_time_and_another_sum_is_damage_and_another_time_is_a_change() {
     let folder = tempfile::tempdir().unwrap();
-    let (mut programs, _) = ProgramFolder::open(folder.path(), "nj", false, PROGRAMS_BYTES_MAX).unwrap();
+    let (mut programs, _) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     programs.write(7, b"M30\n", "nj", None).unwrap();
     programs.write(8, b"M30\n", "nj", None).unwrap();
     let path = folder.path().join("7.nc");
@@ -34,7 +44,7 @@ fn the_same_time_and_another_sum_is_damage_and_another_time_is_a_change() {
     assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
     assert_eq!(programs.changed().unwrap(), BTreeMap::new());
     // still damaged after an opening, until it is written again
-    let (mut programs, look) = ProgramFolder::open(folder.path(), "nj", false, PROGRAMS_BYTES_MAX).unwrap();
+    let (mut programs, look) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     assert!(matches!(look.programs[&7], Found::Damaged(_)));
     assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
     programs.write(7, b"M31\n", "nj", None).unwrap();
@@ -54,7 +64,7 @@ fn the_same_time_and_another_sum_is_damage_and_another_time_is_a_change() {
 #[test]
 fn a_kill_between_sum_and_name_leaves_the_program_before_or_after() {
     let folder = tempfile::tempdir().unwrap();
-    let (mut programs, _) = ProgramFolder::open(folder.path(), "nj", false, PROGRAMS_BYTES_MAX).unwrap();
+    let (mut programs, _) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     programs.write(7, b"M30\n", "nj", None).unwrap();
     let before = programs.sums.get("7").unwrap().to_owned();
     programs
@@ -87,7 +97,7 @@ fn a_program_has_one_name_and_others_are_renamed_once_or_named() {
     ] {
         file(folder.path(), name, text);
     }
-    let (mut programs, look) = ProgramFolder::open(folder.path(), "nj", false, PROGRAMS_BYTES_MAX).unwrap();
+    let (mut programs, look) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     let texts: Vec<_> = look.programs.iter().collect();
     assert_eq!(
         texts,
@@ -99,7 +109,7 @@ fn a_program_has_one_name_and_others_are_renamed_once_or_named() {
     assert_eq!(look.not_read.len(), 2, "{:?}", look.not_read);
     assert!(look.not_read[0].contains("O90.nc: rename it to 90.nc"));
     programs.delete(90).unwrap();
-    let (_, look) = ProgramFolder::open(folder.path(), "nj", false, PROGRAMS_BYTES_MAX).unwrap();
+    let (_, look) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     let left: Vec<_> = look.programs.keys().collect();
     assert_eq!(left, [&91], "no other spelling takes its place");
 }
@@ -119,7 +129,7 @@ fn what_is_no_file_in_the_place_of_a_program_is_named_and_waited_for_by_nobody()
     );
     let _socket = std::os::unix::net::UnixListener::bind(path("74.nc")).unwrap();
     file(folder.path(), "75.nc", "M30\n");
-    let (_, look) = ProgramFolder::open(folder.path(), "nj", false, PROGRAMS_BYTES_MAX).unwrap();
+    let (_, look) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     assert_eq!(look.programs.len(), 1);
     for number in 71..75 {
         let named = look.not_read.iter().any(|text| text.contains(&file_name(number)));
@@ -134,7 +144,7 @@ fn half_an_upload_is_removed_and_nothing_is_written_through_a_link() {
     let target = folder.path().join("theirs");
     file(folder.path(), "theirs", "theirs");
     std::os::unix::fs::symlink(&target, folder.path().join("96.nc.new")).unwrap();
-    let (mut programs, _) = ProgramFolder::open(folder.path(), "nj", false, PROGRAMS_BYTES_MAX).unwrap();
+    let (mut programs, _) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     std::os::unix::fs::symlink(&target, folder.path().join("96.nc.new")).unwrap();
     programs.write(96, b"M30\n", "nj", None).unwrap();
     assert_eq!(fs::read_to_string(&target).unwrap(), "theirs");

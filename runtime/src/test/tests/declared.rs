@@ -7,6 +7,7 @@ use plc_api::types::message::Payload;
 use plc_api::types::topic::Topic;
 use plc_api::units::KiloNewton;
 use plc_api::{Alarm, MCode, Plc, Va};
+use tandem_model::alarm::VALUE_OUT_OF_RANGE;
 
 use super::super::*;
 
@@ -44,8 +45,13 @@ fn a_program_with_parameters_that_are_not_declared_is_not_loaded() {
 fn what_a_variable_holds_is_refused_before_the_handler_is_begun() {
     let run = bench().run("P3 = 50\nM12 VA[P3]\nG01 X10 F3000\nM30").unwrap();
     let alarm = run.alarm().unwrap();
-    assert_eq!(alarm.number, 10_000 + Alarm::CODE_OF_PARAMS);
-    assert_eq!(alarm.text, "M12 clamp: VA is 50 kN; write 1 to 20 kN");
+    assert_eq!(alarm.number, VALUE_OUT_OF_RANGE.number);
+    assert!(
+        alarm.text.contains("M12 clamp: VA is 50 kN; write 1 to 20 kN"),
+        "{}",
+        alarm.text
+    );
+    assert_eq!(alarm.line, Some(2));
     bench()
         .run("P3 = 5\nM12 VA[P3]\nM30")
         .unwrap()

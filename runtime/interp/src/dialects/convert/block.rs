@@ -1,5 +1,6 @@
 //! One block: what is in force before it, and the blocks of nj that do the same.
 
+use tandem_model::settings::CompensationStart;
 use tandem_syntax::{Address, Block, Grammar, NcProgram, Word};
 
 use super::state::{Cycle, POSITIONS, Source, State, Words, shown};
@@ -105,11 +106,16 @@ impl State {
                     "S{speed} is the number of a speed. Write the speed in r/min."
                 ));
             }
+            let speed = match self.from {
+                Source::Dgshape => self.options.spindle_speed_within(speed),
+                Source::Fanuc => speed,
+            };
             modal.push(format!("S{speed}"));
         }
         self.m_codes(words, &mut before, &mut behind)?;
         if let Some(feedrate) = words.take(Address::F) {
-            modal.push(format!("F{}", shown(self.value(feedrate)?)));
+            let feedrate = self.value(feedrate)?;
+            modal.push(format!("F{}", shown(self.feedrate_within(feedrate))));
         }
         let action = match codes.action {
             Action::Dwell => vec![self.dwell(words)?],
@@ -131,16 +137,12 @@ impl State {
             // nj stops it there
             before.insert(0, format!("M{number:02}"));
         }
-        // what stays in force stands before what moves
+        // what stays in force stands before what moves, and the speed is that of the spindle that an M code turns
         let modal = modal.join(" ");
-        let mut lines = Vec::new();
-        if !before.is_empty() {
-            // the speed is that of the spindle that an M code turns
-            lines.push(format!("{modal} {}", before.join(" ")).trim_start().to_owned());
-            lines.extend(action);
-        } else if let Some((first, rest)) = action.split_first() {
-            lines.push(format!("{modal} {first}").trim_start().to_owned());
-            lines.extend(rest.iter().cloned());
+        let mut lines: Vec<String> = before.into_iter().chain(action).collect();
+        if let Some(first) = lines.first_mut() {
+            first.insert_str(0, if modal.is_empty() { "" } else { " " });
+            first.insert_str(0, &modal);
         } else if !modal.is_empty() {
             lines.push(modal);
         }
@@ -172,6 +174,9 @@ impl State {
                     modal.push(format!("G{number}"));
                 }
                 28 => codes.action = Action::Reference("G28"),
+                41 | 42 if self.options.compensation_start == CompensationStart::B => {
+                    return Err("the configuration starts cutter compensation by type B, and nj by type A. Write the ways into and out of it.".to_owned());
+                }
                 41 | 42 => {
                     self.own_tool(words.take(Address::D), "D")?;
                     modal.push(format!("G{number}"));
@@ -320,11 +325,8 @@ impl State {
 
     fn dwell(&self, words: &mut Words<'_>) -> Result<String, String> {
         let seconds = match (words.take(Address::X), words.take(Address::P)) {
-            (Some(seconds), None) if self.from == Source::Dgshape && seconds.is_whole() => {
-                seconds.number().unwrap_or_default() / 1000.0
-            }
-            (Some(seconds), None) => seconds.number().unwrap_or_default(),
-            (None, Some(milliseconds)) => milliseconds.number().unwrap_or_default() / 1000.0,
+            (Some(seconds), None) => self.seconds(seconds)?,
+            (None, Some(dwell)) => self.dwell_of_p(dwell)?,
             _ => return Err("it has no time".to_owned()),
         };
         Ok(format!("G04 X{}", shown(seconds)))

@@ -2,7 +2,7 @@
 
 use tandem_syntax::{Address, Word};
 
-use super::state::{Cycle, Source, State, Words, Z, shown};
+use super::state::{Cycle, PLANE_XY, Source, State, Words, Z, shown};
 
 /// Holes of one block; more would be a program of their own.
 const REPETITIONS_MAX: u32 = 100;
@@ -62,6 +62,7 @@ impl State {
         if !begins && !words.has(&own) {
             return Ok(Vec::new());
         }
+        self.drills_along_z()?;
         if cycle.taps() {
             return self.threads(words, cycle);
         }
@@ -69,7 +70,7 @@ impl State {
         cycle.z = take(Address::Z)?.or(cycle.z);
         cycle.r = take(Address::R)?.or(cycle.r);
         cycle.depth = take(Address::Q)?.map(f64::abs).or(cycle.depth);
-        cycle.dwell_ms = words.take(Address::P).and_then(Word::number).or(cycle.dwell_ms);
+        cycle.dwell_s = self.cycle_dwell(words)?.or(cycle.dwell_s);
         let repetitions = self
             .repetitions(words)
             .filter(|count| *count <= REPETITIONS_MAX)
@@ -100,6 +101,26 @@ impl State {
         }
         self.cycle = Some(cycle);
         Ok(lines)
+    }
+
+    /// The axis of the drill depends on the control in G18 and G19, so it is never chosen here.
+    fn drills_along_z(&self) -> Result<(), String> {
+        match self.plane {
+            Some(PLANE_XY) => Ok(()),
+            Some(plane) => Err(format!(
+                "a fixed cycle in G{plane} drills along Z or across the plane, as a parameter of the control says. Write G17 before \
+                 it, or the motions."
+            )),
+            None => Err("which plane is in force is not known here, so the axis of the drill is not. Write G17 before it.".to_owned()),
+        }
+    }
+
+    /// Takes the dwell of a fixed cycle, seconds.
+    fn cycle_dwell(&self, words: &mut Words<'_>) -> Result<Option<f64>, String> {
+        words
+            .take(Address::P)
+            .map(|word| self.dwell_of_p(word))
+            .transpose()
     }
 
     /// How often a hole is made: K, and on the controls that say it so L.
@@ -139,8 +160,8 @@ impl State {
             self.cuts(&mut way, &levels, depth, cycle.code == 83)?;
         }
         way.go("G01", levels.z);
-        if let Some(dwell_ms) = cycle.dwell_ms.filter(|_| matches!(cycle.code, 82 | 89)) {
-            way.lines.push(format!("G04 X{}", shown(dwell_ms / 1000.0)));
+        if let Some(dwell_s) = cycle.dwell_s.filter(|_| matches!(cycle.code, 82 | 89)) {
+            way.lines.push(format!("G04 X{}", shown(dwell_s)));
         }
         let stops = self.from == Source::Fanuc && cycle.code == STOPS_SPINDLE;
         if stops {
@@ -199,7 +220,7 @@ impl State {
         let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
         cycle.z = take(Address::Z)?.or(cycle.z);
         cycle.r = take(Address::R)?.or(cycle.r);
-        cycle.dwell_ms = words.take(Address::P).and_then(Word::number).or(cycle.dwell_ms);
+        cycle.dwell_s = self.cycle_dwell(words)?.or(cycle.dwell_s);
         let (z, r) = cycle
             .z
             .zip(cycle.r)
@@ -213,7 +234,7 @@ impl State {
         }
         let code = cycle.code;
         let level = if self.to_initial()? { "G98" } else { "G99" };
-        let dwell_ms = shown(cycle.dwell_ms.unwrap_or_default());
+        let dwell_ms = shown(cycle.dwell_s.unwrap_or_default() * 1000.0);
         let line = format!(
             "{level} G{code} {place}Z{} R{} P{dwell_ms} K{repetitions}",
             shown(z),

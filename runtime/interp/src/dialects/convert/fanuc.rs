@@ -1,6 +1,8 @@
 //! What programs of FANUC controls, and of those like them, have around their blocks.
 
-use tandem_syntax::{Address, NcProgram};
+use tandem_syntax::{Address, Grammar, NcProgram, Token, TokenKind, tokens};
+
+use super::state::Source;
 
 /// The text with the comments in parentheses that begin with `;`; of one without words only the `;` goes.
 pub(super) fn comments_in_parentheses(source: &str) -> String {
@@ -38,6 +40,23 @@ fn semicolon(line: &str) -> Option<usize> {
         }
         byte == b';' && !is_comment
     })
+}
+
+/// Where the line of the second program number begins, if that number is alone on its line: from there on the text is another
+/// program.
+pub(super) fn second_program(text: &str, grammar: &'static Grammar, from: Source) -> Option<usize> {
+    if from != Source::Fanuc {
+        return None;
+    }
+    let tokens: Vec<Token> = tokens(text, grammar).collect();
+    let lines = tokens.split(|token| token.kind == TokenKind::LineEnd);
+    let mut numbers = lines.filter_map(|line| {
+        let mut code = line.iter().filter(|token| token.kind != TokenKind::Comment);
+        let first = code.next()?;
+        (first.kind == TokenKind::ProgramNumber && code.next().is_none()).then_some(first.span.start as usize)
+    });
+    let second = numbers.nth(1)?;
+    Some(text[..second].rfind('\n').map_or(0, |end| end + 1))
 }
 
 /// M codes that end a main program.

@@ -22,6 +22,8 @@ pub(super) struct State {
     pub from: Source,
     pub options: NcOptions,
     pub unit: Unit,
+    /// The code of the plane in force; `None` where another program has set it.
+    pub plane: Option<u32>,
     /// The code of the motions in force; empty where a program that was called, or that calls this one, has set it.
     pub motion: &'static str,
     /// Positions are absolute; `None` where another program has set it.
@@ -90,12 +92,18 @@ pub(super) const Z: usize = 2;
 
 const INCH: f64 = 25.4;
 
+/// G17, in whose plane fixed cycles drill along Z on every control.
+pub(super) const PLANE_XY: u32 = 17;
+
+const MS_PER_S: f64 = 1000.0;
+
 impl State {
-    pub fn new(from: Source, options: NcOptions) -> Self {
+    pub fn new(from: Source, options: NcOptions, unit: Unit) -> Self {
         Self {
             from,
             options,
-            unit: Unit::Millimetre,
+            unit,
+            plane: Some(PLANE_XY),
             motion: "G00",
             absolute: Some(true),
             to_initial: Some(true),
@@ -125,6 +133,7 @@ impl State {
     pub fn lose_modal_state(&mut self) {
         self.lose_position();
         self.motion = "";
+        self.plane = None;
         self.absolute = None;
         self.to_initial = None;
     }
@@ -137,6 +146,7 @@ impl State {
                 self.cycle = None;
             }
             80 => self.cycle = None,
+            17..=19 => self.plane = Some(code),
             20 => self.unit = Unit::Inch,
             21 => self.unit = Unit::Millimetre,
             90 | 91 => self.absolute = Some(code == 90),
@@ -167,6 +177,33 @@ impl State {
         };
         let value = word.number().ok_or("it has a variable")?;
         Ok(numbers::meant(value, spec, word, self.unit, &self.options))
+    }
+
+    /// What an X word of a dwell means, seconds.
+    pub fn seconds(&self, word: &Word) -> Result<f64, String> {
+        static TIME: WordSpec = WordSpec::new(Address::X, "a time", "s", 0.0, f64::MAX);
+        let value = word.number().ok_or("it has a variable")?;
+        Ok(numbers::meant(value, &TIME, word, self.unit, &self.options))
+    }
+
+    /// The seconds of a P word of a dwell. P counts milliseconds; the controls of source `Fanuc` that take a P with a decimal point
+    /// read seconds.
+    pub fn dwell_of_p(&self, word: &Word) -> Result<f64, String> {
+        let value = word.number().ok_or("it has a variable")?;
+        let is_seconds = self.from == Source::Fanuc && !word.is_whole();
+        Ok(if is_seconds { value } else { value / MS_PER_S })
+    }
+
+    /// A feedrate, not below the least one of the machine of the dialect, in the unit in force.
+    pub fn feedrate_within(&self, feedrate: f64) -> f64 {
+        let unit = match self.unit {
+            Unit::Millimetre => 1.0,
+            Unit::Inch => INCH,
+        };
+        match self.from {
+            Source::Dgshape => feedrate.max(self.options.min_feedrate_mm_min / unit),
+            Source::Fanuc => feedrate,
+        }
     }
 
     /// Takes the axis words, and follows Z.
@@ -206,7 +243,7 @@ pub(super) struct Cycle {
     pub at: f64,
     pub z: Option<f64>,
     pub r: Option<f64>,
-    pub dwell_ms: Option<f64>,
+    pub dwell_s: Option<f64>,
     pub depth: Option<f64>,
 }
 
@@ -220,7 +257,7 @@ impl Cycle {
             at: 0.0,
             z: None,
             r: None,
-            dwell_ms: None,
+            dwell_s: None,
             depth: None,
         };
         before.map_or(begins, |before| Cycle { code, ..before })

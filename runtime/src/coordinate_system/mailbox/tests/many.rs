@@ -219,27 +219,6 @@ fn a_deadline_that_a_request_brings_wakes_the_task_unless_it_wakes_sooner_anyhow
 }
 
 #[test]
-fn a_panic_in_the_askers_thread_answers_it_and_all_who_wait() {
-    let sink = Arc::new(std::sync::Mutex::new(|_line: &crate::journal::Line| {
-        panic!("the journal's sink")
-    }));
-    let (mailbox, _servo) = mailbox(Journal::to_sink(sink));
-    let mut waits = Box::pin(mailbox.ask(lease("1"), false));
-    let at_work = mailbox.work.lock();
-    assert_eq!((&mut waits).now_or_never(), None);
-    drop(at_work);
-    let asked = mailbox.ask(optional_stop(true), false).now_or_never();
-    for answer in [waits.now_or_never(), asked] {
-        let refusal = answer.and_then(Result::err);
-        assert_eq!(
-            refusal.map(|refusal| refusal.code),
-            Some(RefusalCode::Unavailable)
-        );
-    }
-    assert_eq!(mailbox.shared.alarm_history().len(), 1);
-}
-
-#[test]
 fn who_asks_never_carries_out_a_command_not_even_one_that_waited_for_a_transition() {
     let (mailbox, mut servo) = mailbox(Journal::to_log());
     let mut reset = Box::pin(mailbox.ask(command("reset", Command::Reset), false));

@@ -1,0 +1,49 @@
+//! A port whose requests expire.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::hub::{Filter, Subscription};
+use crate::port::{BoxFuture, Port};
+use crate::types::BootId;
+use crate::types::message::Message;
+use crate::types::not_after::NotAfter;
+use crate::types::request::{Answer, Refusal, Request};
+use crate::types::topic::Topic;
+
+/// Sends every request of a port with one age limit.
+pub(crate) struct LimitedPort {
+    pub port: Arc<dyn Port>,
+    pub not_after: NotAfter,
+}
+
+impl Port for LimitedPort {
+    fn boot_id(&self) -> BootId {
+        self.port.boot_id()
+    }
+
+    fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
+        self.port.read(topic)
+    }
+
+    fn subscribe(&self, filter: Filter) -> Subscription {
+        self.port.subscribe(filter)
+    }
+
+    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        self.port.request_not_after(&self.not_after, None, request)
+    }
+
+    fn request_as<'a>(&'a self, client: &'a str, request: Request) -> BoxFuture<'a, Result<Answer, Refusal>> {
+        self.port
+            .request_not_after(&self.not_after, Some(client), request)
+    }
+
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
+        self.port.sleep(duration)
+    }
+
+    fn now_s(&self) -> f64 {
+        self.port.now_s()
+    }
+}

@@ -1,0 +1,427 @@
+//! Supervision of the tasks and threads of a machine: what follows a panic in one of them, and the record that `GET /health`
+//! shows.
+
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use futures_util::FutureExt;
+use serde::Serialize;
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+/// Panics of one restarted task within [`RESTART_WINDOW`]; one more ends the process. Reason: a fault that returns at once is not
+/// cured by a restart of its task.
+pub const RESTARTS_MAX: usize = 2;
+
+/// Time in which panics of a restarted task are counted.
+pub const RESTART_WINDOW: Duration = Duration::from_mins(1);
+
+/// Pause before a task is restarted.
+const RESTART_PAUSE: Duration = Duration::from_millis(100);
+
+/// Tasks with a fault that are listed; a further name is only reported. Reason: names are constants of the program, so that
+/// there are fewer.
+const FAULTS_MAX: usize = 64;
+
+/// What follows a fault in a task or a thread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub enum Consequence {
+    /// Only the piece of work ends in which it occurred, such as one connection or one request.
+    Contained,
+    /// The task was started again.
+    Restarted,
+    /// One coordinate system stops, until a reset.
+    StopsCoordinateSystem,
+    /// One coordinate system stops, until the runtime is restarted.
+    CoordinateSystemNeedsRestart,
+    /// All coordinate systems stop and the drives are off, until the runtime is restarted.
+    StopsAll,
+    /// The runtime stops in order: motion comes to rest on its path, then the process ends.
+    Exits,
+}
+
+impl Consequence {
+    /// True when the machine cannot be used any more without a restart of the runtime.
+    pub fn needs_restart(self) -> bool {
+        self >= Consequence::CoordinateSystemNeedsRestart
+    }
+
+    fn text(self) -> &'static str {
+        match self {
+            Consequence::Contained => "only this piece of work has ended",
+            Consequence::Restarted => "it was started again",
+            Consequence::StopsCoordinateSystem => "its coordinate system has stopped; reset it",
+            Consequence::CoordinateSystemNeedsRestart => {
+                "its coordinate system stays stopped; restart the runtime"
+            }
+            Consequence::StopsAll => "all motion has stopped; restart the runtime",
+            Consequence::Exits => "the runtime stops in order",
+        }
+    }
+}
+
+/// Faults of a task or a thread since the start of the runtime.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct TaskFault {
+    /// Name of the task or thread.
+    pub task: String,
+    /// Faults so far.
+    pub count: u64,
+    /// What followed the last one.
+    pub consequence: Consequence,
+}
+
+/// What a supervisor reports of one fault.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FaultReport {
+    /// Name of the task or thread.
+    pub task: String,
+    /// What follows.
+    pub consequence: Consequence,
+    /// What happened: the message of the panic.
+    pub text: String,
+}
+
+impl FaultReport {
+    /// What happened and what follows, for an operator.
+    pub fn message(&self) -> String {
+        format!("{}: {}; {}", self.task, self.text, self.consequence.text())
+    }
+}
+
+type Listener = Box<dyn Fn(&FaultReport) + Send + Sync>;
+
+/// Supervises tasks and threads. Clones are the same supervisor.
+#[derive(Clone)]
+pub struct Supervisor(Arc<Inner>);
+
+struct Inner {
+    faults: Mutex<BTreeMap<String, TaskFault>>,
+    listener: OnceLock<Listener>,
+    /// Why the process is to end.
+    exit: watch::Sender<Option<String>>,
+    /// Name of the task that panics when it next runs, empty: none.
+    injected: watch::Sender<String>,
+}
+
+impl std::fmt::Debug for Supervisor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Supervisor").finish_non_exhaustive()
+    }
+}
+
+impl Default for Supervisor {
+    fn default() -> Self {
+        Self(Arc::new(Inner {
+            faults: Mutex::default(),
+            listener: OnceLock::new(),
+            exit: watch::Sender::new(None),
+            injected: watch::Sender::default(),
+        }))
+    }
+}
+
+impl Supervisor {
+    /// Calls this with each fault from now on; only the first listener counts.
+    pub fn listen(&self, listener: impl Fn(&FaultReport) + Send + Sync + 'static) {
+        // a second one would report each fault twice
+        let _ = self.0.listener.set(Box::new(listener));
+    }
+
+    /// Records and reports a fault. Does not panic.
+    pub fn report(&self, report: &FaultReport) {
+        {
+            let mut faults = self.0.faults.lock().unwrap_or_else(PoisonError::into_inner);
+            if faults.len() < FAULTS_MAX || faults.contains_key(&report.task) {
+                let fault = faults.entry(report.task.clone()).or_insert(TaskFault {
+                    task: report.task.clone(),
+                    count: 0,
+                    consequence: report.consequence,
+                });
+                fault.count += 1;
+                fault.consequence = report.consequence;
+            }
+        }
+        if let Some(listener) = self.0.listener.get() {
+            // the fault is listed, whatever becomes of its report
+            let _ = catch_unwind(AssertUnwindSafe(|| listener(report)));
+        }
+        if report.consequence == Consequence::Exits {
+            self.0.exit.send_if_modified(|exit| {
+                let is_first = exit.is_none();
+                exit.get_or_insert_with(|| report.message());
+                is_first
+            });
+        }
+    }
+
+    /// The same for a panic.
+    pub fn report_panic(&self, task: &str, consequence: Consequence, panicked: &(dyn Any + Send)) {
+        self.report(&FaultReport {
+            task: task.to_owned(),
+            consequence,
+            text: panic_text(panicked).to_owned(),
+        });
+    }
+
+    /// Faults so far, by the name of their task.
+    pub fn faults(&self) -> Vec<TaskFault> {
+        let faults = self.0.faults.lock().unwrap_or_else(PoisonError::into_inner);
+        faults.values().cloned().collect()
+    }
+
+    /// Resolves when a fault demands that the process ends, with the reason.
+    pub async fn exit(&self) -> String {
+        let mut exit = self.0.exit.subscribe();
+        // the sender lives as long as this
+        let why = exit.wait_for(Option::is_some).await;
+        why.ok().and_then(|why| why.clone()).unwrap_or_default()
+    }
+
+    /// The task or thread of this name panics when it next runs, once. A later call replaces an earlier one that has not
+    /// occurred. For tests of what follows a fault; nothing outside the process reaches it.
+    pub fn inject(&self, task: &str) {
+        self.0.injected.send_replace(task.to_owned());
+    }
+
+    /// True while an injected fault has not occurred.
+    pub fn is_injected(&self) -> bool {
+        !self.0.injected.borrow().is_empty()
+    }
+
+    /// Where a thread takes an injected fault: at the start of each of its rounds.
+    ///
+    /// # Panics
+    /// If the fault is injected.
+    pub fn fault_point(&self, task: &str) {
+        let is_due = self.is_injected()
+            && self.0.injected.send_if_modified(|injected| {
+                let is_due = injected == task;
+                if is_due {
+                    injected.clear();
+                }
+                is_due
+            });
+        if is_due {
+            // as a panic, but without the report of the panic hook
+            resume_unwind(Box::new("an injected fault"));
+        }
+    }
+
+    /// The work, as a task that takes injected faults also while it waits.
+    async fn with_fault_point<F: Future>(&self, task: &str, work: F) -> F::Output {
+        let mut injected = self.0.injected.subscribe();
+        let fault = async {
+            while injected.wait_for(|injected| injected == task).await.is_ok() {
+                self.fault_point(task);
+            }
+            // not reached, since the sender lives as long as this
+            std::future::pending().await
+        };
+        tokio::select! {
+            biased;
+            output = fault => output,
+            output = work => output,
+        }
+    }
+
+    /// A piece of work, such as one connection: a panic ends it alone.
+    pub fn contained<F: Future<Output = ()>>(
+        &self,
+        task: &'static str,
+        work: F,
+    ) -> impl Future<Output = ()> + use<F> {
+        let work = self.catch_panic(task, work);
+        async move {
+            // the panic is reported
+            let _ = work.await;
+        }
+    }
+
+    /// A piece of work with a result, such as one request: a panic ends it alone, and the result is `None`.
+    pub fn catch_panic<F: Future>(
+        &self,
+        task: &'static str,
+        work: F,
+    ) -> impl Future<Output = Option<F::Output>> + use<F> {
+        let supervisor = self.clone();
+        async move {
+            let work = supervisor.with_fault_point(task, work);
+            match AssertUnwindSafe(work).catch_unwind().await {
+                Ok(result) => Some(result),
+                Err(panicked) => {
+                    supervisor.report_panic(task, Consequence::Contained, panicked.as_ref());
+                    None
+                }
+            }
+        }
+    }
+
+    /// A task without which nobody can operate or observe the machine: after a panic the process ends in order.
+    pub fn essential<F: Future<Output = ()>>(
+        &self,
+        task: &'static str,
+        work: F,
+    ) -> impl Future<Output = ()> + use<F> {
+        let supervisor = self.clone();
+        async move {
+            let work = supervisor.with_fault_point(task, work);
+            if let Err(panicked) = AssertUnwindSafe(work).catch_unwind().await {
+                supervisor.report_panic(task, Consequence::Exits, panicked.as_ref());
+            }
+        }
+    }
+
+    /// A task that is started again after a panic; after [`RESTARTS_MAX`] of them within [`RESTART_WINDOW`] the next one ends
+    /// the process in order.
+    pub fn restarted<F: Future<Output = ()>, M: FnMut() -> F>(
+        &self,
+        task: &'static str,
+        mut make: M,
+    ) -> impl Future<Output = ()> + use<F, M> {
+        let supervisor = self.clone();
+        async move {
+            let mut restarts = Restarts::default();
+            loop {
+                let work = supervisor.with_fault_point(task, async { make().await });
+                let Err(panicked) = AssertUnwindSafe(work).catch_unwind().await else {
+                    return;
+                };
+                let consequence = restarts.after_panic();
+                supervisor.report_panic(task, consequence, panicked.as_ref());
+                if consequence == Consequence::Exits {
+                    return;
+                }
+                tokio::time::sleep(RESTART_PAUSE).await;
+            }
+        }
+    }
+}
+
+/// Counts the panics of a task that is started again.
+#[derive(Debug, Default)]
+pub struct Restarts(Vec<Instant>);
+
+impl Restarts {
+    /// What follows the panic of now: a restart, or the end of the process.
+    pub fn after_panic(&mut self) -> Consequence {
+        let now = Instant::now();
+        self.0.retain(|at| now.duration_since(*at) < RESTART_WINDOW);
+        self.0.push(now);
+        if self.0.len() > RESTARTS_MAX {
+            Consequence::Exits
+        } else {
+            Consequence::Restarted
+        }
+    }
+}
+
+/// The message of a panic.
+pub fn panic_text(panicked: &(dyn Any + Send)) -> &str {
+    crate::text::panic_text(panicked)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn faults(supervisor: &Supervisor) -> Vec<(String, u64, Consequence)> {
+        let faults = supervisor.faults().into_iter();
+        faults
+            .map(|fault| (fault.task, fault.count, fault.consequence))
+            .collect()
+    }
+
+    #[tokio::test]
+    async fn a_contained_panic_ends_its_work_alone() {
+        let supervisor = Supervisor::default();
+        for _ in 0..5 {
+            supervisor.contained("connection", async { panic!("boom") }).await;
+        }
+        assert_eq!(
+            faults(&supervisor),
+            [("connection".to_owned(), 5, Consequence::Contained)]
+        );
+        assert!(supervisor.exit().now_or_never().is_none());
+    }
+
+    #[tokio::test]
+    async fn an_essential_task_that_panics_ends_the_process_with_the_reason() {
+        let supervisor = Supervisor::default();
+        supervisor.essential("server", async { panic!("boom") }).await;
+        assert_eq!(
+            faults(&supervisor),
+            [("server".to_owned(), 1, Consequence::Exits)]
+        );
+        let why = supervisor.exit().now_or_never().unwrap();
+        assert_eq!(why, "server: boom; the runtime stops in order");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn the_third_panic_within_60_s_ends_the_process() {
+        let supervisor = Supervisor::default();
+        let mut starts = 0;
+        supervisor
+            .restarted("publisher", || {
+                starts += 1;
+                async { panic!("boom") }
+            })
+            .await;
+        assert_eq!(starts, RESTARTS_MAX + 1);
+        assert!(supervisor.exit().now_or_never().is_some());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn panics_that_are_60_s_apart_never_end_the_process() {
+        let supervisor = Supervisor::default();
+        let mut starts = 0;
+        supervisor
+            .restarted("publisher", || {
+                starts += 1;
+                let is_last = starts == 20;
+                async move {
+                    tokio::time::sleep(RESTART_WINDOW / 2 + Duration::from_millis(1)).await;
+                    assert!(is_last, "boom");
+                }
+            })
+            .await;
+        assert_eq!(
+            faults(&supervisor),
+            [("publisher".to_owned(), 19, Consequence::Restarted)]
+        );
+        assert!(supervisor.exit().now_or_never().is_none());
+    }
+
+    #[tokio::test]
+    async fn an_injected_fault_occurs_once_in_its_task_and_in_no_other() {
+        let supervisor = Supervisor::default();
+        let waits = |task| tokio::spawn(supervisor.contained(task, std::future::pending()));
+        let (one, other) = (waits("one"), waits("other"));
+        supervisor.inject("one");
+        one.await.unwrap();
+        assert!(!supervisor.is_injected());
+        let second = waits("one");
+        tokio::task::yield_now().await;
+        assert!(!second.is_finished() && !other.is_finished());
+        assert_eq!(
+            faults(&supervisor),
+            [("one".to_owned(), 1, Consequence::Contained)]
+        );
+    }
+
+    #[tokio::test]
+    async fn a_listener_that_panics_hides_no_fault() {
+        let supervisor = Supervisor::default();
+        supervisor.listen(|_| panic!("the listener"));
+        supervisor.essential("server", async { panic!("boom") }).await;
+        assert_eq!(supervisor.faults().len(), 1);
+        assert!(supervisor.exit().now_or_never().is_some());
+    }
+}

@@ -1,0 +1,51 @@
+//! The age limit of a request in its body or payload.
+
+use serde::Deserialize;
+use serde_json::json;
+
+use super::json::json_object;
+use super::parameter::Fault;
+use super::row::{Body, IncomingRequest, NOT_AFTER, RequestParts, Source};
+use crate::types::not_after::NotAfter;
+
+/// True for the path of hold, stop or abort.
+pub(super) fn names_urgent(params: &[(&str, &str)]) -> bool {
+    let mut params = params.iter();
+    params.any(|(name, value)| *name == "verb" && ["hold", "stop", "abort"].contains(value))
+}
+
+impl IncomingRequest<'_> {
+    /// The age limit that the body names.
+    pub(super) fn not_after(&self) -> Result<Option<NotAfter>, Fault> {
+        #[derive(Deserialize)]
+        struct Limited {
+            not_after: Option<NotAfter>,
+        }
+        let not_after = match &self.source {
+            Source::Command(meta, _) => meta.not_after.clone(),
+            _ if !self.not_after_is_apart || self.body.is_empty() || names_urgent(self.params) => None,
+            _ => json_object::<Limited>(&self.body).map_err(Fault::Json)?.not_after,
+        };
+        if let Some(not_after) = &not_after {
+            not_after.check().map_err(Fault::Invalid)?;
+        }
+        Ok(not_after)
+    }
+}
+
+impl RequestParts {
+    /// Adds an age limit to the body and to the payload of the topic.
+    pub(super) fn limit_age(&mut self, not_after: Option<&NotAfter>) {
+        let Some(not_after) = not_after else { return };
+        if let Body::Nothing = self.body {
+            self.body = Body::Json(json!({}));
+        }
+        let body = match &mut self.body {
+            Body::Json(body) => Some(body),
+            Body::Nothing | Body::Text(_) => None,
+        };
+        for fields in body.into_iter().chain(&mut self.payload) {
+            fields[NOT_AFTER] = json!(not_after);
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! The row of a request that did not come on a route or topic.
+
+use super::requests::ROWS;
+use super::row::{ParsedRequest, Row};
+use crate::types::request::Request;
+
+/// A request that did not come on a route or topic, with the right of its row; `None` where no row carries it.
+pub(super) fn parsed(request: Request) -> Option<ParsedRequest> {
+    row_of(&request).map(|row| row.parsed(request))
+}
+
+fn row_of(request: &Request) -> Option<&'static Row> {
+    let mut sought = request.clone();
+    for row in &ROWS {
+        match (row.write)(sought) {
+            Ok(_) => return Some(row),
+            Err(other) => sought = other,
+        }
+    }
+    None
+}
+
+/// True for a request that may carry an age limit: something can move after it.
+pub fn takes_not_after(request: &Request) -> bool {
+    row_of(request).is_some_and(|row| row.takes_not_after)
+}

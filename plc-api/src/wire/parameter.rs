@@ -1,0 +1,428 @@
+//! Parameters of routes: one constant lists a parameter in the documents and reads it from a request, so a route reads no other.
+
+use crate::types::CoordinateSystemNumber;
+use crate::types::data::JournalFilter;
+use crate::types::planned::PATH_TOLERANCE_MM;
+use crate::types::run::RUN_WAIT_MAX_S;
+
+/// Why something that came in is no request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Fault {
+    /// A level of the path is not of its kind.
+    Level(String),
+    /// There is no such thing.
+    NotFound(String),
+    /// The body is not of the form of its route or topic.
+    Json(String),
+    /// A value is out of its range, or missing.
+    Invalid(String),
+}
+
+/// What the query of a route said.
+#[derive(Debug, Clone, Default)]
+pub struct QueryValues {
+    /// Number of the first.
+    pub from: Option<u32>,
+    /// How many.
+    pub count: Option<u32>,
+    /// Whether to wait until it is done.
+    pub wait: Option<String>,
+    /// Which lines of the journal.
+    pub filter: JournalFilter,
+    /// NC dialect of what is stored.
+    pub dialect: Option<String>,
+    /// The coordinate system that runs a program.
+    pub cs: Option<CoordinateSystemNumber>,
+    /// How exact a path is to be, mm.
+    pub tolerance: Option<f64>,
+    /// Letters of axes.
+    pub axes: Option<String>,
+}
+
+/// Values that a parameter can have, as the documents list them.
+#[derive(Debug, Clone, Copy)]
+pub enum Values {
+    /// A whole number from the first to the second; `None`: without an upper bound.
+    Integer(u32, Option<u32>),
+    /// A number that is not below this one.
+    Number(f64),
+    /// A text of so many characters.
+    Text(usize, usize),
+    /// A text that only the limit of a request's head bounds.
+    AnyText,
+    /// One of these words.
+    Words(&'static [&'static str]),
+    /// A text of this form, a regular expression.
+    Form(&'static str),
+}
+
+/// A parameter in the query of a route.
+#[derive(Debug, Clone, Copy)]
+pub struct QueryParameter {
+    /// Its name.
+    pub name: &'static str,
+    /// Its values.
+    pub values: Values,
+    /// True if a request without it is refused.
+    pub is_required: bool,
+    /// Its meaning.
+    pub description: &'static str,
+    /// Reads a value; `None` if the text is none.
+    read: fn(&str, &mut QueryValues) -> Option<()>,
+}
+
+/// The query of a route.
+#[derive(Debug, Clone, Copy)]
+pub struct Query {
+    /// Its parameters.
+    pub parameters: &'static [QueryParameter],
+    /// True if parameters that are not listed are ignored; otherwise they are refused.
+    ignores_others: bool,
+}
+
+const fn from(description: &'static str) -> QueryParameter {
+    QueryParameter {
+        name: "from",
+        values: Values::Integer(0, Some(u32::MAX)),
+        is_required: false,
+        description,
+        read: |text, query| {
+            query.from = Some(text.parse().ok()?);
+            Some(())
+        },
+    }
+}
+
+const fn count(description: &'static str) -> QueryParameter {
+    QueryParameter {
+        name: "count",
+        values: Values::Integer(1, Some(u32::MAX)),
+        is_required: false,
+        description,
+        read: |text, query| {
+            query.count = Some(text.parse().ok()?);
+            Some(())
+        },
+    }
+}
+
+const fn wait(values: Values, description: &'static str) -> QueryParameter {
+    QueryParameter {
+        name: "wait",
+        values,
+        is_required: false,
+        description,
+        read: |text, query| {
+            query.wait = Some(text.to_owned());
+            Some(())
+        },
+    }
+}
+
+const fn cs(description: &'static str) -> QueryParameter {
+    QueryParameter {
+        name: "cs",
+        values: Values::Integer(1, Some(255)),
+        is_required: false,
+        description,
+        read: |text, query| {
+            query.cs = Some(text.parse().ok()?);
+            Some(())
+        },
+    }
+}
+
+/// A parameter of the journal that is a text.
+const fn journal_text(
+    name: &'static str,
+    description: &'static str,
+    read: fn(&str, &mut QueryValues) -> Option<()>,
+) -> QueryParameter {
+    QueryParameter {
+        name,
+        values: Values::Text(0, JOURNAL_TEXT_MAX),
+        is_required: false,
+        description,
+        read,
+    }
+}
+
+/// Characters of a parameter of the journal. Reason: no name or time is longer.
+const JOURNAL_TEXT_MAX: usize = 256;
+
+const DIALECT: QueryParameter = QueryParameter {
+    name: "dialect",
+    values: Values::Words(&["nj", "dgshape"]),
+    is_required: false,
+    description: "NC dialect of the text; without it that of the lowest coordinate system.",
+    read: |text, query| {
+        query.dialect = Some(text.to_owned());
+        Some(())
+    },
+};
+
+const AXES: QueryParameter = QueryParameter {
+    name: "axes",
+    values: Values::Text(0, 9),
+    is_required: false,
+    description: "Letters of the axes, such as XZ; without it all.",
+    read: |text, query| {
+        query.axes = Some(text.to_owned());
+        Some(())
+    },
+};
+
+const TOLERANCE: QueryParameter = QueryParameter {
+    name: "tolerance",
+    values: Values::Number(PATH_TOLERANCE_MM),
+    is_required: false,
+    description: "How far a point of the path may be from the lines, mm: levels of detail that are finer than needed are left out.",
+    read: |text, query| {
+        query.tolerance = Some(text.parse().ok()?);
+        Some(())
+    },
+};
+
+const RUN_BY: QueryParameter = cs(
+    "The coordinate system that runs it; without it the first one in which it is loaded, that whose configuration names it, or the first one.",
+);
+
+impl Query {
+    /// No parameters.
+    pub const NOTHING: Self = Self {
+        parameters: &[],
+        ignores_others: true,
+    };
+
+    /// A range of values that is read.
+    pub const RANGE: Self = Self::of(&[
+        from("Number of the first; without it 0."),
+        count("How many; without it 1."),
+    ]);
+
+    /// A range of values that is written. The address has no default: a request without it would overwrite the first values.
+    pub const RANGE_TO_WRITE: Self = Self::of(&[
+        QueryParameter {
+            is_required: true,
+            ..from("Number of the first.")
+        },
+        count("How many, which must be the number of values."),
+    ]);
+
+    /// Lines of the journal.
+    pub const JOURNAL: Self = Self::of(&[
+        journal_text(
+            "since",
+            "From this time on: in UTC, such as 2026-11-25 or 2026-11-25T10:00, or how long ago, such as 2h or 30m.",
+            |text, query| {
+                query.filter.since = Some(text.to_owned());
+                Some(())
+            },
+        ),
+        journal_text(
+            "until",
+            "Before this time, written in the same way.",
+            |text, query| {
+                query.filter.until = Some(text.to_owned());
+                Some(())
+            },
+        ),
+        QueryParameter {
+            values: Values::Integer(0, Some(255)),
+            read: |text, query| {
+                query.filter.cs = Some(text.parse().ok()?);
+                Some(())
+            },
+            ..cs("Of this coordinate system; 0: of the machine.")
+        },
+        QueryParameter {
+            name: "m",
+            values: Values::Integer(0, Some(65_535)),
+            is_required: false,
+            description: "Of outputs of this M number, and of stops by it.",
+            read: |text, query| {
+                query.filter.m = Some(text.parse().ok()?);
+                Some(())
+            },
+        },
+        journal_text("user", "Of this user, client or handler.", |text, query| {
+            query.filter.user = Some(text.to_owned());
+            Some(())
+        }),
+        journal_text(
+            "run",
+            "Of this run, such as 1-7, or BOOT/1-7 of that start of the runtime.",
+            |text, query| {
+                query.filter.run = Some(text.to_owned());
+                Some(())
+            },
+        ),
+        from("How many of the newest lines are left out; without it none."),
+        count("How many lines; without it 100."),
+    ]);
+
+    /// Whether a command is answered when it is done.
+    pub const WAIT: Self = Self {
+        parameters: &[wait(
+            Values::Words(&["0", "1", "false", "true", ""]),
+            "1, true or nothing: answers when it is done, or with 202 after a minute.",
+        )],
+        ignores_others: true,
+    };
+
+    /// How many seconds an end is waited for.
+    pub const SECONDS: Self = Self::of(&[wait(
+        Values::Integer(0, Some(RUN_WAIT_MAX_S)),
+        "How many seconds its end is waited for at most; without it the answer comes at once.",
+    )]);
+
+    /// Runs.
+    pub const RUNS: Self = Self::of(&[
+        cs("Of this coordinate system alone."),
+        from("How many of the newest runs are left out; without it none."),
+        count("How many runs; without it 100."),
+    ]);
+
+    /// The dialect of a program.
+    pub const DIALECT: Self = Self::of(&[DIALECT]);
+
+    /// Samples of the recent motion.
+    pub const TRACE: Self = Self::of(&[
+        AXES,
+        from("Number of the first sample; without it 0."),
+        count("How many samples; without it all."),
+    ]);
+
+    /// The coordinate system that runs a program.
+    pub const RUN_BY: Self = Self::of(&[RUN_BY]);
+
+    /// A part of a planned path.
+    pub const PATH: Self = Self::of(&[
+        RUN_BY,
+        TOLERANCE,
+        from("Number of the first point; without it 0."),
+        count("How many points; without it all."),
+    ]);
+
+    const fn of(parameters: &'static [QueryParameter]) -> Self {
+        Self {
+            parameters,
+            ignores_others: false,
+        }
+    }
+
+    /// Reads the names and values of a query.
+    ///
+    /// # Errors
+    /// A parameter that is not listed or occurs twice, a value that is none, or a required parameter that is missing.
+    pub fn read<'a>(
+        &self,
+        pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
+    ) -> Result<QueryValues, Fault> {
+        let mut values = QueryValues::default();
+        let mut seen = Vec::new();
+        for (name, text) in pairs {
+            let Some(parameter) = self.parameters.iter().find(|parameter| parameter.name == name) else {
+                if self.ignores_others {
+                    continue;
+                }
+                return Err(self.fault(&format!("the query has {name:.64}, which is unknown here")));
+            };
+            if seen.contains(&parameter.name) {
+                return Err(self.fault(&format!("the query has {name} twice")));
+            }
+            seen.push(parameter.name);
+            let is_read =
+                parameter.values.admits_length_of(text) && (parameter.read)(text, &mut values).is_some();
+            if !is_read {
+                let shown = parameter.values.shown();
+                return Err(Fault::Invalid(format!("{name}={text:.64}: write {shown}")));
+            }
+        }
+        let mut required = self.parameters.iter().filter(|parameter| parameter.is_required);
+        match required.find(|parameter| !seen.contains(&parameter.name)) {
+            Some(QueryParameter { name, values, .. }) => Err(Fault::Invalid(format!(
+                "the query lacks {name}, the address of what is written; write ?{name}= and {}",
+                values.shown()
+            ))),
+            None => Ok(values),
+        }
+    }
+
+    fn fault(&self, text: &str) -> Fault {
+        let names: Vec<_> = self.parameters.iter().map(|parameter| parameter.name).collect();
+        Fault::Invalid(format!("{text}; write each of {} at most once", names.join(", ")))
+    }
+}
+
+impl Values {
+    /// False for a text of fewer or more characters than the document says.
+    fn admits_length_of(&self, text: &str) -> bool {
+        match self {
+            Values::Text(min, max) => (*min..=*max).contains(&text.chars().count()),
+            _ => true,
+        }
+    }
+
+    /// The values in the words of an error.
+    fn shown(&self) -> String {
+        match self {
+            Values::Integer(min, Some(max)) => format!("a whole number, {min} to {max}"),
+            Values::Integer(min, None) => format!("a whole number, {min} or more"),
+            Values::Number(min) => format!("a number, {min} or more"),
+            Values::Text(min, max) => format!("{min} to {max} characters"),
+            Values::AnyText => "a text".to_owned(),
+            Values::Words(words) => words.join(" or "),
+            Values::Form(form) => format!("a text of the form {form}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(query: Query, pairs: &[(&str, &str)]) -> String {
+        match query.read(pairs.iter().copied()) {
+            Err(Fault::Invalid(text)) => text,
+            other => panic!("{pairs:?}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_write_without_the_number_of_the_first_value_is_refused() {
+        assert_eq!(
+            refusal(Query::RANGE_TO_WRITE, &[("count", "2")]),
+            "the query lacks from, the address of what is written; write ?from= and a whole number, 0 to 4294967295"
+        );
+        assert_eq!(Query::RANGE_TO_WRITE.read([("from", "0")]).unwrap().from, Some(0));
+        assert_eq!(Query::RANGE.read([]).unwrap().from, None);
+    }
+
+    #[test]
+    fn unknown_doubled_and_malformed_parameters_are_refused_by_name() {
+        assert_eq!(
+            refusal(Query::RANGE, &[("form", "1")]),
+            "the query has form, which is unknown here; write each of from, count at most once"
+        );
+        assert_eq!(
+            refusal(Query::RANGE, &[("from", "1"), ("from", "2")]),
+            "the query has from twice; write each of from, count at most once"
+        );
+        assert_eq!(
+            refusal(Query::RUNS, &[("cs", "256")]),
+            "cs=256: write a whole number, 1 to 255"
+        );
+        assert_eq!(
+            refusal(Query::PATH, &[("tolerance", "fine")]),
+            "tolerance=fine: write a number, 0.01 or more"
+        );
+    }
+
+    #[test]
+    fn a_command_ignores_parameters_that_it_does_not_read() {
+        let values = Query::WAIT.read([("time", "12"), ("wait", "1")]).unwrap();
+        assert_eq!(values.wait.as_deref(), Some("1"));
+        assert!(Query::NOTHING.read([("time", "12")]).is_ok());
+    }
+}

@@ -1,0 +1,189 @@
+//! Who sends a message over MQTT, as its topic says: `handler/{id}/...` and `client/{id}/...`.
+//!
+//! The access rules of any broker can tie these topics to users. What a payload says of its sender must agree with its topic.
+
+use super::row::ParsedRequest;
+use crate::types::request::{Input, Request};
+
+/// Levels with which the path of a request begins, after those of its sender.
+const REQUESTS: [&str; 5] = ["cs/", "io/", "motor/", "alarm/raise", "stored_data/answer"];
+
+/// The sender of a message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Speaker {
+    /// A handler, by its `handler_id`.
+    Handler(String),
+    /// A client, by its user name or its `client_id`.
+    Client(String),
+}
+
+impl Speaker {
+    /// Filters of all topics that name their sender, below the machine's root.
+    pub const FILTERS: [&'static str; 9] = [
+        "handler/+/cs/#",
+        "handler/+/io/#",
+        "handler/+/motor/#",
+        "handler/+/alarm/raise",
+        "client/+/cs/#",
+        "client/+/io/#",
+        "client/+/motor/#",
+        "client/+/alarm/raise",
+        "client/+/stored_data/answer",
+    ];
+
+    /// The id in the topic.
+    pub fn id(&self) -> &str {
+        match self {
+            Speaker::Handler(id) | Speaker::Client(id) => id,
+        }
+    }
+
+    /// The sender that a path names, and the path of the request. Presences and heartbeats are paths of their own.
+    pub fn split(path: &str) -> (Option<Self>, &str) {
+        let mut levels = path.splitn(3, '/');
+        let (Some(kind), Some(id), Some(rest)) = (levels.next(), levels.next(), levels.next()) else {
+            return (None, path);
+        };
+        let is_request = REQUESTS.iter().any(|begin| rest.starts_with(begin));
+        match kind {
+            "handler" if is_request && !id.is_empty() => (Some(Speaker::Handler(id.to_owned())), rest),
+            "client" if is_request && !id.is_empty() => (Some(Speaker::Client(id.to_owned())), rest),
+            _ => (None, path),
+        }
+    }
+
+    /// The path on which this sender publishes a request.
+    pub fn path(&self, path: &str) -> String {
+        match self {
+            Speaker::Handler(id) => format!("handler/{id}/{path}"),
+            Speaker::Client(id) => format!("client/{id}/{path}"),
+        }
+    }
+
+    /// The sender of a request: the handler that it names, else `handler` for what a handler sets, else the client.
+    pub fn of_request(request: &Request, handler: Option<&str>, client: &str) -> Self {
+        let client = || Speaker::Client(client.to_owned());
+        match request {
+            Request::Reset(_, _, reset) if reset.force == Some(true) => client(),
+            Request::Claim(..)
+            | Request::Reset(..)
+            | Request::Progress(..)
+            | Request::Checkpoint(..)
+            | Request::Ask(..)
+            | Request::ValidateResult(..) => named(request).map_or_else(client, Speaker::Handler),
+            Request::Input(_, Input::Interlock(_) | Input::StartLock(_)) | Request::WriteIo(..) => {
+                named(request).map_or_else(client, Speaker::Handler)
+            }
+            Request::Tool(..)
+            | Request::Spindle(..)
+            | Request::WriteVariables { .. }
+            | Request::ReadVariables { .. }
+            | Request::RaiseAlarm(_) => {
+                handler.map_or_else(client, |handler| Speaker::Handler(handler.to_owned()))
+            }
+            _ => client(),
+        }
+    }
+
+    /// Makes the sender of a request that of its topic where the payload names none. `client_id`: the client that the payload names.
+    ///
+    /// # Errors
+    /// In words: the payload names another sender.
+    pub(super) fn identify(&self, parsed: &mut ParsedRequest, client_id: Option<&str>) -> Result<(), String> {
+        if let Some(owner) = parsed.owner_mut().filter(|owner| owner.is_none()) {
+            *owner = matches!(self, Speaker::Handler(_)).then(|| self.id().to_owned());
+        }
+        let request = parsed.request();
+        let by_force = matches!(request, Request::Reset(_, _, reset) if reset.force == Some(true));
+        if let Some(named) = named(request)
+            && named != self.id()
+            && !(by_force && matches!(self, Speaker::Client(_)))
+        {
+            return Err(format!(
+                "its topic names {:?}, its handler_id is {named:?}; write the same in both",
+                self.id()
+            ));
+        }
+        match (self, client_id) {
+            (Speaker::Client(id), Some(client_id)) if !is_of(client_id, id) => Err(format!(
+                "its topic names {id:?}, its client_id is {client_id:?}; write the same in both, or let client_id begin with {id}-"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// True for a client id that is the id of the topic, or begins with it and `-`.
+fn is_of(client_id: &str, id: &str) -> bool {
+    client_id == id
+        || client_id
+            .strip_prefix(id)
+            .is_some_and(|rest| rest.starts_with('-'))
+}
+
+/// The handler in whose name a request is made.
+fn named(request: &Request) -> Option<String> {
+    match request {
+        Request::Claim(_, _, claim) => Some(claim.handler_id.clone()),
+        Request::Reset(_, _, reset) => Some(reset.handler_id.clone()),
+        Request::Progress(_, _, report) => Some(report.handler_id.clone()),
+        Request::Checkpoint(_, _, report) => Some(report.handler_id.clone()),
+        Request::Ask(_, _, ask) => Some(ask.handler_id.clone()),
+        Request::ValidateResult(_, _, result) => Some(result.handler_id.clone()),
+        Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => set.handler_id.clone(),
+        Request::WriteIo(_, set) => set.handler_id.clone(),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_topic_names_its_sender_and_a_presence_stays_as_it_is() {
+        let handler = |id: &str| Some(Speaker::Handler(id.to_owned()));
+        let client = |id: &str| Some(Speaker::Client(id.to_owned()));
+        for (path, speaker, rest) in [
+            (
+                "handler/clamp/cs/1/m_code/5/claim",
+                handler("clamp"),
+                "cs/1/m_code/5/claim",
+            ),
+            (
+                "handler/clamp/io/out/lamp/set",
+                handler("clamp"),
+                "io/out/lamp/set",
+            ),
+            (
+                "client/panel/cs/1/command/stop",
+                client("panel"),
+                "cs/1/command/stop",
+            ),
+            ("client/panel/alarm/raise", client("panel"), "alarm/raise"),
+            (
+                "client/panel/stored_data/answer",
+                client("panel"),
+                "stored_data/answer",
+            ),
+            ("handler/clamp/presence", None, "handler/clamp/presence"),
+            ("client/panel/heartbeat", None, "client/panel/heartbeat"),
+            (
+                "handler//cs/1/m_code/5/claim",
+                None,
+                "handler//cs/1/m_code/5/claim",
+            ),
+            (
+                "handler/a/handler/b/presence",
+                None,
+                "handler/a/handler/b/presence",
+            ),
+            ("cs/1/command/stop", None, "cs/1/command/stop"),
+        ] {
+            assert_eq!(Speaker::split(path), (speaker.clone(), rest), "{path}");
+            if let Some(speaker) = speaker {
+                assert_eq!(speaker.path(rest), path);
+            }
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! How often a PIN may be tried: budgets for each user and host, so that a stranger elsewhere cannot block a person's login.
+//!
+//! Names are counted by a keyed hash, known ones and unknown ones in the same way, so that no refusal tells whether a user exists.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasher, RandomState};
+use std::net::IpAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use super::{Rate, Rates};
+
+/// Tries of one user from one host: a burst, and then one in so many seconds. Reason: a person who mistypes a few times does not
+/// wait, and 6 digits last for a year of guessing from one host.
+const PAIR_BURST: u32 = 10;
+const PAIR_SECONDS: f64 = 30.0;
+
+/// The same of one user from all hosts together from which that user has never logged in. Reason: ten hosts at the full rate of their
+/// own do not use it up.
+const USER_BURST: u32 = 100;
+const USER_SECONDS: f64 = 3.0;
+
+/// The same of all users from one host, other than those who have logged in from there.
+const HOST_BURST: u32 = 10;
+const HOST_SECONDS: f64 = 15.0;
+
+/// Hosts that are remembered for one user; for one more, the one that was used longest ago is forgotten.
+const HOSTS_PER_USER_MAX: usize = 16;
+
+/// Logins that wait for the check of another one: in all, of one host, and of users from hosts from which they have never logged in.
+/// Reason: a check takes 50 ms, so that the last one waits for 1.6 s.
+const WAITING_MAX: usize = 32;
+const WAITING_PER_HOST_MAX: usize = 2;
+const WAITING_UNFAMILIAR_MAX: usize = 24;
+
+/// Keyed hash of a name. The key is new at each start.
+type NameHash = u64;
+
+/// Budgets of all users and hosts.
+pub(super) struct LoginBudgets {
+    key: RandomState,
+    of_pair: Rates<(NameHash, IpAddr)>,
+    of_user: Rates<NameHash>,
+    of_host: Rates<IpAddr>,
+    /// Hosts from which each user has logged in, the latest last.
+    familiar: Mutex<HashMap<NameHash, Vec<IpAddr>>>,
+    waiting: Arc<Semaphore>,
+    unfamiliar: Arc<Semaphore>,
+    waiting_hosts: Mutex<HashMap<IpAddr, Arc<Semaphore>>>,
+}
+
+impl Default for LoginBudgets {
+    fn default() -> Self {
+        Self {
+            key: RandomState::new(),
+            of_pair: Rates::new(PAIR_BURST, 1.0 / PAIR_SECONDS),
+            of_user: Rates::new(USER_BURST, 1.0 / USER_SECONDS),
+            of_host: Rates::new(HOST_BURST, 1.0 / HOST_SECONDS),
+            familiar: Mutex::default(),
+            waiting: Arc::new(Semaphore::new(WAITING_MAX)),
+            unfamiliar: Arc::new(Semaphore::new(WAITING_UNFAMILIAR_MAX)),
+            waiting_hosts: Mutex::default(),
+        }
+    }
+}
+
+/// One try of a login.
+pub(super) struct LoginTry {
+    name: NameHash,
+    host: IpAddr,
+    counted: Vec<Arc<Rate>>,
+    is_familiar: bool,
+}
+
+/// A place among the logins that wait for their check.
+pub(super) struct WaitingPlace {
+    _places: Vec<OwnedSemaphorePermit>,
+}
+
+impl LoginBudgets {
+    /// Counts a try. The error is the time until the next one counts.
+    pub(super) fn count(&self, name: &str, host: IpAddr) -> Result<LoginTry, Duration> {
+        let name = self.key.hash_one(name);
+        let is_familiar = (self.familiar.lock().get(&name)).is_some_and(|hosts| hosts.contains(&host));
+        let mut rates = vec![self.of_pair.of(&(name, host))];
+        if !is_familiar {
+            rates.push(self.of_user.of(&name));
+            // programs on the same computer and persons share this host
+            if !host.is_loopback() {
+                rates.push(self.of_host.of(&host));
+            }
+        }
+        let mut counted: Vec<Arc<Rate>> = Vec::new();
+        for rate in rates {
+            if let Err(wait) = rate.take() {
+                for rate in &counted {
+                    rate.give_back();
+                }
+                return Err(wait);
+            }
+            counted.push(rate);
+        }
+        Ok(LoginTry {
+            name,
+            host,
+            counted,
+            is_familiar,
+        })
+    }
+
+    /// A place to wait for the check; `None` if others take them all.
+    pub(super) fn wait(&self, of: &LoginTry) -> Option<WaitingPlace> {
+        let host = {
+            let mut hosts = self.waiting_hosts.lock();
+            hosts.retain(|_, places| places.available_permits() < WAITING_PER_HOST_MAX);
+            let new = || Arc::new(Semaphore::new(WAITING_PER_HOST_MAX));
+            Arc::clone(hosts.entry(of.host).or_insert_with(new))
+        };
+        let mut places = vec![Arc::clone(&self.waiting).try_acquire_owned().ok()?];
+        if !of.is_familiar {
+            places.push(host.try_acquire_owned().ok()?);
+            places.push(Arc::clone(&self.unfamiliar).try_acquire_owned().ok()?);
+        }
+        Some(WaitingPlace { _places: places })
+    }
+
+    /// Takes back a try that was right, and remembers its host for the user.
+    pub(super) fn succeed(&self, of: &LoginTry) {
+        of.counted.iter().for_each(|rate| rate.give_back());
+        let mut familiar = self.familiar.lock();
+        let hosts = familiar.entry(of.name).or_default();
+        hosts.retain(|host| *host != of.host);
+        if hosts.len() >= HOSTS_PER_USER_MAX {
+            hosts.remove(0);
+        }
+        hosts.push(of.host);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn host(number: u8) -> IpAddr {
+        [10, 0, 0, number].into()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_stranger_on_another_host_uses_up_no_budget_of_a_person() {
+        let budgets = LoginBudgets::default();
+        for round in 0..600 {
+            for stranger in 1..=4 {
+                let _ = budgets.count("anna", host(stranger));
+            }
+            tokio::time::advance(Duration::from_millis(250)).await;
+            if round % 80 == 0 {
+                assert!(budgets.count("anna", host(9)).is_ok(), "after {round} rounds");
+            }
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_familiar_host_has_its_budget_however_many_hosts_guess() {
+        let budgets = LoginBudgets::default();
+        let login = budgets.count("anna", host(9)).unwrap();
+        budgets.succeed(&login);
+        for stranger in 10..=200 {
+            for _ in 0..PAIR_BURST {
+                let _ = budgets.count("anna", host(stranger));
+            }
+        }
+        assert!(
+            budgets.count("anna", host(201)).is_err(),
+            "all unfamiliar hosts share one"
+        );
+        for _ in 0..PAIR_BURST {
+            assert!(budgets.count("anna", host(9)).is_ok());
+        }
+        assert!(budgets.count("anna", host(9)).is_err());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn unknown_and_known_names_have_budgets_that_share_nothing() {
+        let budgets = LoginBudgets::default();
+        for n in 0..5000 {
+            let _ = budgets.count(&format!("made-up-{n}"), IpAddr::from([127, 0, 0, 1]));
+        }
+        let mut counted = 0;
+        while budgets.count("anna", host(1)).is_ok() {
+            counted += 1;
+        }
+        assert_eq!(counted, PAIR_BURST, "no made-up name has used up any of it");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn one_host_takes_few_places_and_familiar_users_have_their_own() {
+        let budgets = LoginBudgets::default();
+        let login = budgets.count("anna", host(9)).unwrap();
+        budgets.succeed(&login);
+        let mut places = Vec::new();
+        for stranger in 20..80 {
+            for name in ["a", "b", "c"] {
+                let tried = budgets.count(name, host(stranger));
+                places.extend(tried.ok().and_then(|tried| budgets.wait(&tried)));
+            }
+        }
+        assert_eq!(places.len(), WAITING_UNFAMILIAR_MAX);
+        let login = budgets.count("anna", host(9)).unwrap();
+        assert!(budgets.wait(&login).is_some());
+    }
+}

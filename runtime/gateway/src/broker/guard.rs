@@ -1,0 +1,462 @@
+//! Admits users, to their topics only, and decides what becomes of each message.
+
+use std::future::{Future, ready};
+use std::net::{IpAddr, SocketAddr};
+use std::pin::Pin;
+use std::sync::{Arc, OnceLock, Weak};
+
+use mqtt5::QoS;
+use mqtt5::broker::auth::AuthResult;
+use mqtt5::broker::events::{
+    BrokerEventHandler, ClientConnectEvent, ClientDisconnectEvent, ClientPublishEvent, RetainedSetEvent,
+};
+use mqtt5::broker::storage::ClientSession;
+use mqtt5::packet::connect::ConnectPacket;
+use mqtt5::packet::publish::PublishPacket;
+use mqtt5::types::ReasonCode;
+use plc_api::server::{AccessKind, ServerNotice, ServerTransport};
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::command::Verb;
+use plc_api::types::request::Request;
+use plc_api::wire::mqtt::{Inbound, decode};
+use plc_api::wire::right::Right;
+use plc_api::wire::row::{ParsedRequest, number};
+use serde::Deserialize as _;
+use serde::de::IntoDeserializer as _;
+use serde::de::value::{Error as ValueError, StrDeserializer};
+use tokio::sync::mpsc;
+use tracing::warn;
+
+use super::line::OnTheWay;
+use super::retained::{Kind, Retained};
+use super::sessions::{Session, Sessions};
+use super::{BrokerAccess, FILTER_BYTES_MAX, MQTT_5};
+use crate::access::topics::{may_publish, may_subscribe};
+use crate::access::{Account, Rates, Shown, User, Users};
+use crate::arrivals::Arrivals;
+use crate::broker_address::Refused;
+use crate::contract::topics::is_inbound;
+use crate::places::{Place, host_of};
+use crate::publisher::Publisher;
+use crate::tls::Fingerprint;
+use crate::urgent_slots::ExecuteUrgent;
+
+/// Places of known clients that are only for users who may stop a machine.
+const RESERVED: usize = 32;
+
+/// Messages of one user, or without users of one host: burst, and rate per second. Further ones are delayed, not refused: over
+/// MQTT 3.1.1 a refused message is lost silently. Reason: one process may serve 8 coordinate systems with 200 M codes a second,
+/// each with a claim and a reset.
+const USER_BURST: u32 = 10_000;
+const USER_PER_SECOND: u32 = 5000;
+
+/// The same for urgent requests, beside all others. Reason: with one message of each of 256 connections delayed, the last one
+/// waits for 0.26 s.
+const URGENT_BURST: u32 = 1000;
+const URGENT_PER_SECOND: u32 = 1000;
+
+/// Wrong tokens from one address: burst, and rate per second. Further ones are refused as too many.
+const WRONG_BURST: u32 = 50;
+const WRONG_PER_SECOND: u32 = 10;
+
+/// The user of a connection: with a password, the owner of that token, or of the login that has given it; without, of the
+/// certificate that it has shown. With a password the name must be the user's, without one a name that is given.
+fn who(users: &Users, connect: &ConnectPacket, certificate: Option<&Fingerprint>) -> Option<Shown> {
+    let (name, password) = (connect.username.as_deref(), connect.password.as_deref());
+    let shown = users.who(password, certificate)?;
+    let is_named = shown.user.name() == name || name.is_none() && password.is_none();
+    is_named.then_some(shown)
+}
+
+/// True for a client whose session outlives its connection.
+fn outlives(connect: &ConnectPacket) -> bool {
+    ClientSession::expiry_from_connect(connect) != Some(0)
+}
+
+/// What clears a retained topic.
+pub(super) fn clearing(topic: &str) -> PublishPacket {
+    let mut clear = PublishPacket::new(topic, Vec::new(), QoS::AtLeastOnce);
+    clear.retain = true;
+    clear
+}
+
+/// What becomes of a message.
+pub(super) enum Judged {
+    /// It is delivered, after this retained topic is cleared for it.
+    Deliver { clear: Option<String> },
+    /// It is not, and has been handled.
+    Handled,
+    /// It is not, because it cannot be kept.
+    NotKept,
+}
+
+/// Admits users, to their topics only, and refuses commands with the retain flag.
+pub(super) struct Guard {
+    pub(super) access: BrokerAccess,
+    pub(super) refused: mpsc::Sender<Refused>,
+    pub(super) rates: Rates<Account>,
+    // for urgent requests
+    pub(super) urgent_rates: Rates<Account>,
+    // where urgent requests go
+    pub(super) urgent: OnceLock<Weak<dyn ExecuteUrgent>>,
+    pub(super) arrivals: Arc<Arrivals>,
+    // by address
+    pub(super) wrong: Rates<IpAddr>,
+    pub(super) sessions: Arc<Sessions>,
+    pub(super) retained: Retained,
+    pub(super) on_the_way: OnTheWay,
+}
+
+impl Guard {
+    pub(super) fn new(access: BrokerAccess, refused: mpsc::Sender<Refused>, sessions: Arc<Sessions>) -> Self {
+        Self {
+            access,
+            refused,
+            rates: Rates::new(USER_BURST, USER_PER_SECOND),
+            urgent_rates: Rates::new(URGENT_BURST, URGENT_PER_SECOND),
+            urgent: OnceLock::new(),
+            arrivals: Arc::default(),
+            wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
+            sessions,
+            retained: Retained::default(),
+            on_the_way: OnTheWay::default(),
+        }
+    }
+
+    /// The user with a user id of [`Guard::authenticate`]; `None` for an unknown one.
+    fn user(&self, user_id: Option<&str>) -> Option<User> {
+        match &self.access.users {
+            None => Some(User::Anyone),
+            Some(users) => users.tokens.now().user_named(user_id?),
+        }
+    }
+
+    /// The user id of a connection that is admitted and what it has shown, or why it is refused.
+    fn admit(
+        &self,
+        connect: &ConnectPacket,
+        certificate: Option<&Fingerprint>,
+        from: SocketAddr,
+        place: &Place,
+    ) -> Result<(Option<String>, Option<Shown>), (ReasonCode, String)> {
+        let client_id = connect.client_id.as_str();
+        if client_id == self.access.runtime_client_id {
+            let text = "that client id is the runtime's own".to_owned();
+            return Err((ReasonCode::ClientIdentifierNotValid, text));
+        }
+        let shown = match &self.access.users {
+            None => User::Anyone.into(),
+            Some(users) => who(users, connect, certificate)
+                .ok_or_else(|| self.wrong(from, "user and password are not name and token of a [[token]] or of a login, and there is no certificate of a [[certificate]]"))?,
+        };
+        let user = shown.user.clone();
+        let other = self.sessions.of(client_id);
+        if other.is_some_and(|other| other.user.as_ref().and_then(User::name) != user.name()) {
+            // a second connection of one client id ends the first
+            let text = "its client id is in use by another user".to_owned();
+            return Err((ReasonCode::ClientIdentifierNotValid, text));
+        }
+        self.check_will(&user, connect)?;
+        let reserved = if user.has(Right::Operate) { 0 } else { RESERVED };
+        if !place.know(reserved) {
+            let text = format!("{} clients are connected, which is the limit", place.known_max());
+            return Err((ReasonCode::ServerBusy, text));
+        }
+        place.stay();
+        let account = Account::new(&user, Some(from.ip()));
+        let is_reserved = user.has(Right::Operate) || user.has(Right::Handle);
+        self.sessions
+            .remember(client_id, outlives(connect), account, is_reserved)
+            .map_err(|text| (ReasonCode::QuotaExceeded, text))?;
+        let user_id = user.name().map(ToOwned::to_owned);
+        let session = Session {
+            from: Some(from.ip()),
+            user: Some(user),
+            speaks_5: connect.protocol_version == MQTT_5,
+            is_revoked: false,
+        };
+        self.sessions.admit(client_id, session);
+        Ok((user_id, Some(shown)))
+    }
+
+    /// What keeps a client out because of its will.
+    fn check_will(&self, user: &User, connect: &ConnectPacket) -> Result<(), (ReasonCode, String)> {
+        let refused_will = match connect.will.as_ref().map(|will| &will.topic) {
+            // a machine must not start because an HMI has gone
+            Some(topic) if self.is_inbound(topic) => Some(format!(
+                "its will on {topic} is a command; a will may be a presence"
+            )),
+            Some(topic) if !may_publish(user, &self.access.root, topic) => {
+                Some(format!("it may not publish its will on {topic}"))
+            }
+            // a handler that is lost must not count as online
+            Some(topic) if self.is_presence_online(topic, connect) => Some(format!(
+                "its will on {topic} must say that the handler is offline; write {{\"online\": false}}"
+            )),
+            _ => None,
+        };
+        if let Some(text) = refused_will {
+            return Err((ReasonCode::NotAuthorized, text));
+        }
+        if let Some(will) = connect.will.as_ref().filter(|will| will.retain)
+            && let Err(text) = self
+                .retained
+                .put(self.kind(&will.topic), &will.topic, will.payload.len())
+        {
+            self.tell_not_kept(&will.topic, &connect.client_id, &text);
+            let text = format!("its will on {} could not be kept: {text}", will.topic);
+            return Err((ReasonCode::QuotaExceeded, text));
+        }
+        Ok(())
+    }
+
+    /// True for a will on a presence below the root that does not say offline.
+    fn is_presence_online(&self, topic: &str, connect: &ConnectPacket) -> bool {
+        let Some(path) = topic.strip_prefix(&self.access.root) else {
+            return false;
+        };
+        let payload = connect
+            .will
+            .as_ref()
+            .map(|will| &will.payload[..])
+            .unwrap_or_default();
+        match decode(path, payload, false) {
+            Inbound::Ask { request, .. } => {
+                !matches!(request.request(), Request::Handler(_, presence) if !presence.online)
+            }
+            _ => true,
+        }
+    }
+
+    /// The refusal of a wrong password; another one beyond the rate of its address.
+    fn wrong(&self, from: SocketAddr, text: &str) -> (ReasonCode, String) {
+        match self.wrong.of(&host_of(from.ip())).take() {
+            Ok(()) => {
+                let (from, over) = (Some(from.ip()), ServerTransport::Mqtt);
+                let connect = "CONNECT".to_owned();
+                (self.access.machine).note(AccessKind::LoginRefused, None, from, over, connect);
+                (ReasonCode::BadUsernameOrPassword, text.to_owned())
+            }
+            Err(_) => (ReasonCode::ConnectionRateExceeded, String::new()),
+        }
+    }
+
+    fn is_inbound(&self, topic: &str) -> bool {
+        topic.strip_prefix(&self.access.root).is_some_and(is_inbound)
+    }
+
+    /// The account of a message.
+    fn account(&self, event: &ClientPublishEvent) -> Account {
+        let from = self.sessions.address_of(&event.client_id);
+        Account::named(event.user_id.as_deref(), from)
+    }
+
+    /// The lane and the request of an urgent message, if its user may send it.
+    pub(super) fn urgent(
+        &self,
+        event: &ClientPublishEvent,
+    ) -> Option<(Arc<dyn ExecuteUrgent>, ParsedRequest)> {
+        let path = event.topic.strip_prefix(&self.access.root)?;
+        // a retained request is refused
+        if event.retain || !may_be_urgent(path) {
+            return None;
+        }
+        let lane = self.urgent.get()?.upgrade()?;
+        match decode(path, &event.payload, false) {
+            Inbound::Ask {
+                request,
+                urgent: true,
+            } if self.may_publish(event.user_id.as_deref(), &event.topic) => Some((lane, request)),
+            _ => None,
+        }
+    }
+
+    /// The number of a message in the order of arrival.
+    pub(super) fn arrive(&self, topic: &str) -> u64 {
+        let command = topic.strip_prefix(&self.access.root).and_then(command_of);
+        match command.filter(|(_, verb)| verb.moves()) {
+            Some((cs, _)) => self.arrivals.next_moving(cs),
+            None => self.arrivals.next(),
+        }
+    }
+
+    /// Passes an urgent request to the machine, beside all other messages.
+    pub(super) async fn take_urgent(
+        &self,
+        event: &ClientPublishEvent,
+        lane: Arc<dyn ExecuteUrgent>,
+        request: ParsedRequest,
+    ) {
+        let account = self.account(event);
+        let wait = self.urgent_rates.of(&account).owe();
+        if !wait.is_zero() {
+            tokio::time::sleep(wait).await;
+        }
+        let from = self.sessions.address_of(&event.client_id);
+        let client_id = Some(event.client_id.to_string());
+        let name = event.user_id.as_deref();
+        let publisher = Publisher::new(self.user(name), name, from, client_id);
+        lane.execute(publisher, account, request).await;
+    }
+
+    fn may_publish(&self, user_id: Option<&str>, topic: &str) -> bool {
+        self.user(user_id)
+            .is_some_and(|user| may_publish(&user, &self.access.root, topic))
+    }
+
+    /// True for a message that the broker must not deliver; it has been handled.
+    fn keeps_back(&self, event: &ClientPublishEvent) -> bool {
+        let user_id = event.user_id.as_deref();
+        if !self.may_publish(user_id, &event.topic) {
+            warn!("MQTT message on {} of {user_id:?} refused: its role", event.topic);
+            let from = self.sessions.address_of(&event.client_id);
+            let (over, topic) = (ServerTransport::Mqtt, event.topic.to_string());
+            (self.access.machine).note(AccessKind::Forbidden, user_id, from, over, topic);
+            return true;
+        }
+        if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {
+            // without room it is refused silently
+            let _ = self
+                .refused
+                .try_send((event.topic.to_string(), event.payload.to_vec()));
+            return true;
+        }
+        false
+    }
+}
+
+/// The coordinate system and the verb of a command's path.
+fn command_of(path: &str) -> Option<(CoordinateSystemNumber, Verb)> {
+    let mut levels = path.rsplit('/');
+    let verb: StrDeserializer<'_, ValueError> = levels.next()?.into_deserializer();
+    let verb = Verb::deserialize(verb).ok()?;
+    let is_command = levels.next()? == "command";
+    let cs = number(levels.next()?)?;
+    (is_command && levels.next()? == "cs").then_some((cs, verb))
+}
+
+/// True for a path on which an urgent request may come in; its payload decides.
+fn may_be_urgent(path: &str) -> bool {
+    let is_command = |(_, verb): (_, Verb)| verb.is_urgent() || verb == Verb::Jog;
+    path == "alarm/raise" || command_of(path).is_some_and(is_command)
+}
+
+pub(super) type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
+
+impl Guard {
+    pub(super) async fn judge(&self, event: &ClientPublishEvent) -> Judged {
+        let wait = self.rates.of(&self.account(event)).owe();
+        if !wait.is_zero() {
+            tokio::time::sleep(wait).await;
+        }
+        if self.keeps_back(event) {
+            return Judged::Handled;
+        }
+        if !event.retain {
+            return Judged::Deliver { clear: None };
+        }
+        match self
+            .retained
+            .put(self.kind(&event.topic), &event.topic, event.payload.len())
+        {
+            Ok(clear) => Judged::Deliver { clear },
+            Err(text) => {
+                self.tell_not_kept(&event.topic, &event.client_id, &text);
+                Judged::NotKept
+            }
+        }
+    }
+
+    /// Topics below the root that a client may retain are presences.
+    fn kind(&self, topic: &str) -> Kind {
+        if topic.starts_with(&self.access.root) {
+            Kind::Presence
+        } else {
+            Kind::Other
+        }
+    }
+
+    /// Tells the operator that messages are not kept; it stands until there is room again.
+    fn tell_not_kept(&self, topic: &str, client: &str, text: &str) {
+        if !self.retained.is_newly_full() {
+            return;
+        }
+        let text = format!("retained message on {topic:.128} of {client:.64} refused: {text}");
+        warn!("{text}");
+        self.access.machine.notice(ServerNotice::NotKept(Some(text)));
+    }
+
+    pub(super) fn speaks_5(&self, client_id: &str) -> bool {
+        self.sessions
+            .of(client_id)
+            .is_some_and(|session| session.speaks_5)
+    }
+
+    pub(super) fn authenticate(
+        &self,
+        connect: &ConnectPacket,
+        certificate: Option<&Fingerprint>,
+        address: SocketAddr,
+        place: &Place,
+    ) -> (AuthResult, Option<Shown>) {
+        let (user_id, shown) = match self.admit(connect, certificate, address, place) {
+            Ok(admitted) => admitted,
+            // beyond the rate nothing is logged, so that nobody can fill the log
+            Err((code @ ReasonCode::ConnectionRateExceeded, _)) => return (AuthResult::fail(code), None),
+            Err((code, text)) => {
+                warn!(
+                    "MQTT client {:.64} at {address} refused: {text}",
+                    connect.client_id
+                );
+                return (AuthResult::fail(code), None);
+            }
+        };
+        let admitted = user_id.map_or_else(AuthResult::success, AuthResult::success_with_user);
+        (admitted, shown)
+    }
+
+    // Only clients of MQTT 5 understand an acknowledgement "not authorized". Over 3.1.1 the same bytes are a protocol error,
+    // after which the client reconnects and publishes again: there `keeps_back` drops the message. The will of a revoked
+    // user is still published: it is how others learn that a handler has gone.
+    pub(super) fn authorize_publish(
+        &self,
+        client_id: &str,
+        user: Option<&str>,
+        topic: &str,
+    ) -> Answer<'static, bool> {
+        let session = self.sessions.of(client_id).unwrap_or_default();
+        Box::pin(ready(
+            !session.speaks_5 || session.is_revoked || self.may_publish(user, topic),
+        ))
+    }
+
+    pub(super) fn authorize_subscribe(&self, user: Option<&str>, filter: &str) -> Answer<'static, bool> {
+        let may = filter.len() <= FILTER_BYTES_MAX && self.user(user).as_ref().is_some_and(may_subscribe);
+        Box::pin(ready(may))
+    }
+}
+
+impl BrokerEventHandler for Guard {
+    fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
+        let user = || self.user(event.user_id.as_deref());
+        self.sessions.connect(event.client_id, user);
+        Box::pin(ready(()))
+    }
+
+    fn on_client_disconnect(&self, event: ClientDisconnectEvent) -> Answer<'_, ()> {
+        self.sessions.disconnect(&event.client_id);
+        Box::pin(ready(()))
+    }
+
+    fn on_retained_set(&self, event: RetainedSetEvent) -> Answer<'_, ()> {
+        // the states of the runtime have no limit but their own number
+        let is_of_runtime = event.topic.starts_with(&self.access.root) && !self.is_inbound(&event.topic);
+        if !is_of_runtime {
+            let kind = self.kind(&event.topic);
+            if self.retained.kept(kind, &event.topic, &event.payload) {
+                self.access.machine.notice(ServerNotice::NotKept(None));
+            }
+        }
+        Box::pin(ready(()))
+    }
+}

@@ -1,0 +1,125 @@
+//! Files that this process may have open: each connection is one.
+
+use plc_api::server::ServerNotice;
+
+use crate::broker;
+use crate::machine::Machine;
+use crate::places::PlaceLimits;
+use crate::server;
+
+/// Files of the runtime that are no connections of HTTP or the broker: store, journal, programs, listeners, readers of
+/// MTConnect, the connection to an external broker.
+const OWN_FILES: u64 = 128;
+
+/// The same at the least, where the limit is so low that connections and the rest share it.
+const OWN_FILES_MIN: u64 = 40;
+
+/// Limits of connections that the files of this process allow.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ConnectionLimits {
+    pub(crate) http: PlaceLimits,
+    pub(crate) mqtt: PlaceLimits,
+    /// What to tell people, if there are fewer than usual.
+    pub(crate) warning: Option<String>,
+}
+
+impl ConnectionLimits {
+    /// Raises the limit of files as far as this process may, and fits the connections into it. Warns if they are fewer than
+    /// usual.
+    pub(crate) fn raise(machine: &Machine) -> Self {
+        let limits = Self::within(raise_limit());
+        if let Some(text) = &limits.warning {
+            tracing::warn!("{text}");
+            machine.notice(ServerNotice::Warning(text.clone()));
+        }
+        limits
+    }
+
+    /// Limits within so many files; `None`: as many as wanted.
+    fn within(files: Option<u64>) -> Self {
+        let usual = Self {
+            http: server::PLACES,
+            mqtt: broker::PLACES,
+            warning: None,
+        };
+        let wanted = (usual.http.all + usual.mqtt.all) as u64;
+        let Some(files) = files.filter(|files| *files < wanted + OWN_FILES) else {
+            return usual;
+        };
+        let left = files.saturating_sub(OWN_FILES.min(files / 2).max(OWN_FILES_MIN));
+        let (http, mqtt) = (usual.http.scaled(left, wanted), usual.mqtt.scaled(left, wanted));
+        let text = format!(
+            "this process may have {files} files open, so that {} HTTP and {} MQTT connections are accepted in place of {} and {}; \
+             raise the limit to {} (LimitNOFILE= of systemd, ulimit -Hn of a shell)",
+            http.all,
+            mqtt.all,
+            usual.http.all,
+            usual.mqtt.all,
+            wanted + OWN_FILES
+        );
+        Self {
+            http,
+            mqtt,
+            warning: Some(text),
+        }
+    }
+}
+
+/// Raises the soft limit of open files to the hard one. Returns the limit that holds; `None`: there is none.
+#[cfg(unix)]
+fn raise_limit() -> Option<u64> {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
+    let raised = Rlimit {
+        current: maximum,
+        maximum,
+    };
+    match setrlimit(Resource::Nofile, raised) {
+        Ok(()) => maximum,
+        Err(_) => current,
+    }
+}
+
+#[cfg(not(unix))]
+fn raise_limit() -> Option<u64> {
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn connections_fit_into_the_files_of_the_process_with_a_warning() {
+        let usual = ConnectionLimits::within(None);
+        assert_eq!(usual.warning, None);
+        assert_eq!(ConnectionLimits::within(Some(1024)), usual);
+        for files in [64, 100, 256, 512, 800] {
+            let fitted = ConnectionLimits::within(Some(files));
+            let (http, mqtt) = (fitted.http, fitted.mqtt);
+            let own = files - (http.all + mqtt.all) as u64;
+            assert!(own >= OWN_FILES_MIN, "{files} files: {own} are left");
+            for places in [http, mqtt] {
+                assert!(places.all >= 8 && places.known < places.all && places.strangers < places.all);
+                assert!(places.of_one <= places.strangers);
+            }
+            let text = fitted.warning.unwrap();
+            assert!(
+                text.contains(&format!("{files} files")) && text.contains("832"),
+                "{text}"
+            );
+        }
+        // below, the least that works is kept
+        assert_eq!(ConnectionLimits::within(Some(24)).http.all, 8);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_soft_limit_of_files_is_raised_to_the_hard_one() {
+        let raised = raise_limit();
+        assert_eq!(
+            raised,
+            rustix::process::getrlimit(rustix::process::Resource::Nofile).maximum
+        );
+    }
+}

@@ -1,0 +1,121 @@
+//! Handlers that registered by a request of HTTP. The age of its presence alone shows that such a handler is there.
+
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use plc_api::server::ServerTransport;
+use plc_api::types::output::HandlerPresence;
+use plc_api::types::refusal::{Refusal, RefusalCode};
+use tokio::sync::Notify;
+use tokio::time::Instant;
+use tracing::warn;
+
+use crate::machine::Machine;
+use crate::presence_ages::PresenceAges;
+
+/// Delay of the watch from which on this process counts as stalled. Reason: requests that came in the meantime are not read yet, so
+/// all presences get their time anew.
+const STALL: Duration = Duration::from_millis(200);
+
+/// Handlers that registered over HTTP.
+#[derive(Debug, Default)]
+pub(crate) struct Registrations {
+    ages: Mutex<PresenceAges>,
+    changed: Notify,
+}
+
+impl Registrations {
+    /// Watches the age of a presence that is about to be sent to the machine.
+    ///
+    /// # Errors
+    /// `unavailable`: as many are watched as can be.
+    pub(crate) fn begin(&self, id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
+        let mut ages = self.ages.lock();
+        if !ages.has_room(id, presence) {
+            let text =
+                "too many handlers are registered over HTTP; end some, or wait until their presences expire";
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        }
+        ages.hear(id, presence, false, Instant::now());
+        self.changed.notify_one();
+        Ok(())
+    }
+
+    /// The machine did not accept the presence, or the handler has left.
+    pub(crate) fn end(&self, id: &str, instance: Option<&String>) {
+        let gone = HandlerPresence::gone(instance.cloned());
+        self.ages.lock().hear(id, &gone, false, Instant::now());
+    }
+
+    /// Reports handlers whose presence expires, until it is dropped.
+    pub(crate) async fn watch(&self, machine: &Machine) {
+        loop {
+            let next = self.ages.lock().next_end();
+            tokio::select! {
+                () = self.changed.notified() => continue,
+                () = tokio::time::sleep_until(next.unwrap_or_else(Instant::now)), if next.is_some() => {}
+            }
+            let now = Instant::now();
+            if next.is_some_and(|due| now.duration_since(due) > STALL) {
+                self.ages.lock().begin_anew(now);
+                continue;
+            }
+            let ended = self.ages.lock().take_ended(now);
+            for (id, instance) in ended {
+                warn!("handler {id:?} did not register again within its expires_ms: it is lost");
+                let gone = Machine::gone(id, instance, ServerTransport::Rest);
+                // a runtime that stops refuses it
+                let _ = machine.carry_out(gone).await;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plc_api::types::request::Request;
+
+    use super::*;
+    use crate::tests::StubPort;
+
+    fn presence(expires_ms: u64) -> HandlerPresence {
+        HandlerPresence {
+            online: true,
+            instance: Some("a".to_owned()),
+            expires_ms: Some(expires_ms),
+            ..HandlerPresence::default()
+        }
+    }
+
+    /// Handlers that were reported as gone.
+    fn gone(port: &StubPort) -> Vec<String> {
+        let asked = port.asked();
+        let gone = asked.into_iter().filter_map(|request| match request {
+            Request::Handler(id, presence) if !presence.online => Some(id),
+            _ => None,
+        });
+        gone.collect()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_registration_ends_at_its_age_unless_it_is_repeated() {
+        let port = StubPort::new();
+        let machine = Machine::new(port.clone());
+        let registrations = Registrations::default();
+        let test = async {
+            registrations.begin("cell", &presence(900)).unwrap();
+            registrations.begin("left", &presence(900)).unwrap();
+            registrations.end("left", Some(&"a".to_owned()));
+            tokio::time::sleep(Duration::from_millis(800)).await;
+            registrations.begin("cell", &presence(900)).unwrap();
+            tokio::time::sleep(Duration::from_millis(899)).await;
+            assert_eq!(gone(&port), <[&str; 0]>::default());
+            tokio::time::sleep(Duration::from_millis(2)).await;
+            assert_eq!(gone(&port), ["cell"]);
+        };
+        tokio::select! {
+            () = registrations.watch(&machine) => {}
+            () = test => {}
+        }
+    }
+}

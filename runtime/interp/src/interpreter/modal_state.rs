@@ -1,0 +1,55 @@
+//! The modal state between two programs: kept, restored, and compared with that at start-up.
+
+use std::sync::Arc;
+
+use super::Interpreter;
+use crate::codes::ModalGroup;
+use crate::modal::{Kept, Modal};
+
+/// The modal state between two programs, to be restored later.
+#[derive(Debug, Clone)]
+pub struct ModalState {
+    modal: Modal,
+    kept: Option<Arc<Kept>>,
+    opens: bool,
+}
+
+impl Interpreter {
+    /// Returns the modal state that a later [`Interpreter::restore`] brings back.
+    pub fn modal_state(&self) -> ModalState {
+        ModalState {
+            modal: self.modal.clone(),
+            kept: self.kept.clone(),
+            opens: self.opens,
+        }
+    }
+
+    /// No program, in a modal state that was in force before. What the transform is must be told to the path stage.
+    pub fn restore(&mut self, state: ModalState) {
+        self.forget_program();
+        self.modal = state.modal;
+        self.kept = state.kept;
+        self.opens = state.opens;
+    }
+
+    /// Lets the program that begins read its numbers as at start-up: in the unit of the settings, and as positions. All other codes
+    /// stay in force.
+    pub fn read_as_at_start_up(&mut self) {
+        for group in [ModalGroup::Unit, ModalGroup::Distance] {
+            if let Some(code) = self.start_up.code(group) {
+                self.modal.remember(code);
+            }
+        }
+        self.modal.unit_settled = self.start_up.unit_settled;
+    }
+
+    /// Codes in force that differ from those at start-up, except for motion and the return level of fixed cycles, which the next
+    /// block names if it needs them.
+    pub fn codes_unlike_start_up(&self) -> impl Iterator<Item = &'static str> {
+        let named = [ModalGroup::Motion, ModalGroup::ReturnLevel].map(ModalGroup::number);
+        let start_up: Vec<_> = self.start_up.groups().collect();
+        let groups = self.modal.groups();
+        let unlike = groups.filter(move |group| !named.contains(&group.0) && !start_up.contains(group));
+        unlike.map(|(_, code)| code)
+    }
+}

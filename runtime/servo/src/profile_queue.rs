@@ -1,0 +1,182 @@
+//! Queue of profiles from the coordinator to the servo.
+//!
+//! A profile is large, and the queue has room for thousands. A ring of profiles would touch another piece of its memory with each
+//! profile, so that the memory of the process would grow for hours, until the first round through the ring is complete. So the
+//! ring has places for boxes, and boxes go back to the coordinator to be used again: the memory is that of the profiles that have
+//! waited at the same time. The servo neither allocates nor frees.
+
+use rtrb::chunks::ReadChunk;
+use rtrb::{Consumer, PeekError, PopError, Producer, PushError, RingBuffer};
+use tandem_model::profile::Profile;
+
+/// Boxes that a producer keeps for profiles to come; further ones are freed. Reason: the coordinator prepares at most as many
+/// profiles in one turn.
+const KEPT_MAX: usize = 256;
+
+/// The coordinator's end of a queue.
+#[derive(Debug)]
+pub struct ProfileProducer {
+    ring: Producer<Box<Profile>>,
+    used: Consumer<Box<Profile>>,
+}
+
+/// The servo's end of a queue.
+#[derive(Debug)]
+pub struct ProfileConsumer {
+    ring: Consumer<Box<Profile>>,
+    used: Producer<Box<Profile>>,
+}
+
+/// Creates a queue in which at most `profiles_max` profiles wait; it refuses more.
+pub fn profile_queue(profiles_max: usize) -> (ProfileProducer, ProfileConsumer) {
+    let (ring_in, ring_out) = RingBuffer::new(profiles_max);
+    // while the consumer has a box in its hand, the producer may make another one
+    let (used_in, used_out) = RingBuffer::new(profiles_max + 1);
+    let producer = ProfileProducer {
+        ring: ring_in,
+        used: used_out,
+    };
+    let consumer = ProfileConsumer {
+        ring: ring_out,
+        used: used_in,
+    };
+    (producer, consumer)
+}
+
+impl ProfileProducer {
+    /// Appends a profile.
+    ///
+    /// # Errors
+    /// The queue is full.
+    #[expect(clippy::result_large_err, reason = "the caller keeps the profile")]
+    pub fn push(&mut self, profile: Profile) -> Result<(), PushError<Profile>> {
+        if self.ring.is_full() {
+            return Err(PushError::Full(profile));
+        }
+        let boxed = match self.used.pop() {
+            Ok(mut boxed) => {
+                *boxed = profile;
+                boxed
+            }
+            Err(PopError::Empty) => Box::new(profile),
+        };
+        while self.used.slots() > KEPT_MAX {
+            drop(self.used.pop());
+        }
+        self.ring
+            .push(boxed)
+            .map_err(|PushError::Full(boxed)| PushError::Full(*boxed))
+    }
+
+    /// Profiles for which there is room.
+    pub fn slots(&self) -> usize {
+        self.ring.slots()
+    }
+
+    /// Profiles for which there is room in an empty queue.
+    pub fn capacity(&self) -> usize {
+        self.ring.buffer().capacity()
+    }
+}
+
+impl ProfileConsumer {
+    /// The profile that waits longest.
+    pub(crate) fn peek(&self) -> Result<&Profile, PeekError> {
+        self.ring.peek().map(AsRef::as_ref)
+    }
+
+    /// Takes the profile that waits longest.
+    pub(crate) fn pop(&mut self) -> Result<Profile, PopError> {
+        let boxed = self.ring.pop()?;
+        let profile = Profile::clone(&boxed);
+        self.give_back(boxed);
+        Ok(profile)
+    }
+
+    /// Discards the profile that waits longest.
+    pub(crate) fn discard(&mut self) {
+        if let Ok(boxed) = self.ring.pop() {
+            self.give_back(boxed);
+        }
+    }
+
+    /// All profiles that wait, in two parts.
+    pub(crate) fn waiting(&mut self) -> Option<ReadChunk<'_, Box<Profile>>> {
+        let known = self.ring.slots();
+        self.ring.read_chunk(known).ok()
+    }
+
+    /// Profiles that wait.
+    pub(crate) fn slots(&self) -> usize {
+        self.ring.slots()
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.ring.is_empty()
+    }
+
+    /// Profiles for which there is room in an empty queue.
+    pub(crate) fn capacity(&self) -> usize {
+        self.ring.buffer().capacity()
+    }
+
+    fn give_back(&mut self, boxed: Box<Profile>) {
+        // there is room for all boxes
+        let _ = self.used.push(boxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::testing::dwell;
+
+    #[test]
+    fn a_queue_passes_profiles_in_order_and_refuses_more_than_it_has_room_for() {
+        let (mut producer, mut consumer) = profile_queue(3);
+        for segment in 1..=3 {
+            producer.push(dwell(segment)).unwrap();
+        }
+        let PushError::Full(refused) = producer.push(dwell(4)).unwrap_err();
+        assert_eq!((refused.segment, producer.slots(), consumer.slots()), (4, 0, 3));
+        assert_eq!(consumer.peek().unwrap().segment, 1);
+        consumer.discard();
+        assert_eq!(consumer.pop().unwrap().segment, 2);
+        producer.push(dwell(4)).unwrap();
+        let waiting = consumer.waiting().unwrap();
+        let (first, second) = waiting.as_slices();
+        let segments: Vec<_> = first
+            .iter()
+            .chain(second)
+            .map(|profile| profile.segment)
+            .collect();
+        assert_eq!(segments, [3, 4]);
+    }
+
+    #[test]
+    fn its_memory_is_that_of_profiles_that_wait_at_the_same_time() {
+        let (mut producer, mut consumer) = profile_queue(4096);
+        let mut places = BTreeSet::new();
+        for round in 0..10_000 {
+            for n in 0..5 {
+                producer.push(dwell(5 * round + n)).unwrap();
+            }
+            for n in 0..5 {
+                places.insert(std::ptr::from_ref(consumer.peek().unwrap()).addr());
+                assert_eq!(consumer.pop().unwrap().segment, 5 * round + n);
+            }
+        }
+        // one more than wait: a box that is in no ring
+        assert!(places.len() <= 6, "{} places", places.len());
+        for n in 0..4096 {
+            producer.push(dwell(n)).unwrap();
+        }
+        for _ in 0..4096 {
+            consumer.discard();
+        }
+        producer.push(dwell(1)).unwrap();
+        assert_eq!(producer.used.slots(), KEPT_MAX, "boxes beyond these are freed");
+    }
+}

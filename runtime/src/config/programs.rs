@@ -1,0 +1,30 @@
+//! `[programs]`: the store of NC programs.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::program_store::PROGRAMS_BYTES_MAX;
+
+/// `[programs]`
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProgramsConfig {
+    /// Size of the texts of all programs together, MiB. In memory a program takes about four times its text, at worst twelve times.
+    #[schemars(range(min = 1, max = 16384))]
+    pub total_max_mib: usize,
+    /// Public keys of Ed25519, each in Base64 or as the name of a PEM file: only programs that the owner of one of them has
+    /// signed are loaded and called. Without keys, all are.
+    pub signed_by: Vec<String>,
+    /// Whether manual data input is taken, which nobody signs; default `true`, and `false` with `signed_by`.
+    pub mdi: Option<bool>,
+}
+
+impl Default for ProgramsConfig {
+    fn default() -> Self {
+        Self {
+            total_max_mib: PROGRAMS_BYTES_MAX >> 20,
+            signed_by: Vec::new(),
+            mdi: None,
+        }
+    }
+}

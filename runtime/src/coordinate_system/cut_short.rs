@@ -1,0 +1,157 @@
+//! Runs by hand (MDI, homing, jog) that end before their end: their commands are answered `failed`, with the distance
+//! covered and the reason.
+
+use std::collections::BTreeMap;
+
+use tandem_model::settings::MotorKind;
+use tandem_model::{AxisSet, AxisVector};
+
+use super::CoordinateSystem;
+use super::jog::{DISTANCE_MIN, REFRESH_S};
+use super::pending_commands::{Awaiting, Failure};
+use super::run::{Kind, Run};
+use super::run_state::{Cause, End, JogStop};
+
+/// Digits of a distance in a reply, as a power of ten: 1 nm. Reason: sums of floating-point numbers differ in the last digits.
+const DIGITS: f64 = 1e6;
+
+/// A run by hand that was ended before its end, until the machine rests.
+#[derive(Debug)]
+pub(super) struct CutShort {
+    code: &'static str,
+    /// What ended it, and what to do.
+    reason: String,
+    from: AxisVector,
+    /// The distance that a jog was to cover.
+    distance: Option<f64>,
+}
+
+impl CutShort {
+    /// Returns `None` for a program, and for a jog without distance that ends as its commander wants. `alarm` is the last alarm.
+    pub fn new(run: &Run, why: End, alarm: &str) -> Option<Self> {
+        let distance = match &run.kind {
+            Kind::Program => return None,
+            Kind::Manual | Kind::Home => None,
+            Kind::Jog(jog) => jog.distance,
+        };
+        let commanded = matches!(why, End::JogEnded(JogStop::Commanded | JogStop::NotRefreshed));
+        if commanded && distance.is_none() {
+            return None;
+        }
+        let (code, reason) = reason_of(why, alarm);
+        Some(Self {
+            code,
+            reason,
+            from: run.from,
+            distance,
+        })
+    }
+}
+
+/// Code and text of why a run by hand was ended.
+fn reason_of(why: End, alarm: &str) -> (&'static str, String) {
+    let (code, text) = match why {
+        End::Stop => ("stop", "a stop command ended it"),
+        End::Abort => ("aborted", "an abort command ended it"),
+        End::Reset { .. } => ("reset", "a reset ended it"),
+        End::Alarm => return ("alarm", format!("alarm {alarm}")),
+        End::JogEnded(JogStop::Commanded) => ("ended", "its end was commanded"),
+        End::JogEnded(JogStop::NotRefreshed) => {
+            let ms = REFRESH_S * 1000.0;
+            let text = format!(
+                "no refresh arrived within {ms} ms; repeat the jog more often, or move in steps of at most jog_step_max"
+            );
+            return ("not_refreshed", text);
+        }
+        End::JogEnded(JogStop::Held(cause)) => match cause {
+            Cause::Operator | Cause::SingleBlock | Cause::WayBackEnded => ("hold", "a hold ended it"),
+            Cause::Interlock => ("interlock", "the interlock was set"),
+            Cause::BusLoss => ("bus_lost", "the connection to the MQTT broker was lost"),
+            Cause::ServoLate => ("servo_late", "the servo was late"),
+            Cause::ClientLost => ("client_lost", "a client that is watched was lost"),
+        },
+    };
+    (code, text.to_owned())
+}
+
+impl CoordinateSystem {
+    /// Answers the commands of a run by hand that has been ended, once the machine rests.
+    pub(super) fn answer_cut_short(&mut self) {
+        let failure = self
+            .cut_short
+            .take()
+            .map(|cut| self.failure(cut.code, &cut.reason, cut.from, cut.distance));
+        self.answer_run_by_hand(failure.as_ref());
+    }
+
+    /// Answers the commands of a run by hand that has come to its end.
+    pub(super) fn answer_completed_run(&mut self, run: &Run) {
+        let failure = self.shortfall(run);
+        self.answer_run_by_hand(failure.as_ref());
+    }
+
+    fn answer_run_by_hand(&mut self, failure: Option<&Failure>) {
+        self.publish_changes();
+        self.commands.answer(&self.context, &Awaiting::is_of_run, failure);
+    }
+
+    /// Returns what a run that has come to its end did not reach: the distance of a jog, or a touch.
+    fn shortfall(&self, run: &Run) -> Option<Failure> {
+        match &run.kind {
+            Kind::Program | Kind::Home => None,
+            Kind::Jog(jog) => {
+                let distance = jog.distance?;
+                let covered = (jog.to[jog.axis] - run.from[jog.axis]).abs();
+                let reason = "the axis is at its soft limit; jog it the other way";
+                (distance - covered > DISTANCE_MIN)
+                    .then(|| self.failure("limit", reason, run.from, Some(distance)))
+            }
+            Kind::Manual => {
+                let missed = run.missed_touch?;
+                let reason = format!(
+                    "the G31 in line {} ended without a touch; check the probe, or where it searches",
+                    missed.line
+                );
+                Some(self.failure("no_touch", &reason, run.from, None))
+            }
+        }
+    }
+
+    fn failure(&self, code: &'static str, reason: &str, from: AxisVector, distance: Option<f64>) -> Failure {
+        let at = self.pipeline.path.position().0;
+        let settings = &self.context.configured.settings;
+        let (mut moved, mut words) = (BTreeMap::new(), Vec::new());
+        let of = distance.map_or_else(String::new, |distance| format!(" of {distance:.3}"));
+        for axis in settings.axes().iter() {
+            let covered = ((at[axis] - from[axis]) * DIGITS).round() / DIGITS;
+            if covered == 0.0 {
+                continue;
+            }
+            let motor = settings.motors[axis.index()].as_ref();
+            let is_rotary = motor.is_some_and(|motor| motor.kind == MotorKind::Rotary);
+            let unit = if is_rotary { "degrees" } else { "mm" };
+            words.push(format!("{} {covered:.3}{of} {unit}", axis.letter()));
+            moved.insert(axis.letter(), covered);
+        }
+        let words = if words.is_empty() {
+            "nothing".to_owned()
+        } else {
+            words.join(", ")
+        };
+        Failure {
+            code,
+            text: format!("it moved {words}: {reason}"),
+            moved,
+        }
+    }
+
+    /// Notes a G31 that has ended without a touch.
+    pub(super) fn note_touch(&mut self, captured: AxisSet) {
+        let executing = self.context.view.executing();
+        if let Some(run) = &mut self.run
+            && captured.is_empty()
+        {
+            run.missed_touch.get_or_insert(executing);
+        }
+    }
+}

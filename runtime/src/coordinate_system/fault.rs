@@ -1,0 +1,204 @@
+//! What remains of a coordinate system after an internal fault: a panic in its turn, or in a request to it.
+//!
+//! The servo is told first, since nothing else may be relied on: motion comes to rest on its path. Then the stages are replaced
+//! by new ones, outputs are cancelled, and an alarm stands until a reset. A second fault before that reset, or one in the
+//! recovery itself, leaves the coordinate system stopped: hold, stop and abort still brake it, and the rest is refused until
+//! the runtime is restarted.
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use plc_api::types::command::{Command, CommandStatus, Verb};
+use plc_api::types::message::Payload;
+use plc_api::types::output::{CancelReason, Pending};
+use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
+use plc_api::types::state::{Execution, Reason, State};
+use plc_api::types::topic::{CsTopic, Topic};
+use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT, SERVO_FAILED};
+
+use super::CoordinateSystem;
+use super::mailbox::Envelope;
+use super::pending_commands::{Awaiting, Failure};
+use super::publish::Published;
+use super::replanning::Replanning;
+use super::run_state::End;
+use crate::journal::{Event, RaisedAlarm, RunEnd};
+
+impl CoordinateSystem {
+    /// Motion comes to rest, on its path or with `abort` by the shortest way. Needs nothing else to be whole.
+    pub(super) fn brake_at_once(&mut self, abort: bool) {
+        self.servo.stop_at_once(abort);
+    }
+
+    /// The coordinate system is as after any alarm, and a reset goes on. Commands, inputs, the control lease and the numbers of
+    /// outputs are kept: levels that sequence programs have set still count.
+    pub(super) fn recover(&mut self, why: &str) {
+        let configured = &self.context.configured;
+        let at = self.servo.commanded();
+        self.pipeline.renew(&configured.settings, configured.dialect, at);
+        self.replanning = Replanning::default();
+        let captured = self.published.captured;
+        self.published = Published::default();
+        self.published.captured = captured;
+        let origin = Some(self.context.view.executing()).filter(|at| self.run.is_some() && at.line > 0);
+        let text = format!(
+            "{}: {why}. Motion stopped on its path and outputs were cancelled; other coordinate systems continue. Check the \
+             machine, then reset",
+            RUNTIME_FAULT.title
+        );
+        self.raise(RUNTIME_FAULT.number, text.clone(), origin);
+        let is_stuck = |awaiting: &Awaiting| !awaiting.is_end();
+        let failure = Failure {
+            code: "alarm",
+            text,
+            moved: BTreeMap::new(),
+        };
+        self.commands.answer(&self.context, &is_stuck, Some(&failure));
+        self.publish_all();
+    }
+
+    /// True when a reset has cleared the alarm of [`CoordinateSystem::recover`].
+    pub(super) fn has_recovered(&self) -> bool {
+        let shared = &self.context.shared;
+        !shared.is_alarm_active(RUNTIME_FAULT.number, self.context.number)
+    }
+
+    /// The coordinate system stays stopped. Each step is taken although others fail.
+    pub(super) fn give_up(&mut self, why: &str) {
+        let text = format!(
+            "{}: {why}. Motion stopped and outputs were cancelled; hold, stop and abort still answer. Make the machine safe, \
+             then restart the runtime",
+            FAULT_LASTS.title
+        );
+        let steps: [&mut dyn FnMut(&mut Self); 5] = [
+            &mut |system| {
+                system.context.shared.raise(system.lasting_alarm(text.clone()));
+            },
+            &mut |system| {
+                let alarm = RaisedAlarm::OfThis(Box::new(system.lasting_alarm(text.clone())));
+                system.context.record(Event::Alarm(alarm));
+            },
+            &mut |system| {
+                let end = RunEnd::CutShort {
+                    outcome: Execution::Stopped,
+                    reason: Some(Reason::Alarm),
+                    program: None,
+                    line: None,
+                };
+                if system.run.take().is_some() {
+                    system.context.record(Event::End(end));
+                }
+            },
+            &mut |system| {
+                system
+                    .outputs
+                    .cancel_all(system.context.now(), CancelReason::Alarm);
+                system.end_parts_by(End::Alarm);
+                system.carry_out_effects();
+            },
+            &mut Self::publish_given_up,
+        ];
+        for step in steps {
+            // the step that fails is left out: the servo has been told already, and the alarm stands
+            let _ = catch_unwind(AssertUnwindSafe(|| step(self)));
+        }
+    }
+
+    fn lasting_alarm(&self, text: String) -> plc_api::types::machine::AlarmRecord {
+        plc_api::types::machine::AlarmRecord {
+            number: FAULT_LASTS.number,
+            text,
+            cs: Some(self.context.number),
+            ..Default::default()
+        }
+    }
+
+    fn publish_given_up(&mut self) {
+        let shared = &self.context.shared;
+        let last = shared.hub.read(&Topic::cs(self.context.number, CsTopic::State));
+        let Some(Payload::State(last)) = last.as_ref().map(|message| &message.payload) else {
+            return;
+        };
+        let state = State {
+            execution: Execution::Stopped,
+            reason: Some(Reason::Alarm),
+            transition: None,
+            wait_state: None,
+            waiting_on: None,
+            run_kind: None,
+            alarm_count: self.context.alarm_count(),
+            ..last.clone()
+        };
+        self.context.publish(CsTopic::State, Payload::State(state));
+        self.context
+            .publish(CsTopic::Pending, Payload::Pending(Pending::default()));
+    }
+
+    /// A request to a coordinate system that stays stopped: hold, stop and abort bring it to rest, what concerns other
+    /// coordinate systems as well is taken note of, and the rest is refused.
+    pub(super) fn answer_given_up(&mut self, envelope: Envelope) {
+        let answer = match &envelope.request {
+            CoordinateSystemRequest::Command { command, meta, .. } if command.is_urgent() => {
+                self.brake_at_once(command.verb() == Verb::Abort);
+                let (cs, shared) = (Some(self.context.number), &self.context.shared);
+                let done = shared.reply_to(cs, meta, CommandStatus::Done, "ok", "");
+                Ok(Answer::Command(shared.reply(meta, done)))
+            }
+            CoordinateSystemRequest::Command {
+                command: Command::JogEnd { .. },
+                ..
+            }
+            | CoordinateSystemRequest::Handler(..)
+            | CoordinateSystemRequest::HandlerLeft(..)
+            | CoordinateSystemRequest::Republish
+            | CoordinateSystemRequest::Heartbeat(..)
+            | CoordinateSystemRequest::RaiseAlarm(_)
+            | CoordinateSystemRequest::ValidateResult(..) => Ok(Answer::Done),
+            CoordinateSystemRequest::Command { meta, .. } => Err(self.context.reject(meta, self.refusal())),
+            _ => Err(self.refusal()),
+        };
+        // The caller may have gone.
+        let _ = envelope.reply.send(answer);
+    }
+
+    fn refusal(&self) -> Refusal {
+        let text = format!(
+            "coordinate system {} stays stopped after an internal fault (alarm {}); restart the runtime",
+            self.context.number, FAULT_LASTS.number
+        );
+        Refusal::new(RefusalCode::Unavailable, text)
+    }
+
+    /// If the servo has failed, the run ends, and everything that waits for the servo to rest is answered: nothing comes from it
+    /// any more.
+    pub(super) fn follow_servo_failure(&mut self) {
+        let Some(why) = self.context.shared.servo.failure().map(str::to_owned) else {
+            return;
+        };
+        if self.servo.fail() {
+            let number = SERVO_FAILED.number;
+            self.stop_by_alarm(RaisedAlarm::OfAll { number, text: why });
+        }
+        if self.state.is_ending() {
+            self.on_servo_stopped(self.servo.epoch(), self.servo.commanded());
+        }
+    }
+
+    /// Refuses a reset after a failure of the servo.
+    pub(super) fn judge_servo(&self) -> Result<(), Refusal> {
+        if self.context.shared.servo.failure().is_none() {
+            return Ok(());
+        }
+        let text = format!(
+            "the servo has failed and the drives are off (alarm {}); make the machine safe and restart the runtime",
+            SERVO_FAILED.number
+        );
+        Err(Refusal::new(RefusalCode::Unavailable, text))
+    }
+
+    /// The servo's answers are not needed any more; controls that had to wait are handed over.
+    pub(super) fn follow_servo_given_up(&mut self) -> bool {
+        while self.servo.next_event().is_some() {}
+        self.servo.is_backlogged()
+    }
+}

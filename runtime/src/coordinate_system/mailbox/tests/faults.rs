@@ -1,0 +1,326 @@
+//! Internal faults: panics in the turn of a coordinate system, at rest and in motion.
+
+use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
+
+use plc_api::types::command::CommandStatus;
+use plc_api::types::lock::LockSet;
+use plc_api::types::state::{Reason, State};
+use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
+
+use super::*;
+
+/// Panics of the journal's sink that are still to come.
+type Faults = Arc<AtomicU32>;
+
+/// A coordinate system whose next journal lines panic, so many of them.
+fn with_faults() -> (Arc<Mailbox>, Servo, Faults) {
+    let faults = Faults::default();
+    let left = Arc::clone(&faults);
+    let sink = Arc::new(std::sync::Mutex::new(
+        move |_line: &crate::journal::Line| -> bool {
+            let is_due = left
+                .fetch_update(SeqCst, SeqCst, |left| left.checked_sub(1))
+                .is_ok();
+            assert!(!is_due, "an injected fault");
+            true
+        },
+    ));
+    let (mailbox, servo) = mailbox(Journal::to_sink(sink));
+    (mailbox, servo, faults)
+}
+
+fn command(command: Command, id: &str) -> CoordinateSystemRequest {
+    let meta = CommandMeta {
+        command_id: id.into(),
+        client_id: "test".into(),
+        ..CommandMeta::default()
+    };
+    CoordinateSystemRequest::Command {
+        command,
+        meta,
+        wait: true,
+    }
+}
+
+/// The machine's time.
+struct Machine {
+    mailbox: Arc<Mailbox>,
+    servo: Servo,
+    cycles: u64,
+}
+
+impl Machine {
+    fn run(&mut self, cycles: u64) {
+        for _ in 0..cycles {
+            self.servo.cycle();
+            self.cycles += 1;
+            self.mailbox.shared.clock.set_ns(self.cycles * 1_000_000);
+            self.mailbox.work_as_task();
+        }
+    }
+
+    fn x(&self) -> f64 {
+        self.servo.channel(0).setpoint().0[0]
+    }
+
+    fn speed(&mut self) -> f64 {
+        let before = self.x();
+        self.run(1);
+        (self.x() - before).abs() * 1000.0
+    }
+
+    /// Gives a command, and lets so many cycles pass.
+    fn ask(&mut self, verb: Command, id: &str, cycles: u64) -> Result<Answer, Refusal> {
+        let mailbox = Arc::clone(&self.mailbox);
+        let urgent = verb.is_urgent();
+        let mut asked = Box::pin(mailbox.ask(command(verb, id), urgent));
+        for _ in 0..cycles {
+            if let Some(answer) = (&mut asked).now_or_never() {
+                return answer;
+            }
+            self.run(1);
+        }
+        panic!("{id} is not answered within {cycles} cycles");
+    }
+
+    fn state(&self) -> State {
+        let message = self
+            .mailbox
+            .shared
+            .hub
+            .read(&Topic::cs(1, CsTopic::State))
+            .unwrap();
+        match &message.payload {
+            Payload::State(state) => state.clone(),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn word(&self) -> (Execution, Option<Reason>) {
+        let state = self.state();
+        (state.execution, state.reason)
+    }
+
+    fn active(&self) -> Vec<u16> {
+        match &self.mailbox.shared.hub.read(&Topic::AlarmActive).unwrap().payload {
+            Payload::AlarmActive(active) => active.alarms.iter().map(|alarm| alarm.number).collect(),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+fn machine() -> (Machine, Faults) {
+    let (mailbox, servo, faults) = with_faults();
+    let mut machine = Machine {
+        mailbox,
+        servo,
+        cycles: 0,
+    };
+    machine.run(1);
+    (machine, faults)
+}
+
+/// X moves, and a command is on its way that raises the fault. The servo has so many cycles to come to rest.
+const BRAKING_CYCLES: u64 = 250;
+
+/// Manual data input moves X for some time.
+fn move_x(machine: &mut Machine, text: &str) {
+    let request = CoordinateSystemRequest::Command {
+        command: Command::Mdi {
+            text: text.to_owned(),
+            is_macro: false,
+        },
+        meta: CommandMeta {
+            command_id: "mdi".into(),
+            client_id: "test".into(),
+            ..CommandMeta::default()
+        },
+        wait: false,
+    };
+    let mailbox = Arc::clone(&machine.mailbox);
+    let mut asked = Box::pin(mailbox.ask(request, false));
+    assert_eq!((&mut asked).now_or_never(), None);
+    machine.run(500);
+    assert!(matches!(asked.now_or_never(), Some(Ok(_))));
+}
+
+#[test]
+fn p11_panic_in_motion_brakes_on_the_path_and_reset_recovers() {
+    for text in ["G01 X200 Y100 F6000", "G00 X200", "G02 X200 Y0 I100 F6000"] {
+        let (mut machine, faults) = machine();
+        move_x(&mut machine, text);
+        assert!(machine.speed() > 5.0, "{text}: it moves");
+        let stood = machine.x();
+        faults.store(1, SeqCst);
+        // a hold writes a line of the journal, and this panics; it is asked again by itself
+        let held = machine.ask(Command::Hold, "hold", BRAKING_CYCLES);
+        assert!(matches!(held, Ok(Answer::Command(_))), "{text}: {held:?}");
+        machine.run(BRAKING_CYCLES);
+        let rests = machine.x();
+        assert!(machine.speed().abs() < 1e-9, "{text}");
+        assert!(rests - stood < 45.0, "{text}: {stood} {rests}");
+        assert_eq!(
+            machine.word(),
+            (Execution::Stopped, Some(Reason::Alarm)),
+            "{text}"
+        );
+        assert_eq!(machine.active(), [RUNTIME_FAULT.number], "{text}");
+        machine.run(2000);
+        assert!(
+            (machine.x() - rests).abs() < 1e-9,
+            "{text}: nothing moves any more"
+        );
+        for (verb, id) in [
+            (Command::Stop, "stop"),
+            (Command::Abort, "abort"),
+            (Command::Hold, "h2"),
+        ] {
+            assert!(
+                matches!(machine.ask(verb, id, 10), Ok(Answer::Command(_))),
+                "{id}"
+            );
+        }
+        let start = machine.ask(
+            Command::Mdi {
+                text: "G00 X0".into(),
+                is_macro: false,
+            },
+            "too early",
+            10,
+        );
+        assert_eq!(
+            start.map_err(|refusal| refusal.code),
+            Err(RefusalCode::NotAllowed)
+        );
+        machine.ask(Command::Reset, "reset", 50).unwrap();
+        assert_eq!(machine.active(), [0; 0]);
+        let moved = machine.ask(
+            Command::Mdi {
+                text: "G90 G00 X0 Y0".into(),
+                is_macro: false,
+            },
+            "again",
+            9000,
+        );
+        assert!(matches!(moved, Ok(Answer::Command(reply)) if reply.status == CommandStatus::Done));
+        assert!(machine.x().abs() < 1e-9);
+    }
+}
+
+#[test]
+fn p11_second_panic_before_a_reset_keeps_it_stopped_and_stop_answers() {
+    let (mut machine, faults) = machine();
+    move_x(&mut machine, "G01 X200 F600");
+    faults.store(u32::MAX, SeqCst);
+    for (verb, id) in [
+        (Command::Hold, "hold"),
+        (Command::Stop, "stop"),
+        (Command::Abort, "abort"),
+    ] {
+        let answer = machine.ask(verb, id, 10);
+        assert!(matches!(answer, Ok(Answer::Command(_))), "{id}: {answer:?}");
+    }
+    machine.run(BRAKING_CYCLES);
+    assert!(machine.speed().abs() < 1e-9);
+    assert_eq!(machine.word(), (Execution::Stopped, Some(Reason::Alarm)));
+    assert!(machine.active().contains(&FAULT_LASTS.number));
+    for (verb, id) in [
+        (Command::Reset, "reset"),
+        (Command::Start, "start"),
+        (
+            Command::Mdi {
+                text: "G00 X0".into(),
+                is_macro: false,
+            },
+            "m",
+        ),
+    ] {
+        let refusal = machine.ask(verb, id, 10).unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::Unavailable, "{id}");
+        assert!(refusal.text.contains("restart the runtime"), "{}", refusal.text);
+    }
+    machine.run(1000);
+    assert!(machine.active().contains(&FAULT_LASTS.number));
+    let faults = machine.mailbox.shared.supervisor.faults();
+    assert_eq!(faults.len(), 1);
+    assert_eq!(faults[0].task, "coordinate system 1");
+    assert!(faults[0].consequence.needs_restart());
+}
+
+#[test]
+fn p11_panic_cancels_outputs_and_answers_all_callers() {
+    let (mut machine, faults) = machine();
+    let mailbox = Arc::clone(&machine.mailbox);
+    let mut waits = Box::pin(mailbox.ask(
+        command(
+            Command::Mdi {
+                text: "M90".into(),
+                is_macro: false,
+            },
+            "m90",
+        ),
+        false,
+    ));
+    assert_eq!((&mut waits).now_or_never(), None);
+    machine.run(20);
+    let pending = |machine: &Machine| match &machine
+        .mailbox
+        .shared
+        .hub
+        .read(&Topic::cs(1, CsTopic::Pending))
+        .unwrap()
+        .payload
+    {
+        Payload::Pending(pending) => pending.outputs.len(),
+        other => panic!("{other:?}"),
+    };
+    let open = pending(&machine);
+    faults.store(1, SeqCst);
+    let load = machine.ask(
+        Command::Mdi {
+            text: "G04 P1".into(),
+            is_macro: false,
+        },
+        "raises",
+        50,
+    );
+    machine.run(50);
+    assert_eq!(pending(&machine), 0, "{open} was open");
+    assert!(waits.now_or_never().is_some(), "the caller has an answer");
+    drop(load);
+    assert_eq!(machine.word().0, Execution::Stopped);
+}
+
+#[test]
+fn p11_levels_that_were_set_still_count_after_a_panic() {
+    let (mut machine, faults) = machine();
+    let set = LockSet {
+        value: true,
+        text: "the door is open".into(),
+        source: Some("door".into()),
+        handler_id: None,
+        instance: None,
+        force: None,
+    };
+    let mailbox = Arc::clone(&machine.mailbox);
+    let interlock = CoordinateSystemRequest::Input(Input::Interlock(set));
+    assert_eq!(
+        mailbox.ask(interlock, false).now_or_never(),
+        Some(Ok(Answer::Done))
+    );
+    faults.store(1, SeqCst);
+    machine.ask(Command::Hold, "hold", 50).unwrap();
+    machine.run(10);
+    machine.ask(Command::Reset, "reset", 50).unwrap();
+    let refused = machine
+        .ask(
+            Command::Mdi {
+                text: "G00 X1".into(),
+                is_macro: false,
+            },
+            "m",
+            50,
+        )
+        .unwrap_err();
+    assert_eq!(refused.code, RefusalCode::StartLocked, "{}", refused.text);
+}

@@ -1,0 +1,181 @@
+//! What prevents a start, published whenever it has changed: screens, tiles of other machines and Start buttons read the same list.
+
+use std::sync::Arc;
+
+use plc_api::lock_input::LockInput;
+use plc_api::types::command::{CommandMeta, Verb};
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::request::Refusal;
+use plc_api::types::start::{StartConditions, StartObstacle, StartObstacleKind};
+use plc_api::types::topic::CsTopic;
+
+use super::CoordinateSystem;
+use super::view::Prediction;
+use crate::config::Unhandled;
+use crate::program_store::StoredProgram;
+
+/// What was published last, and of what.
+#[derive(Debug, Default)]
+pub(super) struct PublishedStart {
+    inputs: Option<StartInputs>,
+    conditions: Option<StartConditions>,
+    /// The program checked last, how often programs had changed then, and why it is refused.
+    checked: Option<(u16, u64, Option<String>)>,
+}
+
+/// What the conditions of a start are made of: with the same, they are the same.
+#[derive(Debug)]
+struct StartInputs {
+    state: Option<Arc<Message>>,
+    locks: [Option<String>; 2],
+    fence: Option<u64>,
+    prediction: Option<Arc<Prediction>>,
+}
+
+impl StartInputs {
+    fn is_same(&self, other: &Self) -> bool {
+        let is_same_state = match (&self.state, &other.state) {
+            (Some(one), Some(other)) => Arc::ptr_eq(one, other),
+            (one, other) => one.is_none() && other.is_none(),
+        };
+        let is_same_prediction = match (&self.prediction, &other.prediction) {
+            (Some(one), Some(other)) => Arc::ptr_eq(one, other),
+            (one, other) => one.is_none() && other.is_none(),
+        };
+        is_same_state && is_same_prediction && self.locks == other.locks && self.fence == other.fence
+    }
+}
+
+impl CoordinateSystem {
+    /// Handlers have come or gone: M codes may be served now, or not any more.
+    pub(super) fn forget_start_conditions(&mut self) {
+        self.published.start.inputs = None;
+        self.published.start.checked = None;
+    }
+
+    /// Publishes what prevents a start, if it has changed.
+    pub(super) fn publish_start_conditions(&mut self) {
+        let lock = |lock: &LockInput| lock.is_on().then(|| lock.text());
+        let inputs = StartInputs {
+            state: self.published.state.clone(),
+            locks: [lock(&self.inputs.interlock), lock(&self.inputs.start_lock)],
+            fence: self.lease.held().map(|lease| lease.fence),
+            prediction: self.context.view.prediction(),
+        };
+        let last = self.published.start.inputs.as_ref();
+        if last.is_some_and(|last| last.is_same(&inputs)) {
+            return;
+        }
+        self.published.start.inputs = Some(inputs);
+        let conditions = StartConditions {
+            obstacles: self.obstacles(),
+        };
+        if self.published.start.conditions.as_ref() != Some(&conditions) {
+            self.context.publish(
+                CsTopic::StartConditions,
+                Payload::StartConditions(conditions.clone()),
+            );
+            self.published.start.conditions = Some(conditions);
+        }
+    }
+
+    fn obstacles(&mut self) -> Vec<StartObstacle> {
+        if !self.state.is_idle() {
+            let text = "a run is under way; let it end, or stop it";
+            return vec![StartObstacle::refusing(StartObstacleKind::Running, text)];
+        }
+        let mut obstacles = Vec::new();
+        let mut refusing = |kind, judged: Result<(), Refusal>, detail: String| {
+            if let Err(refusal) = judged {
+                obstacles.push(StartObstacle {
+                    detail,
+                    ..StartObstacle::refusing(kind, refusal.text)
+                });
+            }
+        };
+        let situation = self.situation();
+        let kind = match (situation.alarm_active, situation.program_loaded) {
+            (true, _) => StartObstacleKind::Alarm,
+            (false, false) => StartObstacleKind::NoProgram,
+            (false, true) => StartObstacleKind::Reset,
+        };
+        refusing(kind, situation.judge(Verb::Start), String::new());
+        let [interlock, start_lock] = [&self.inputs.interlock, &self.inputs.start_lock].map(LockInput::text);
+        refusing(StartObstacleKind::Interlock, self.judge_interlock(), interlock);
+        refusing(
+            StartObstacleKind::StartLock,
+            self.judge_start_lock(Verb::Start),
+            start_lock,
+        );
+        let leased = self.judge_lease(Verb::Start, &CommandMeta::default());
+        let holder = self.lease.held().map(|lease| lease.holder.clone());
+        refusing(StartObstacleKind::Lease, leased, holder.unwrap_or_default());
+        if let Some(main) = self.main_program() {
+            if let Some(text) = self.refusal_of(&main) {
+                let detail = text.clone();
+                obstacles.push(StartObstacle {
+                    detail,
+                    ..StartObstacle::refusing(StartObstacleKind::Program, text)
+                });
+            } else {
+                obstacles.extend(self.unhandled(&main));
+                obstacles.extend(self.predicted(&main));
+            }
+        }
+        obstacles
+    }
+
+    /// Why the loaded program does not run, if it does not.
+    fn refusal_of(&mut self, main: &Arc<StoredProgram>) -> Option<String> {
+        let changes = self.context.shared.store.changes();
+        let known = self.published.start.checked.as_ref();
+        let known = known.filter(|(number, then, _)| (*number, *then) == (main.number, changes));
+        let checked = if let Some((_, _, why)) = known {
+            why.clone()
+        } else {
+            let why = self.context.check_called(main).err().map(|refusal| refusal.text);
+            self.published.start.checked = Some((main.number, changes, why.clone()));
+            why
+        };
+        let loaded = || self.context.check_loaded(main.number, &self.commands.texts);
+        checked.or_else(|| loaded().err().map(|refusal| refusal.text))
+    }
+
+    /// M codes that raise an alarm, since no handler is online for them.
+    fn unhandled(&self, main: &Arc<StoredProgram>) -> Option<StartObstacle> {
+        let settings = &self.context.configured.settings;
+        let raises = |m: &u16| {
+            let of_code = self.context.m_code(*m).and_then(|settings| settings.unhandled);
+            let unhandled = of_code.unwrap_or(self.context.shared.machine.unhandled);
+            unhandled == Unhandled::Alarm && !self.context.is_served(*m)
+        };
+        let mut m_codes: Vec<u16> = (self.context.texts_of(main.number).values())
+            .flat_map(|program| program.check_in(settings).m_codes.clone())
+            .filter(raises)
+            .collect();
+        m_codes.sort_unstable();
+        m_codes.dedup();
+        if m_codes.is_empty() {
+            return None;
+        }
+        let names = m_codes.iter().map(|m| format!("M{m:02}"));
+        let text = format!(
+            "no handler is online for {}; start it, or an alarm ends the run there",
+            names.collect::<Vec<_>>().join(", ")
+        );
+        Some(StartObstacle {
+            refuses: false,
+            m_codes,
+            ..StartObstacle::refusing(StartObstacleKind::MCode, text)
+        })
+    }
+
+    /// The alarm in which the rehearsal of this program ends.
+    fn predicted(&self, main: &StoredProgram) -> Option<StartObstacle> {
+        let prediction = self.context.view.prediction()?;
+        (prediction.hash == main.sum()).then(|| prediction.obstacle.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,167 @@
+//! Where the motors stand, as simulated drives keep it over restarts.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use plc_api::types::CoordinateSystemNumber;
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{Axis, MachinePosition};
+
+use super::image::Image;
+use crate::tables::{LOST_VALUE, value_key};
+
+/// Name of the kept positions of a coordinate system.
+pub(crate) const POSITION: &str = "position";
+
+/// Machine position by motor number.
+pub(crate) type MotorPositions = BTreeMap<u16, f64>;
+
+/// Motors of a coordinate system with their axes.
+fn motors(settings: &CoordinateSystemSettings) -> impl Iterator<Item = (Axis, u16)> {
+    let all = Axis::ALL.into_iter().zip(&settings.motors);
+    all.filter_map(|(axis, motor)| Some((axis, motor.as_ref()?.number)))
+}
+
+/// The positions to keep, from one servo cycle.
+pub(super) fn positions(settings: &CoordinateSystemSettings, at: MachinePosition) -> MotorPositions {
+    motors(settings)
+        .map(|(axis, motor)| (motor, at.0[axis]))
+        .collect()
+}
+
+/// What is known of the positions of a machine.
+#[derive(Debug, Default)]
+pub(crate) struct KeptPositions {
+    by_motor: MotorPositions,
+    lost: BTreeSet<CoordinateSystemNumber>,
+}
+
+impl KeptPositions {
+    /// The positions in what was kept. A motor may have been in another coordinate system then.
+    pub fn new(image: &Image) -> Self {
+        let mut kept = Self::default();
+        for (name, bytes) in &image.values {
+            let Some(Ok(cs)) = name.strip_prefix(&format!("{POSITION}/")).map(str::parse) else {
+                continue;
+            };
+            match serde_json::from_slice::<MotorPositions>(bytes) {
+                Ok(positions) if bytes != LOST_VALUE => kept.by_motor.extend(positions),
+                _ => drop(kept.lost.insert(cs)),
+            }
+        }
+        kept
+    }
+
+    /// Coordinate systems whose positions are lost.
+    pub fn lost(&self) -> impl Iterator<Item = CoordinateSystemNumber> {
+        self.lost.iter().copied()
+    }
+
+    /// Puts the simulated drives where they stood. A drive whose position is lost is not homed.
+    pub fn apply(&self, settings: &mut CoordinateSystemSettings) {
+        let is_lost = self.lost.contains(&settings.number);
+        for motor in settings.motors.iter_mut().flatten() {
+            match self.by_motor.get(&motor.number) {
+                Some(position) => motor.start_at = *position,
+                None if is_lost => motor.is_homed_at_start = false,
+                None => {}
+            }
+        }
+    }
+
+    /// Motors that stand outside their soft limits, in words: the limits have changed since.
+    pub fn outside(&self, settings: &CoordinateSystemSettings) -> Vec<String> {
+        let motors = motors(settings).zip(settings.motors.iter().flatten());
+        let outside = motors.filter_map(|((axis, number), motor)| {
+            let (at, [low, high]) = (*self.by_motor.get(&number)?, motor.soft_limits?);
+            let is_inside = (low..=high).contains(&at);
+            (!is_inside).then(|| {
+                let letter = axis.letter();
+                format!("axis {letter} stands at {at}, outside its soft limits of {low} to {high}")
+            })
+        });
+        outside.collect()
+    }
+}
+
+/// Name of the kept positions of a coordinate system.
+pub(super) fn position_key(cs: CoordinateSystemNumber) -> String {
+    value_key(POSITION, cs)
+}
+
+#[cfg(test)]
+mod tests {
+    use tandem_model::AxisVector;
+    use tandem_model::settings::{MotorKind, MotorSettings};
+
+    use super::*;
+    use crate::tables::keep;
+
+    fn settings(number: u8, motors: [u16; 2]) -> CoordinateSystemSettings {
+        let motor = |place: usize| {
+            let number = *motors.get(place)?;
+            Some(MotorSettings {
+                soft_limits: Some([-10.0, 10.0]),
+                ..MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
+            })
+        };
+        CoordinateSystemSettings {
+            number,
+            motors: std::array::from_fn(motor),
+            ..CoordinateSystemSettings::default()
+        }
+    }
+
+    fn started(image: &Image, number: u8, motors: [u16; 2]) -> Vec<(f64, bool)> {
+        let mut settings = settings(number, motors);
+        KeptPositions::new(image).apply(&mut settings);
+        let motors = settings.motors.iter().flatten();
+        motors
+            .map(|motor| (motor.start_at, motor.is_homed_at_start))
+            .collect()
+    }
+
+    #[test]
+    fn positions_are_bit_exact_and_follow_their_motors() {
+        let at = MachinePosition(AxisVector(std::array::from_fn(|i| 0.1 * i as f64 + 1.0 / 3.0)));
+        let mut image = Image::default();
+        keep(
+            &mut image.values,
+            position_key(1),
+            &positions(&settings(1, [7, 8]), at),
+        );
+        assert_eq!(
+            started(&image, 1, [7, 8]),
+            [(1.0 / 3.0, true), (0.1 + 1.0 / 3.0, true)]
+        );
+        // motor 8 is in another coordinate system now, and motor 9 is new
+        assert_eq!(started(&image, 2, [8, 9]), [(0.1 + 1.0 / 3.0, true), (0.0, true)]);
+    }
+
+    #[test]
+    fn a_lost_position_is_not_taken_for_a_homed_motor() {
+        let mut image = Image::default();
+        image.lose(&position_key(1));
+        assert_eq!(started(&image, 1, [7, 8]), [(0.0, false); 2]);
+        assert_eq!(started(&image, 2, [9, 10]), [(0.0, true); 2]);
+        assert_eq!(KeptPositions::new(&image).lost().collect::<Vec<_>>(), [1]);
+    }
+
+    #[test]
+    fn a_motor_outside_changed_soft_limits_is_named() {
+        let at = MachinePosition(AxisVector(std::array::from_fn(
+            |i| if i == 0 { 12.0 } else { 3.0 },
+        )));
+        let mut image = Image::default();
+        keep(
+            &mut image.values,
+            position_key(1),
+            &positions(&settings(1, [7, 8]), at),
+        );
+        let outside = KeptPositions::new(&image).outside(&settings(1, [7, 8]));
+        assert_eq!(outside.len(), 1);
+        assert!(
+            outside[0].starts_with("axis X stands at 12, outside"),
+            "{outside:?}"
+        );
+    }
+}

@@ -1,0 +1,74 @@
+//! Handlers that come, take the place of another instance, or leave.
+
+use plc_api::handler_registry::{Reach, Registered};
+use plc_api::types::handler::{Departure, HandlerResult};
+use plc_api::types::output::HandlerPresence;
+use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal};
+
+use super::RuntimePort;
+
+impl RuntimePort {
+    /// A handler comes, takes the place of another instance, or goes.
+    pub(super) async fn handler(
+        &self,
+        reach: Reach,
+        id: String,
+        presence: HandlerPresence,
+    ) -> Result<Answer, Refusal> {
+        let changed = match self.shared.set_handler(reach, &id, &presence) {
+            Ok(changed) => changed,
+            Err(refusal) => {
+                if let Some(asked) = self.shared.asked_handler(&id) {
+                    self.shared.tell_handler(&id, HandlerResult::confirm(Some(asked)));
+                }
+                let result = HandlerResult::refused(presence.instance, &refusal);
+                self.shared.tell_handler(&id, result);
+                return Err(refusal);
+            }
+        };
+        match changed {
+            Registered::Nothing => return Ok(Answer::Done),
+            Registered::Refreshed => {
+                let result = HandlerResult::accepted(presence.instance);
+                self.shared.tell_handler(&id, result);
+                return Ok(Answer::Done);
+            }
+            Registered::Offline(departure) => self.handler_left(&id, presence.instance, departure).await?,
+            Registered::Online {
+                took_over,
+                has_returned,
+                ..
+            } => {
+                if let Some(displaced) = took_over {
+                    let old = displaced.presence.instance;
+                    self.handler_left(&id, old.clone(), displaced.departure).await?;
+                    let result = HandlerResult::taken_over(old, displaced.text);
+                    self.shared.tell_handler(&id, result);
+                }
+                self.shared.welcome_io(&id);
+                let instance = presence.instance.clone();
+                self.pass_to_all(CoordinateSystemRequest::Handler(id.clone(), presence))
+                    .await?;
+                self.shared
+                    .tell_handler(&id, HandlerResult::accepted(instance.clone()));
+                if has_returned {
+                    // it may not have noticed that it was lost, and what it sets has the values of a loss
+                    self.shared.tell_handler(&id, HandlerResult::confirm(instance));
+                }
+            }
+        }
+        Ok(Answer::Done)
+    }
+
+    /// An instance of a handler has left.
+    async fn handler_left(
+        &self,
+        id: &str,
+        instance: Option<String>,
+        departure: Departure,
+    ) -> Result<(), Refusal> {
+        self.shared.leave_io(id, departure);
+        let request = CoordinateSystemRequest::HandlerLeft(id.to_owned(), instance, departure);
+        self.pass_to_all(request).await
+    }
+}

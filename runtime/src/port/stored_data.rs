@@ -1,0 +1,88 @@
+//! A person's decision about stored files that do not fit together.
+
+use std::io;
+
+use plc_api::types::request::{Answer, Refusal, RefusalCode};
+use plc_api::types::stored_data::{StoredDataDecision, StoredDataFault};
+
+use super::RuntimePort;
+use crate::journal::Event;
+use crate::persistence::{Image, restore};
+use crate::shared::Shared;
+use crate::stored_data::OpenQuestion;
+use crate::stored_data::inspection::held_values;
+use crate::tables::Tables;
+
+impl RuntimePort {
+    /// What was accepted is on disk, and in effect, before the question is closed.
+    pub(super) async fn answer_stored_data(&self, decision: StoredDataDecision) -> Result<Answer, Refusal> {
+        // a copy: nothing that waits for the disk holds the lock, which starts of programs take
+        let open = self.shared.stored_data.lock().clone();
+        let Some(question) = open.question().cloned() else {
+            let text = "no question about stored files is open; GET /stored_data shows it";
+            return Err(Refusal::new(RefusalCode::NotAllowed, text));
+        };
+        if decision == StoredDataDecision::Accept {
+            self.take_held_back(&open).await?;
+        }
+        self.on_disk(move |_| open.remove_files()).await?;
+        *self.shared.stored_data.lock() = OpenQuestion::default();
+        let event = Event::StoredData {
+            decision: Some(decision),
+            findings: question.texts(),
+        };
+        self.shared.record(0, event);
+        self.shared.publish_stored_data();
+        self.shared.report_question();
+        self.shared.wake_all();
+        Ok(Answer::Done)
+    }
+
+    /// Takes what is held back: values for those that are lost, programs, and folders.
+    async fn take_held_back(&self, open: &OpenQuestion) -> Result<(), Refusal> {
+        let (folder, fault) = (open.folder().to_owned(), open.fault_of_store());
+        let read = move |_: &Shared| {
+            let Some(fault) = fault else { return Ok(None) };
+            match held_values(&folder) {
+                // of a question that was damaged nobody knows whether values are held back
+                Err(error)
+                    if fault == StoredDataFault::NotVerified && error.kind() == io::ErrorKind::NotFound =>
+                {
+                    Ok(None)
+                }
+                read => read.map(Some),
+            }
+        };
+        if let Some(image) = self.on_disk(read).await? {
+            self.take_held_values(&image).await?;
+        }
+        let folders = open.held_folders();
+        let confirm = self.on_disk(move |shared| shared.store.confirm_held_back(&folders));
+        for edit in confirm.await? {
+            self.shared.record(0, Event::Program(edit));
+        }
+        Ok(())
+    }
+
+    async fn take_held_values(&self, image: &Image) -> Result<(), Refusal> {
+        let held = Tables::new(&self.shared.machine);
+        let restored = restore(&held, image);
+        let unknown = self.shared.tables.unknown_spindles();
+        let values = held.read().clone();
+        self.change(move |tables| Ok(tables.with_lost_from(&values)))
+            .await?;
+        self.shared.tables.take_lost_variables(&held);
+        for (cs, tool) in restored.tools_in_spindle {
+            if let Some(tool) = tool.filter(|_| unknown.contains(&cs)) {
+                self.tool(cs, tool, None).await?;
+            }
+        }
+        match &self.writer {
+            Some(writer) => {
+                let written = writer.flush().await;
+                written.map_err(|text| Refusal::new(RefusalCode::Unavailable, text))
+            }
+            None => Ok(()),
+        }
+    }
+}

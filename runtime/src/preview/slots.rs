@@ -1,0 +1,176 @@
+//! The plans of a coordinate system, and which of them a request or a run may use.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::plan::Plan;
+use crate::coordinate_system::{Conditions, RunStart};
+use crate::program_store::StoredProgram;
+
+/// The plans of a coordinate system.
+#[derive(Debug, Default)]
+pub(super) struct Slots {
+    /// Of the run under way.
+    running: Slot,
+    /// Of the loaded program.
+    loaded: Slot,
+    /// Of another one that was asked for last.
+    asked: Slot,
+}
+
+/// Which plan of a coordinate system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PlanUse {
+    Running,
+    Loaded,
+    Asked,
+}
+
+impl PlanUse {
+    /// What is planned first comes first.
+    pub const ALL: [PlanUse; 3] = [PlanUse::Running, PlanUse::Loaded, PlanUse::Asked];
+}
+
+/// What is to be planned.
+#[derive(Debug, Clone)]
+pub(super) enum PlanOrder {
+    /// A program, with the conditions when planning begins.
+    Program(Arc<StoredProgram>),
+    /// A run, with the conditions with which it began.
+    Run(Arc<RunStart>),
+}
+
+impl PlanOrder {
+    fn is(&self, other: &Self) -> bool {
+        match (self, other) {
+            (PlanOrder::Program(one), PlanOrder::Program(other)) => Arc::ptr_eq(one, other),
+            (PlanOrder::Run(one), PlanOrder::Run(other)) => Arc::ptr_eq(one, other),
+            _ => false,
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+struct Slot {
+    plan: Option<Arc<Plan>>,
+    /// It is to be made.
+    wanted: Option<PlanOrder>,
+    /// How long the last one took, and when it ended.
+    took: Option<(Duration, Instant)>,
+}
+
+impl Slot {
+    /// True if that was not wanted yet.
+    fn want(&mut self, wanted: PlanOrder) -> bool {
+        if self.wanted.as_ref().is_some_and(|known| known.is(&wanted)) {
+            return false;
+        }
+        self.clear();
+        self.wanted = Some(wanted);
+        true
+    }
+
+    fn clear(&mut self) {
+        if let Some(plan) = self.plan.take() {
+            plan.cancel();
+        }
+        self.wanted = None;
+    }
+}
+
+impl Slots {
+    fn slot_mut(&mut self, which: PlanUse) -> &mut Slot {
+        match which {
+            PlanUse::Running => &mut self.running,
+            PlanUse::Loaded => &mut self.loaded,
+            PlanUse::Asked => &mut self.asked,
+        }
+    }
+
+    /// The plan of a run: made for it, or before it began with the conditions with which it began. Else `None`, and `true` if
+    /// planning it has to begin.
+    pub fn plan_of_run(&mut self, run: &Arc<RunStart>) -> (Option<Arc<Plan>>, bool) {
+        let plans = [self.running.plan.clone(), self.loaded.plan.clone()];
+        let mut plans = plans.into_iter().flatten();
+        if let Some(plan) = plans.find(|plan| plan.matches(&run.conditions)) {
+            self.running.plan = Some(Arc::clone(&plan));
+            self.running.wanted = None;
+            return (Some(plan), false);
+        }
+        (None, self.running.want(PlanOrder::Run(Arc::clone(run))))
+    }
+
+    /// The plan of a program as a start would run it now. While something moves by hand, that of the position before. Else
+    /// `None`, and `true` if planning it has to begin.
+    pub fn plan_of_program(
+        &mut self,
+        which: PlanUse,
+        program: &Arc<StoredProgram>,
+        now: &Conditions,
+        is_moving: bool,
+    ) -> (Option<Arc<Plan>>, bool) {
+        let is_same = |plan: &&Arc<Plan>| plan.matches(now) || is_moving && plan.matches_but_position(now);
+        let slot = self.slot_mut(which);
+        if let Some(plan) = slot.plan.as_ref().filter(is_same) {
+            return (Some(Arc::clone(plan)), false);
+        }
+        (None, slot.want(PlanOrder::Program(Arc::clone(program))))
+    }
+
+    /// No run is under way: its plan is not needed, except as that of the loaded program.
+    pub fn end_run(&mut self) {
+        self.running.wanted = None;
+        let Some(plan) = self.running.plan.take() else {
+            return;
+        };
+        if !self
+            .loaded
+            .plan
+            .as_ref()
+            .is_some_and(|kept| Arc::ptr_eq(kept, &plan))
+        {
+            plan.cancel();
+        }
+    }
+
+    pub fn is_run_waiting(&self) -> bool {
+        self.running.wanted.is_some()
+    }
+
+    pub fn take_wanted(&mut self, which: PlanUse) -> Option<PlanOrder> {
+        self.slot_mut(which).wanted.take()
+    }
+
+    /// Planning begins.
+    pub fn begin(&mut self, which: PlanUse, plan: &Arc<Plan>) {
+        self.slot_mut(which).plan = Some(Arc::clone(plan));
+    }
+
+    /// Planning has ended; one that is not complete is not kept.
+    pub fn end(&mut self, which: PlanUse, plan: &Arc<Plan>, took: Duration) {
+        self.slot_mut(which).took = Some((took, Instant::now()));
+        if plan.content().is_complete() {
+            return;
+        }
+        for slot in [&mut self.running, &mut self.loaded, &mut self.asked] {
+            slot.plan.take_if(|kept| Arc::ptr_eq(kept, plan));
+        }
+    }
+
+    /// True if the loaded program was planned with other conditions, and so short a time ago that it waits.
+    pub fn pauses(&self, number: u16, factor: u32) -> bool {
+        let plan = self.loaded.plan.as_ref();
+        let is_of = plan.is_some_and(|plan| plan.conditions.main.number == number);
+        let took = self.loaded.took.filter(|_| is_of);
+        took.is_some_and(|(took, ended)| ended.elapsed() < took * factor)
+    }
+
+    /// Gives every plan up.
+    pub fn cancel(&self) {
+        for slot in [&self.running, &self.loaded, &self.asked] {
+            if let Some(plan) = &slot.plan {
+                plan.cancel();
+            }
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Commands as all coordinate systems know them: their memory, their ages and their replies.
+
+use std::collections::BTreeMap;
+
+use plc_api::execution::wire_name;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus, MemoryKey};
+use plc_api::types::heartbeat::Heartbeat;
+use plc_api::types::message::Payload;
+use plc_api::types::not_after::NotAfter;
+use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::topic::{CsTopic, Topic};
+
+use super::Shared;
+use crate::command_memory::{Asked, Recalled};
+
+impl Shared {
+    /// Looks a command up, and remembers it when it is new.
+    pub fn recall(&self, key: &MemoryKey, asked: Asked) -> Recalled {
+        self.commands.lock().recall(key, asked, self.clock.wall())
+    }
+
+    /// Looks a command up.
+    pub fn look_up(&self, key: &MemoryKey, asked: &Asked) -> Recalled {
+        self.commands.lock().look_up(key, asked, self.clock.wall())
+    }
+
+    /// Notes when a heartbeat is sent, and returns it.
+    pub fn note_heartbeat(&self, heartbeat: Heartbeat) -> Heartbeat {
+        let now = self.clock.real_time();
+        self.heartbeats.lock().note(heartbeat.cycle, now);
+        heartbeat
+    }
+
+    /// Rejects a request that is too old to take effect.
+    pub fn check_not_after(&self, not_after: Option<&NotAfter>) -> Result<(), Refusal> {
+        let Some(not_after) = not_after else { return Ok(()) };
+        let expired = |text: &str| Err(Refusal::new(RefusalCode::Expired, text));
+        if not_after.boot_id != self.boot_id {
+            return expired(
+                "the runtime was started again after the request was made: nothing was done; look at the machine, then \
+                 send a new request",
+            );
+        }
+        let now = self.clock.real_time();
+        let checked = self.heartbeats.lock().check(not_after, now);
+        checked.or_else(|text| expired(&text))
+    }
+
+    /// Revision of a coordinate system's state; 0 for none.
+    pub fn state_rev(&self, cs: Option<CoordinateSystemNumber>) -> u64 {
+        cs.and_then(|cs| self.hub.read(&Topic::cs(cs, CsTopic::State)))
+            .and_then(|state| state.rev)
+            .unwrap_or(0)
+    }
+
+    /// A reply to a command; `cs` is the coordinate system whose state revision it has.
+    pub fn reply_to(
+        &self,
+        cs: Option<CoordinateSystemNumber>,
+        meta: &CommandMeta,
+        status: CommandStatus,
+        code: &str,
+        text: &str,
+    ) -> CommandReply {
+        CommandReply {
+            command_id: meta.command_id.clone(),
+            status,
+            code: code.to_owned(),
+            text: text.to_owned(),
+            state_rev: self.state_rev(cs),
+            variables: None,
+            lease: None,
+            hash: None,
+            run_id: None,
+            moved: BTreeMap::new(),
+        }
+    }
+
+    /// A refusal as the reply to a command.
+    pub fn rejection(
+        &self,
+        cs: Option<CoordinateSystemNumber>,
+        meta: &CommandMeta,
+        refusal: &Refusal,
+    ) -> CommandReply {
+        let code = wire_name(&refusal.code);
+        self.reply_to(cs, meta, CommandStatus::Rejected, &code, &refusal.text)
+    }
+
+    /// Keeps and publishes a refusal as the reply to a command.
+    pub fn reject(
+        &self,
+        cs: Option<CoordinateSystemNumber>,
+        meta: &CommandMeta,
+        refusal: Refusal,
+    ) -> Refusal {
+        self.reply(meta, self.rejection(cs, meta, &refusal));
+        refusal
+    }
+
+    /// Keeps and publishes a reply.
+    pub fn reply(&self, meta: &CommandMeta, reply: CommandReply) -> CommandReply {
+        self.commands
+            .lock()
+            .on_reply(&meta.memory, &reply, self.clock.wall());
+        self.publish(
+            Topic::Reply(meta.client_id.clone()),
+            Payload::Reply(reply.clone()),
+        );
+        reply
+    }
+
+    /// The last reply to a command.
+    pub fn replied(&self, key: &MemoryKey) -> Option<CommandReply> {
+        self.commands.lock().reply(key).cloned()
+    }
+
+    /// The last reply to a command by its id: of this user, else of any other.
+    pub fn find_reply(&self, user: &str, command_id: &str) -> Option<CommandReply> {
+        self.commands.lock().find_reply(user, command_id).cloned()
+    }
+}

@@ -1,0 +1,206 @@
+//! What stops motion, and how: the table of the book and of the tests, one cell for each cause and each kind of motion.
+
+/// What stops motion, or might.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopCause {
+    /// The interlock is set.
+    Interlock,
+    /// The owner of an interlock source with `on_loss = "on"` is lost.
+    SourceLost,
+    /// `SERVO_LATE`: servo cycles were left out for `servo_late_ms` or longer.
+    ServoLate,
+    /// `CLIENT_LOST`: a client that asked to be watched is silent.
+    ClientLost,
+    /// `BUS_LOST`: the MQTT broker is lost, with `on_bus_loss = "hold_at_wait"`.
+    BusLost,
+    /// A handler, or another sequence program, raises an alarm.
+    Alarm,
+    /// The command hold.
+    Hold,
+    /// The command stop.
+    Stop,
+    /// The command abort.
+    Abort,
+}
+
+/// What moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StoppedMotion {
+    /// A rapid motion.
+    Rapid,
+    /// A line at a feedrate.
+    Line,
+    /// An arc.
+    Arc,
+    /// The tool in a thread.
+    Thread,
+    /// A dwell.
+    Dwell,
+    /// A jog.
+    Jog,
+    /// Homing.
+    Home,
+    /// A line with cutter compensation.
+    Compensation,
+    /// At the turning point of an axis, between two blocks.
+    Reversal,
+}
+
+/// What happens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopReaction {
+    /// The motion comes to rest on its path; a resume continues.
+    Holds,
+    /// Motion and spindle come to rest in phase; a resume continues in phase.
+    HoldsInPhase,
+    /// The thread is finished first; the motion is held when the tool is out.
+    HoldsAfterThread,
+    /// The jog ends on its path.
+    EndsJog,
+    /// The motion comes to rest on its path, in a thread in phase, and the run ends.
+    Stops,
+    /// Each motor brakes at its maximum acceleration, and the run ends.
+    Brakes,
+    /// The motion continues.
+    Continues,
+}
+
+impl StopCause {
+    /// All causes, in the order of the table.
+    pub const ALL: [Self; 9] = [
+        Self::Interlock,
+        Self::SourceLost,
+        Self::ServoLate,
+        Self::ClientLost,
+        Self::BusLost,
+        Self::Alarm,
+        Self::Hold,
+        Self::Stop,
+        Self::Abort,
+    ];
+
+    /// Its name in the table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Interlock => "interlock",
+            Self::SourceLost => "lost source",
+            Self::ServoLate => "`SERVO_LATE`",
+            Self::ClientLost => "`CLIENT_LOST`",
+            Self::BusLost => "`BUS_LOST`",
+            Self::Alarm => "alarm of a handler",
+            Self::Hold => "hold",
+            Self::Stop => "stop",
+            Self::Abort => "abort",
+        }
+    }
+
+    /// What happens to a motion.
+    pub fn reaction(self, motion: StoppedMotion) -> StopReaction {
+        use StopReaction::{Brakes, Continues, EndsJog, Holds, HoldsAfterThread, HoldsInPhase, Stops};
+        match (self, motion) {
+            (Self::BusLost, _) | (Self::ServoLate, StoppedMotion::Dwell) => Continues,
+            (Self::Abort, _) => Brakes,
+            (Self::Stop | Self::Alarm, _) => Stops,
+            (_, StoppedMotion::Jog) => EndsJog,
+            (Self::Hold, StoppedMotion::Thread) => HoldsAfterThread,
+            (_, StoppedMotion::Thread) => HoldsInPhase,
+            _ => Holds,
+        }
+    }
+}
+
+impl StoppedMotion {
+    /// All kinds of motion, in the order of the table.
+    pub const ALL: [Self; 9] = [
+        Self::Rapid,
+        Self::Line,
+        Self::Arc,
+        Self::Thread,
+        Self::Dwell,
+        Self::Jog,
+        Self::Home,
+        Self::Compensation,
+        Self::Reversal,
+    ];
+
+    /// Its name in the table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rapid => "rapid",
+            Self::Line => "line",
+            Self::Arc => "arc",
+            Self::Thread => "thread",
+            Self::Dwell => "dwell",
+            Self::Jog => "jog",
+            Self::Home => "home",
+            Self::Compensation => "compensation",
+            Self::Reversal => "reversal",
+        }
+    }
+}
+
+impl StopReaction {
+    /// All reactions.
+    pub const ALL: [Self; 7] = [
+        Self::Holds,
+        Self::HoldsInPhase,
+        Self::HoldsAfterThread,
+        Self::EndsJog,
+        Self::Stops,
+        Self::Brakes,
+        Self::Continues,
+    ];
+
+    /// Its name in the table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Holds => "holds",
+            Self::HoldsInPhase => "holds in phase",
+            Self::HoldsAfterThread => "holds after the thread",
+            Self::EndsJog => "ends",
+            Self::Stops => "stops",
+            Self::Brakes => "brakes",
+            Self::Continues => "continues",
+        }
+    }
+
+    /// What it means, and its time limit.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Holds => {
+                "Comes to rest on its path within `hold_slew_ms`, or within the time that the limits of the motors demand if \
+                 that is longer; a dwell at once. `resume` continues."
+            }
+            Self::HoldsInPhase => {
+                "Motion and spindle come to rest in phase within `hold_slew_ms`, or within the time that the acceleration of \
+                 the spindle demands if that is longer. `resume` continues in phase."
+            }
+            Self::HoldsAfterThread => {
+                "As the manual demands, the thread is finished first. No time limit but that of the thread."
+            }
+            Self::EndsJog => {
+                "Comes to rest within `hold_slew_ms`, or at the maximum acceleration of the motor; READY, at the latest when no \
+                 refresh has come for 200 ms. A refresh after that does not start it again."
+            }
+            Self::Stops => {
+                "Comes to rest on its path, in a thread in phase, with the limits of `holds`; outputs are cancelled, STOPPED."
+            }
+            Self::Brakes => {
+                "Each motor brakes at its `max_acceleration`: its speed divided by that. Outputs are cancelled, STOPPED."
+            }
+            Self::Continues => "Nothing changes for the motion.",
+        }
+    }
+
+    /// The longest time to rest, s, with this `hold_slew_ms`, on motors whose limits demand no longer time; `None`: there is no
+    /// limit.
+    pub fn limit_s(self, hold_slew_ms: f64) -> Option<f64> {
+        match self {
+            Self::HoldsAfterThread | Self::Continues => None,
+            _ => Some(hold_slew_ms / 1000.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

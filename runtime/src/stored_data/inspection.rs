@@ -1,0 +1,263 @@
+//! What a start finds in a data folder before it changes anything, and what of it is held back.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+use plc_api::types::Timestamp;
+use plc_api::types::stored_data::{StoredDataFault, StoredDataFinding, StoredDataPart, StoredDataQuestion};
+
+use super::{HELD_FILE, OpenQuestion, QUESTION_FILE};
+use crate::disk::{Generations, PartGenerations, Seal, StoredPart, Sums, fs, write_whole};
+use crate::persistence::journal_folder::JOURNAL_FOLDER;
+use crate::persistence::{Condition, Generation, Image, Judged, STORE_FILE, anchor_seal, judge_known};
+use crate::program_store::folder::sums as program_sums;
+use crate::program_store::places::{FolderByProgram, PLACES_FILE, PlacesRead};
+use crate::program_store::program_number;
+
+/// What a start finds in a data folder before it changes anything.
+#[derive(Debug)]
+pub(crate) struct Inspection {
+    pub judged: Judged,
+    pub generations: Arc<Generations>,
+    pub findings: Vec<StoredDataFinding>,
+    /// Values of the store that are held back.
+    held: Option<Image>,
+    held_folders: FolderByProgram,
+    /// The file of folders is missing, and was there.
+    pub lacks_folders: bool,
+}
+
+/// The parts beside the store, as they were read.
+struct Others {
+    sums: Sums,
+    places: PlacesRead,
+    anchor: Option<Seal>,
+    has_programs: bool,
+}
+
+/// True if there is a file of a program.
+fn has_program(folder: &Path) -> bool {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut numbers = entries.filter_map(|entry| program_number(&entry.path()));
+    numbers.next().is_some()
+}
+
+impl Others {
+    fn read(folder: &Path) -> Self {
+        let programs = folder.join("programs");
+        Self {
+            sums: program_sums(&programs),
+            places: PlacesRead::read(&programs),
+            anchor: anchor_seal(&folder.join(JOURNAL_FOLDER)),
+            has_programs: has_program(&programs),
+        }
+    }
+
+    /// Seals that tell what was on disk.
+    fn seals(&self) -> impl Iterator<Item = &Seal> {
+        [
+            self.sums.seal.as_ref(),
+            self.places.seal.as_ref(),
+            self.anchor.as_ref(),
+        ]
+        .into_iter()
+        .flatten()
+    }
+}
+
+fn merge<'a>(seals: impl Iterator<Item = &'a Seal>) -> PartGenerations {
+    let mut known = PartGenerations::new();
+    for (part, generation) in seals.flat_map(|seal| &seal.known) {
+        let newest = known.entry(*part).or_default();
+        *newest = (*newest).max(*generation);
+    }
+    known
+}
+
+impl Inspection {
+    /// Inspects a data folder of the machine of this name. It changes nothing.
+    pub fn new(folder: &Path, machine: &str) -> Self {
+        let others = Others::read(folder);
+        let mut judged = judge_known(folder, merge(others.seals()).contains_key(&StoredPart::Store));
+        let of_store = [judged.store_seal.clone(), judged.sums_seal.clone()];
+        let known = merge(others.seals().chain(of_store.iter().flatten()));
+        let look = Look {
+            machine,
+            known: &known,
+            folder,
+        };
+        let mut findings = Vec::new();
+        findings.extend(look.at_store(&judged));
+        findings.extend(look.at_programs(&others));
+        findings.extend(look.at_folders(&others.places));
+        findings.extend(look.at(StoredPart::Journal, others.anchor.as_ref()));
+        let mut held = None;
+        if let Some(finding) = findings
+            .iter()
+            .find(|finding| finding.part == StoredDataPart::Store)
+        {
+            held = Some(judged.image.clone());
+            judged.hold_back(finding.text.clone());
+        }
+        let holds_folders = findings
+            .iter()
+            .any(|finding| finding.part == StoredDataPart::Folders);
+        let lacks_folders = others.places.seal.is_none()
+            && others.places.fault.is_none()
+            && known.contains_key(&StoredPart::Folders);
+        let generations = Generations::new(machine);
+        generations.learn(&known);
+        let own = others.seals().chain(of_store.iter().flatten());
+        own.for_each(|seal| generations.learn_own(seal));
+        Self {
+            judged,
+            generations: Arc::new(generations),
+            held,
+            held_folders: if holds_folders {
+                others.places.by_number
+            } else {
+                FolderByProgram::new()
+            },
+            findings,
+            lacks_folders,
+        }
+    }
+
+    /// True if this part is held back.
+    pub fn holds_back(&self, part: StoredDataPart) -> bool {
+        self.findings.iter().any(|finding| finding.part == part)
+    }
+
+    /// The question of this folder: the one of this start, or one that was open before. A new one is written, with what is
+    /// held back, before any file of the folder is changed. If the disk refuses, this start asks all the same.
+    pub fn ask(&self, folder: &Path, since: Timestamp, newest: Option<Timestamp>) -> OpenQuestion {
+        let before = OpenQuestion::read(folder);
+        if self.findings.is_empty() {
+            return before;
+        }
+        let mut kept = before.kept.unwrap_or_default();
+        kept.folders.extend(self.held_folders.clone());
+        let mut findings = self.findings.clone();
+        let old = kept.question.take().map(|question| question.findings);
+        findings.extend(old.into_iter().flatten());
+        findings.sort_by_key(|finding| finding.part);
+        findings.dedup_by_key(|finding| finding.part);
+        kept.question = Some(StoredDataQuestion {
+            since,
+            newest_journal_entry: newest,
+            findings,
+        });
+        let open = OpenQuestion {
+            folder: folder.to_owned(),
+            kept: Some(kept),
+        };
+        let held = self.held.as_ref().map_or(Ok(()), |held| {
+            write_whole(&folder.join(HELD_FILE), Generation::text(held).as_bytes())
+        });
+        if let Err(error) = held.and_then(|()| open.write(&self.generations)) {
+            tracing::error!("{}: {error}", folder.join(QUESTION_FILE).display());
+        }
+        open
+    }
+}
+
+/// Values that are held back in a data folder.
+///
+/// # Errors
+/// They cannot be read.
+pub(crate) fn held_values(folder: &Path) -> io::Result<Image> {
+    let path = folder.join(HELD_FILE);
+    let read = Generation::read_from(&path);
+    let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+    let Generation { mut image, lost, .. } = read.map_err(named)?;
+    // what was lost before stays lost
+    for name in &lost {
+        image.lose(name);
+    }
+    Ok(image)
+}
+
+/// What is compared with each part.
+struct Look<'a> {
+    machine: &'a str,
+    known: &'a PartGenerations,
+    folder: &'a Path,
+}
+
+impl Look<'_> {
+    fn at_store(&self, judged: &Judged) -> Option<StoredDataFinding> {
+        let is_believed = match judged.condition {
+            Condition::New => false,
+            Condition::Whole | Condition::WithoutSums => true,
+            Condition::Damaged(_) => judged.image.names().len() > judged.lost.len(),
+        };
+        is_believed
+            .then(|| self.at(StoredPart::Store, judged.seal()))
+            .flatten()
+    }
+
+    fn at_programs(&self, others: &Others) -> Option<StoredDataFinding> {
+        let is_known = self.known.contains_key(&StoredPart::Programs);
+        match others.sums.fault().filter(|_| is_known && others.has_programs) {
+            Some(fault) => Some(StoredDataFinding {
+                part: StoredDataPart::Programs,
+                fault: StoredDataFault::NotVerified,
+                text: format!(
+                    "{}: {fault}, so the programs beside it cannot be verified",
+                    self.path(StoredPart::Programs)
+                ),
+            }),
+            None => self.at(StoredPart::Programs, others.sums.seal.as_ref()),
+        }
+    }
+
+    fn at_folders(&self, places: &PlacesRead) -> Option<StoredDataFinding> {
+        let seal = places.seal.as_ref()?;
+        self.at(StoredPart::Folders, Some(seal))
+    }
+
+    /// Compares a part that was read with what the others know of it.
+    fn at(&self, part: StoredPart, seal: Option<&Seal>) -> Option<StoredDataFinding> {
+        let seal = seal?;
+        let (known, path) = (self.known.get(&part).copied().unwrap_or(0), self.path(part));
+        let (fault, text) = if seal.machine != self.machine {
+            let text = format!(
+                "{path}: it belongs to machine {}, and this is machine {}",
+                seal.machine, self.machine
+            );
+            (StoredDataFault::OtherMachine, text)
+        } else if seal.generation < known {
+            let text = format!(
+                "{path}: it is an older copy, of generation {}; other files know generation {known}",
+                seal.generation
+            );
+            (StoredDataFault::Older, text)
+        } else {
+            return None;
+        };
+        let part = part.public();
+        Some(StoredDataFinding { part, fault, text })
+    }
+
+    fn path(&self, part: StoredPart) -> String {
+        let name = match part {
+            StoredPart::Store => STORE_FILE.to_owned(),
+            StoredPart::Programs => "programs/sums".to_owned(),
+            StoredPart::Folders => format!("programs/{PLACES_FILE}"),
+            StoredPart::Journal => format!("{JOURNAL_FOLDER}/anchor"),
+        };
+        self.folder.join(name).display().to_string()
+    }
+}
+
+impl StoredPart {
+    fn public(self) -> StoredDataPart {
+        match self {
+            StoredPart::Store => StoredDataPart::Store,
+            StoredPart::Programs => StoredDataPart::Programs,
+            StoredPart::Folders => StoredDataPart::Folders,
+            StoredPart::Journal => StoredDataPart::Journal,
+        }
+    }
+}

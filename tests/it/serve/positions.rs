@@ -1,0 +1,239 @@
+//! Simulated drives keep their position over starts of the runtime.
+
+use std::fs;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use tandem_runtime::Config;
+
+use super::data_folder::{place, rot, text_of_standing};
+use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
+use crate::support::served::{FREE_PORTS, Served};
+use crate::support::wait::until;
+
+fn machine() -> Machine {
+    Machine::new(FREE_PORTS)
+}
+
+/// A machine whose first motor has more keys.
+fn machine_with(keys: &str) -> Machine {
+    let motors = MOTORS.replacen("number = 1\n", &format!("number = 1\n{keys}\n"), 1);
+    Machine::with_config(&format!(
+        "[machine]\nname = \"test-1\"\nservo_late_ms = 1500\n{motors}{COORDINATE_SYSTEMS}{FREE_PORTS}"
+    ))
+}
+
+async fn position(served: &Served, cs: u8) -> Value {
+    served.get(&format!("/cs/{cs}/position")).await.expect(200).json()
+}
+
+async fn mdi(served: &Served, cs: u8, text: &str) {
+    let path = format!("/cs/{cs}/mdi?wait=1");
+    served.post(&path, &json!({"text": text})).await.expect(200);
+}
+
+/// Texts of the active alarms of a number.
+async fn active(served: &Served, number: u16) -> Option<String> {
+    let active = served.get("/alarms").await.expect(200).json();
+    let alarms = active["alarms"].as_array().unwrap().iter();
+    let texts = alarms.filter(|alarm| alarm["number"] == number);
+    let texts: Vec<&str> = texts.filter_map(|alarm| alarm["text"].as_str()).collect();
+    (!texts.is_empty()).then(|| texts.join("; "))
+}
+
+/// Ends the process and starts it again.
+fn end(mut served: Served, signal: &str, machine: &Machine) -> Served {
+    served.process.signal(signal);
+    assert!(served.process.exit_code_within(Duration::from_secs(20)).is_some() || signal == "KILL");
+    drop(served);
+    Served::start(machine)
+}
+
+#[tokio::test]
+async fn axes_at_rest_stand_exactly_where_they_stood_after_an_end_and_a_kill() {
+    let machine = machine();
+    let mut served = Served::start(&machine);
+    mdi(&served, 1, "G90 G53 X70.1 Y20 Z-40.3").await;
+    mdi(&served, 2, "G53 X33.3").await;
+    let stood = [position(&served, 1).await, position(&served, 2).await];
+    assert_eq!(stood[0]["machine"], json!({"X": 70.1, "Y": 20.0, "Z": -40.3}));
+    for signal in ["KILL", "TERM"] {
+        served = end(served, signal, &machine);
+        for (cs, stood) in (1..).zip(&stood) {
+            let stands = position(&served, cs).await;
+            assert_eq!(
+                stands["machine"], stood["machine"],
+                "{signal}, coordinate system {cs}"
+            );
+            assert_eq!(stands["actual"], stood["machine"]);
+            assert_eq!(stands["homed"], stood["homed"]);
+        }
+    }
+    // and a motion begins there
+    mdi(&served, 1, "G91 G01 X1 F600").await;
+    let moved = position(&served, 1).await["machine"]["X"].as_f64().unwrap();
+    assert!((moved - 71.1).abs() < 1e-9, "{moved}");
+}
+
+#[tokio::test]
+async fn an_orderly_end_in_motion_leaves_the_axes_exactly_where_they_came_to_rest() {
+    let machine = machine();
+    let served = Served::start(&machine);
+    let text = json!({"text": "G91 G01 X200 Y100 Z100 F1200"});
+    served.post("/cs/1/mdi", &text).await.expect(202);
+    until("a motion", async || {
+        let x = position(&served, 1).await["machine"]["X"].as_f64().unwrap();
+        (x > 5.0).then_some(())
+    })
+    .await;
+    let served = end(served, "TERM", &machine);
+    let stands = position(&served, 1).await["machine"].clone();
+    let [x, y, z] = ["X", "Y", "Z"].map(|axis| stands[axis].as_f64().unwrap());
+    assert!(
+        x > 5.0 && (y - x / 2.0).abs() < 1e-6 && (z - x / 2.0).abs() < 1e-6,
+        "{stands}"
+    );
+}
+
+#[tokio::test]
+async fn axes_of_a_kill_in_motion_stand_at_a_late_point_of_the_path() {
+    let machine = machine();
+    let served = Served::start(&machine);
+    // 16.3 mm/s in X
+    let text = json!({"text": "G91 G01 X200 Y100 Z100 F1200"});
+    served.post("/cs/1/mdi", &text).await.expect(202);
+    let x_of = async |served: &Served| position(served, 1).await["machine"]["X"].as_f64().unwrap();
+    let earlier = until("a motion", async || {
+        let x = x_of(&served).await;
+        (x > 5.0).then_some(x)
+    })
+    .await;
+    // far more than what is kept may be behind on a busy computer
+    tokio::time::sleep(Duration::from_secs(2)).await;
+    let later = x_of(&served).await;
+    let begun = std::time::Instant::now();
+    let served = end(served, "KILL", &machine);
+    let farthest = later + 20.0 * begun.elapsed().as_secs_f64();
+    let stands = position(&served, 1).await;
+    let [x, y, z] = ["X", "Y", "Z"].map(|axis| stands["machine"][axis].as_f64().unwrap());
+    assert!(
+        x > earlier && x <= farthest,
+        "{x}: after {earlier}, before {farthest}"
+    );
+    assert!(
+        (y - x / 2.0).abs() < 1e-6 && (z - x / 2.0).abs() < 1e-6,
+        "on the path: {stands}"
+    );
+    assert_eq!(stands["homed"], json!({"X": true, "Y": true, "Z": true}));
+}
+
+#[tokio::test]
+async fn incremental_encoders_are_homed_by_the_reset_after_alarm_208() {
+    let machine = machine_with("encoder = \"incremental\"\nstart_at = 50.0");
+    let mut served = Served::start(&machine);
+    for x in [50.0, 60.0] {
+        let stands = position(&served, 1).await;
+        assert_eq!(
+            (&stands["machine"]["X"], &stands["homed"]["X"]),
+            (&json!(x), &json!(false))
+        );
+        assert_eq!(stands["homed"]["Y"], true);
+        let text = json!({"text": format!("G53 X{}", x + 10.0)});
+        served.post("/cs/1/mdi", &text).await.expect(202);
+        until("alarm 208", async || active(&served, 208).await).await;
+        served.command(1, "reset").await;
+        until("a homed axis", async || {
+            (position(&served, 1).await["homed"]["X"] == true).then_some(())
+        })
+        .await;
+        mdi(&served, 1, &format!("G53 X{}", x + 10.0)).await;
+        assert_eq!(position(&served, 1).await["machine"]["X"], x + 10.0);
+        tokio::time::sleep(Duration::from_millis(500)).await;
+        served = end(served, "KILL", &machine);
+    }
+}
+
+#[tokio::test]
+async fn a_lost_position_is_not_homed_and_never_0_without_a_message() {
+    let machine = machine();
+    let served = Served::start(&machine);
+    mdi(&served, 1, "G53 X70.125").await;
+    let served_again = end(served, "TERM", &machine);
+    drop(end(served_again, "TERM", &machine));
+    let store = place(&machine, "state.redb");
+    let bytes = fs::read(&store).unwrap();
+    let text = b"{\"1\":70.125";
+    let places: Vec<usize> = (0..bytes.len() - text.len())
+        .filter(|at| bytes[*at..].starts_with(text))
+        .collect();
+    assert!(!places.is_empty());
+    for at in places {
+        rot(&store, at + text.len() - 1);
+    }
+    let served = Served::start(&machine);
+    let stands = position(&served, 1).await;
+    assert_eq!(stands["homed"], json!({"X": false, "Y": false, "Z": false}));
+    until("a warning that names it", async || {
+        let text = active(&served, 410).await?;
+        text.contains("where the motors of coordinate system 1 stand")
+            .then_some(())
+    })
+    .await;
+    // a restart before the homing loses it again, and the homing ends that
+    let served = end(served, "TERM", &machine);
+    assert_eq!(position(&served, 1).await["homed"]["X"], false);
+    let text = json!({"text": "G53 X1"});
+    served.post("/cs/1/mdi", &text).await.expect(202);
+    until("alarm 208", async || active(&served, 208).await).await;
+    served.command(1, "reset").await;
+    mdi(&served, 1, "G53 X1").await;
+    let served = end(served, "TERM", &machine);
+    let stands = position(&served, 1).await;
+    assert_eq!(
+        (&stands["machine"]["X"], &stands["homed"]["X"]),
+        (&json!(1.0), &json!(true))
+    );
+}
+
+#[tokio::test]
+async fn an_axis_outside_changed_soft_limits_stands_there_with_a_warning() {
+    let machine = machine();
+    let served = Served::start(&machine);
+    mdi(&served, 1, "G53 X70").await;
+    let mut served = served;
+    served.process.signal("TERM");
+    assert_eq!(served.process.exit_code_within(Duration::from_secs(20)), Some(0));
+    drop(served);
+    let config = fs::read_to_string(machine.config()).unwrap();
+    machine.write(
+        "tandem.toml",
+        &config.replace("[-100.0, 300.0]", "[-100.0, 50.0]"),
+    );
+    let served = Served::start(&machine);
+    assert_eq!(position(&served, 1).await["machine"]["X"], 70.0);
+    let text = text_of_standing(&served, 102).await;
+    assert!(
+        text.contains("axis X stands at 70, outside its soft limits of -100 to 50"),
+        "{text}"
+    );
+}
+
+#[test]
+fn start_at_is_refused_outside_the_soft_limits_and_its_default_is_within_them() {
+    let of = |keys: &str| {
+        let machine = machine_with(keys);
+        let text = fs::read_to_string(machine.config()).unwrap();
+        let text = text.replace("[-100.0, 300.0]", "[10.0, 300.0]");
+        Config::from_toml(&text, machine.folder()).unwrap().resolve()
+    };
+    let refused = of("start_at = 5.0").unwrap_err().to_string();
+    assert!(
+        refused.contains("start_at = 5: write a position within soft_limits, 10 to 300"),
+        "{refused}"
+    );
+    for (keys, at) in [("", 10.0), ("start_at = 20.5", 20.5)] {
+        let machine = of(keys).unwrap();
+        let motor = machine.coordinate_systems[0].settings.motors[0].as_ref().unwrap();
+        assert_eq!(motor.start_at, at);
+    }
+}
