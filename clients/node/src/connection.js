@@ -15,6 +15,11 @@ export const PRESENT_TIMEOUT_MS = 10_000;
 /** Requests that wait for their end; more are refused. */
 export const OUTBOX_MAX = 1_024;
 
+/** Characters of a user name that begins the client id. Reason: a client id has 64 characters at most. */
+const USER_MAX = 46;
+/** What handlers set without naming themselves in the payload. */
+const SET_BY_HANDLERS = /^(cs\/\d+\/(tool|spindle|variable)\/(get|set)|alarm\/raise)$/;
+
 const BACKOFF_FIRST_MS = 100;
 const BACKOFF_MAX_MS = 5_000;
 
@@ -41,6 +46,7 @@ const BACKOFF_MAX_MS = 5_000;
  * A message that is not known to have arrived; it is sent again on each new connection.
  * @typedef {object} Request
  * @property {string} path
+ * @property {string} topic
  * @property {string} payload
  * @property {boolean} retain
  * @property {string | undefined} commandId it ends with the reply to this command
@@ -57,7 +63,10 @@ export class Connection {
   hub = new Hub();
   /** Tells this process from others of the same handler id; the same over all connections. */
   instance = randomBytes(16).toString("hex");
-  clientId = `js-${randomBytes(6).toString("hex")}`;
+  /** It begins with the user, to whom the access rules of a broker tie the topics of a client. */
+  clientId;
+  /** The client that topics name: the user, or else the client id. */
+  #topicId;
   /** Payload of the handler's presence after a loss of the connection. @type {string | null} */
   will = null;
   /** Hears each message of the machine before anybody who follows its topic. @type {(path: string, pattern: string, message: any) => void} */
@@ -90,6 +99,10 @@ export class Connection {
     this.address = parseAddress(address);
     this.handlerId = handlerId;
     this.#options = options;
+    const user = options.user ?? this.address.user;
+    const isNamed = typeof user === "string" && user.length > 0 && user.length <= USER_MAX && !/[/+#\0]/.test(user);
+    this.clientId = `${isNamed ? `${user}-` : ""}js-${randomBytes(6).toString("hex")}`;
+    this.#topicId = isNamed ? user : this.clientId;
     /** @type {Log} */
     this.log = options.log ?? { debug: () => {}, warn: console.warn, error: console.error };
   }
@@ -177,7 +190,11 @@ export class Connection {
     const link = new Link(this.#linkOptions(), (topic, payload, isRetained) => this.#received(topic, payload, isRetained));
     const abandon = () => link.abandon();
     this.stopped.addEventListener("abort", abandon);
-    for (const request of this.#requests) request.isSent = false;
+    for (const request of this.#requests) {
+      request.isSent = false;
+      // the registration of its handler was lost with the connection: it would be refused
+      if (request.resultOf?.kind === "claim") request.reject(new NotConnected("the connection was lost; register, then claim again"));
+    }
     let age;
     try {
       await link.open(host, port);
@@ -336,7 +353,7 @@ export class Connection {
     if (this.stopped.aborted) throw new NotConnected(`${path}: the connection was closed here; nothing was sent`);
     if (this.#requests.size >= OUTBOX_MAX) throw new NotConnected(`${OUTBOX_MAX} requests wait for an answer already; nothing was sent`);
     /** @type {Request} */
-    const request = { path, payload: JSON.stringify(payload), retain, commandId, resultOf, ...NEW };
+    const request = { path, topic: this.#topicOf(path, payload), payload: JSON.stringify(payload), retain, commandId, resultOf, ...NEW };
     const answer = new Promise((resolve, reject) => {
       request.resolve = resolve;
       request.reject = reject;
@@ -357,7 +374,16 @@ export class Connection {
 
   /** Sends a message whose fate does not matter; it is dropped where there is no connection. @param {string} path @param {object} payload */
   post(path, payload, retain = false) {
-    if (this.isConnected) this.#link?.publish(`${this.address.root}/${path}`, JSON.stringify(payload), retain);
+    if (this.isConnected) this.#link?.publish(this.#topicOf(path, payload), JSON.stringify(payload), retain);
+  }
+
+  /** The topic of a request, which names its sender. @param {string} path @param {any} payload */
+  #topicOf(path, payload) {
+    const { root } = this.address;
+    if (/^(handler|client)\//.test(path)) return `${root}/${path}`;
+    const id = this.handlerId;
+    const isOwn = payload.handler_id === undefined ? SET_BY_HANDLERS.test(path) : payload.handler_id === id && payload.force !== true;
+    return id !== null && isOwn ? `${root}/handler/${id}/${path}` : `${root}/client/${this.#topicId}/${path}`;
   }
 
   /** @param {Request} request */
@@ -372,8 +398,8 @@ export class Connection {
     const acknowledged = () => {
       if (request.commandId === undefined && request.resultOf === undefined) request.resolve(undefined);
     };
-    const { path, payload, retain } = request;
-    if (!this.#link.publish(`${this.address.root}/${path}`, payload, retain, acknowledged)) return;
+    const { topic, payload, retain } = request;
+    if (!this.#link.publish(topic, payload, retain, acknowledged)) return;
     request.isSent = true;
     request.wasSent = true;
   }

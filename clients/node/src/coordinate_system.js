@@ -74,9 +74,15 @@ export class CoordinateSystem {
     return this.command("back_trace", { on }, options);
   }
 
-  /** Runs lines of NC text to their end, then READY; 1 h is the limit. @param {string} text @param {CommandOptions} [options] */
-  async mdi(text, options) {
-    return this.command("mdi", { text }, { timeoutMs: MDI_TIMEOUT_MS, ...options });
+  /**
+   * Runs lines of NC text to their end, then READY; 1 h is the limit.
+   * @param {string} text
+   * @param {CommandOptions & {macro?: boolean}} [options] macro: the text is generated; its numbers count in the
+   * configured unit and as positions, and at its end, however it ends, the machine restores the modal state, the feedrate
+   * and the selected offsets that were in force before
+   */
+  async mdi(text, { macro = false, ...options } = {}) {
+    return this.command("mdi", macro ? { text, macro } : { text }, { timeoutMs: MDI_TIMEOUT_MS, ...options });
   }
 
   /** Moves axes to their first reference points, then READY; none named: all. @param {string[]} [axes] @param {CommandOptions} [options] */
@@ -86,10 +92,11 @@ export class CoordinateSystem {
 
   /**
    * Jogs one axis as long as this is called again with the same `refreshId` at least every 200 ms. The first call returns when the jog
-   * has ended, the others at once.
+   * has ended, the others at once. A distance up to `jog_step_max` of `[hmi]` (10 by default) needs one call only. A
+   * `CommandFailed` has the distance covered if the motion ended before it.
    * @param {string} axis its letter @param {number} velocity mm/min or deg/min; the sign is the direction
    * @param {string} refreshId names the jog, 1 to 128 characters
-   * @param {CommandOptions & {distance?: number}} [options] distance: the longest way, mm or degrees; without it, to the soft limit
+   * @param {CommandOptions & {distance?: number}} [options] distance: where it ends, mm or degrees from its start; without it, at the soft limit
    */
   async jog(axis, velocity, refreshId, { distance, ...options } = {}) {
     const way = distance === undefined ? {} : { distance };
@@ -113,7 +120,7 @@ export class CoordinateSystem {
   async command(verb, args = {}, { commandId, timeoutMs = COMMAND_TIMEOUT_MS } = {}) {
     const given = Object.keys(args).length > 0 ? { args } : {};
     const reply = await this.#plc.ask(`cs/${this.number}/command/${verb}`, { ...given, ...this.#fence() }, { commandId, timeoutMs });
-    if (reply.status === "failed") throw new CommandFailed(verb, reply.code, reply.text);
+    if (reply.status === "failed") throw new CommandFailed(verb, reply.code, reply.text, reply.moved);
     return reply;
   }
 

@@ -74,12 +74,14 @@ export class Refused extends TandemError {
 
 /** A command was accepted, but something prevented its effect. */
 export class CommandFailed extends TandemError {
-  /** @param {string} verb @param {string} code @param {string} text */
-  constructor(verb, code, text) {
+  /** @param {string} verb @param {string} code @param {string} text @param {Record<string, number>} [moved] */
+  constructor(verb, code, text, moved = {}) {
     super(`${verb} failed: ${text}`);
     this.verb = verb;
     /** Machine-readable reason. */
     this.code = code;
+    /** Of `jog`, `mdi` and `home`: the distance covered by axis letter, mm or degrees. */
+    this.moved = moved;
   }
 }
 

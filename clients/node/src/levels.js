@@ -117,7 +117,7 @@ export class Levels {
   async #write(key) {
     const wanted = this.#wanted.get(key);
     if (wanted === undefined) return;
-    const owner = this.owner === null ? {} : { handler_id: this.owner };
+    const owner = this.owner === null ? {} : { handler_id: this.owner, instance: this.#connection.instance };
     await this.#connection.request(wanted.topic, { ...wanted.payload, ...owner }, { timeoutMs: TIMEOUT_MS });
   }
 }

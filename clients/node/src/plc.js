@@ -5,6 +5,7 @@ import { CoordinateSystem } from "./coordinate_system.js";
 import { Refused } from "./errors.js";
 import { Io } from "./io.js";
 import { Levels } from "./levels.js";
+import { NOT_AFTER_MS, PersonLevels, personConnection } from "./person.js";
 import { changesOf, numberOf } from "./changes.js";
 
 /** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
@@ -19,7 +20,8 @@ export class Plc {
   levels;
   /** Numbers of the control leases of this connection, by coordinate system. @internal @type {Map<number, number>} */
   fences = new Map();
-  #commands = 0;
+  /** Numbers commands, also those of a person's handle. */
+  #ids = { commands: 0 };
 
   /** @param {Connection} connection */
   constructor(connection) {
@@ -42,6 +44,21 @@ export class Plc {
   /** Ends the connection. */
   async close() {
     await this.connection.stop();
+  }
+
+  /**
+   * A handle for what a person has requested just now: its requests expire 1 s after the newest heartbeat that this connection has
+   * received. The machine then rejects them as `expired`, however long they were under way. Take a new handle for each press of a button.
+   * Sequence programs need none: what a handler does follows from an output. Throws `NotConnected`: no heartbeat has been received.
+   * @param {{withinMs?: number}} [options] at most 60,000
+   */
+  forPerson({ withinMs = NOT_AFTER_MS } = {}) {
+    const connection = personConnection(this.connection, withinMs);
+    const person = new Plc(connection);
+    person.levels = /** @type {any} */ (new PersonLevels(connection));
+    person.fences = this.fences;
+    person.#ids = this.#ids;
+    return person;
   }
 
   /** A coordinate system by its number, from 1. If there is none, each call on it is an error. @param {number} number */
@@ -160,8 +177,8 @@ export class Plc {
    */
   async ask(path, payload, { commandId, timeoutMs = ANSWER_TIMEOUT_MS } = {}) {
     const { clientId } = this.connection;
-    this.#commands += 1;
-    const id = commandId ?? `${clientId}-${this.#commands}`;
+    this.#ids.commands += 1;
+    const id = commandId ?? `${clientId}-${this.#ids.commands}`;
     return this.connection.request(path, { ...payload, command_id: id, client_id: clientId }, { commandId: id, timeoutMs });
   }
 }

@@ -345,7 +345,7 @@ export class Runner {
     /** @type {Running} */
     const running = { output, boot, isAnswering: false, isReclaiming: false, ended: Promise.resolve() };
     this.#running.set(id, running);
-    running.ended = this.#work(running, entry, isClaimed)
+    running.ended = this.#work(running, entry, isClaimed, pending.lost)
       .catch((error) => this.#connection.log.error(`the handler of ${output} could not be ended:`, error))
       .then(() => this.#onEnd(id, cs, output));
   }
@@ -364,11 +364,12 @@ export class Runner {
     }
   }
 
-  /** @param {Running} running @param {Entry} entry @param {boolean} isClaimed */
-  async #work(running, entry, isClaimed) {
+  /** @param {Running} running @param {Entry} entry @param {boolean} isClaimed @param {boolean} isLost */
+  async #work(running, entry, isClaimed, isLost) {
     const { output } = running;
     const { log } = this.#connection;
     if (!isClaimed) {
+      if (isLost) await this.#register();
       const claimed = await this.#untilAnswered(output, "claim", {});
       if (claimed === null || claimed.status !== "accepted" || output.cancelled) {
         log.debug(`${output} is left to others`, claimed);
@@ -427,10 +428,18 @@ export class Runner {
         } else if (error instanceof NotConnected || error instanceof NoAnswer) {
           if (!stopped.aborted) log.warn(`${kind} of ${output}: ${error.message}`);
           await sleep(RETRY_MS, stopped);
+          if (kind === "claim") await this.#register();
         } else throw error;
       }
     }
     return null;
+  }
+
+  /** Registers the handlers again, before a claim: the machine drops the registration when the connection is lost. */
+  async #register() {
+    await this.#connection.request(this.#presencePath, this.#online(), { retain: true }).catch((error) => {
+      if (!(error instanceof NotConnected || error instanceof NoAnswer)) throw error;
+    });
   }
 
   /** Repeats the claim of an output on which a handler still works. @param {Running} running */
@@ -439,6 +448,7 @@ export class Runner {
     running.isReclaiming = true;
     const { output } = running;
     const claim = async () => {
+      await this.#register();
       const claimed = await this.#untilAnswered(output, "claim", {});
       running.isReclaiming = false;
       if (claimed?.status === "accepted") output.tellAgain();

@@ -34,6 +34,7 @@ const OUTPUT = {
 /** @type {Record<string, Form>} */
 const FORMS = {
   presence: { boot_id: "string", online: "boolean", expires_ms: "number?" },
+  heartbeat: { boot_id: "string", cycle: "number" },
   birth: { boot_id: "string", machine: "string", coordinate_systems: new ListOf({ number: "number" }) },
   "alarm/active": { alarms: new ListOf(ALARM) },
   "alarm/event": ALARM,

@@ -37,6 +37,20 @@ test("a broker is not left while nothing waits for it", async () => {
   sound.close();
 });
 
+test("a claim without an answer follows the registration on a new connection", async () => {
+  const claim = "handler/cell/cs/1/m_code/20/claim";
+  const broker = await FakeBroker.open({ acknowledges: true, accepts: true });
+  const serving = await program().serve(`mqtt://${broker.node}/mill-1`, { log });
+  broker.putOut(20);
+  while (!broker.heard.includes(claim)) await delay(10);
+  broker.heard.length = 0;
+  broker.cut();
+  while (!broker.heard.includes(claim)) await delay(10);
+  assert.ok(broker.heard.slice(0, broker.heard.indexOf(claim)).includes("handler/cell/presence"));
+  await serving.close();
+  broker.close();
+});
+
 test("what a missed machine said is read anew when it is heard again", async () => {
   said.length = 0;
   const broker = await FakeBroker.open({ acknowledges: true, accepts: true, expiresMs: 300 });

@@ -70,6 +70,19 @@ export class FakeBroker {
     this.#lines.forEach((line) => this.#say(line, "presence", presence));
   }
 
+  /** Has the machine put out an M code that nobody has claimed. @param {number} m */
+  putOut(m) {
+    const pending = example("cs/{cs}/m_code/pending");
+    const output = { ...pending.outputs[0], m, state: "OUTPUT", handler_id: null, instance: null, progress: null, question: null };
+    const message = { ...pending, outputs: [output] };
+    this.#lines.forEach((line) => this.#say(line, "cs/1/m_code/pending", message));
+  }
+
+  /** Breaks all connections. */
+  cut() {
+    this.#lines.forEach((line) => line.destroy());
+  }
+
   /** @param {import("node:net").Socket} line */
   #serve(line) {
     this.#lines.add(line);

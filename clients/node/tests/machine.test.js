@@ -82,7 +82,7 @@ test("a program with parameters that are not declared is not loaded, and an alar
     await assert.rejects(machine.run("M12 VA50\nM30"), /line 1: E0191 M12 clamp: VA \(force\) is 50 kN; write 1 to 20 kN/);
     await assert.rejects(machine.run("M12\nM30"), /E0191 M12 clamp needs VA \(force, 1 to 20 kN\)/);
     assert.ok((await machine.run("M12 VA5\nM12 VA20 VB2\nM30")).completed);
-    assert.deepEqual((await machine.run("P3 = 50\nM12 VA[P3]\nM30")).alarms, ["M12 clamp: VA (force) is 50 kN; write 1 to 20 kN"]);
+    assert.deepEqual((await machine.run("P3 = 50\nM12 VA[P3]\nM30")).alarms, ["A word's value is out of its range: M12 clamp: VA (force) is 50 kN; write 1 to 20 kN (declared by handler clamp)"]);
     const { serves } = await machine.rest("GET", "/machine");
     const expected = { m: 12, cs: [1], handler_id: "clamp", name: "clamp", params };
     assert.deepEqual(serves.filter((/** @type {any} */ one) => one.handler_id === "clamp"), [expected]);
@@ -344,10 +344,27 @@ test("a refusal says why, and what has failed says so", async () => {
     await assert.rejects(mill.load(999), refused("not_found"));
     await assert.rejects(mill.mdi("G01 X1 F"), refused("program_has_errors"));
     assert.throws(() => plc.cs(7).state, refused("not_found"));
-    const moves = assert.rejects(mill.mdi("G01 X400 F600"), (error) => error instanceof CommandFailed && error.verb === "mdi");
+    const moves = assert.rejects(mill.mdi("G01 X400 F600"), (error) => error instanceof CommandFailed && error.verb === "mdi" && error.code === "stop" && (error.moved.X ?? 0) > 0);
+    const from = mill.position.machine.X;
     await mill.waitUntil("ACTIVE");
+    while (mill.position.machine.X === from) await delay(10);
     await mill.stop();
     await moves;
+  });
+});
+
+test("a step is whole without refresh, and a macro leaves nothing behind", async () => {
+  await connected(async (plc) => {
+    const mill = plc.cs(1);
+    const at = () => mill.position.machine.X ?? NaN;
+    await mill.home();
+    assert.equal((await mill.jog("X", 600, "step-1", { distance: 5 })).status, "done");
+    await assert.rejects(mill.jog("X", 600, "step-2", { distance: 50 }), (error) => error instanceof CommandFailed && error.code === "not_refreshed" && (error.moved.X ?? 0) > 0);
+    await mill.mdi("G90 G01 F6000");
+    await mill.mdi("G91 G01 X1", { macro: true });
+    await mill.mdi("X10");
+    for (let tries = 0; tries < 50 && Math.abs(at() - 10) > 1e-6; tries += 1) await new Promise((resolve) => setTimeout(resolve, 20));
+    assert.ok(Math.abs(at() - 10) < 1e-6, `${at()}`);
   });
 });
 

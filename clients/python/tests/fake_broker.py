@@ -40,6 +40,7 @@ class FakeBroker:
         self.goodbyes = 0
         self.heard: list[str] = []
         """Topics of what has come, below the machine."""
+        self._has_heard = asyncio.Event()
         self.has_come = asyncio.Event()
         """A handler has said that it is there."""
         self.port = 0
@@ -74,6 +75,25 @@ class FakeBroker:
         for line in self._lines:
             self._say(line, "presence", {**example("presence"), "expires_ms": self.expires_ms})
 
+    def put_out(self, m: int) -> None:
+        """Have the machine put out an M code that nobody has claimed."""
+        pending = example("cs/{cs}/m_code/pending")
+        nobody = dict.fromkeys(("handler_id", "instance", "progress", "question"))
+        output = {**pending["outputs"][0], "m": m, "state": "OUTPUT", **nobody}
+        for line in self._lines:
+            self._say(line, "cs/1/m_code/pending", {**pending, "outputs": [output]})
+
+    async def until_heard(self, topic: str) -> None:
+        """Wait until something has come on a topic."""
+        while topic not in self.heard:
+            self._has_heard.clear()
+            await self._has_heard.wait()
+
+    def cut(self) -> None:
+        """Break all connections."""
+        for line in self._lines:
+            line.close()
+
     async def _serve(self, reader: asyncio.StreamReader, line: asyncio.StreamWriter) -> None:
         self._lines.add(line)
         with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
@@ -101,6 +121,7 @@ class FakeBroker:
             end = 2 + int.from_bytes(body[:2], "big")
             topic = body[2:end].decode().removeprefix(MACHINE)
             self.heard.append(topic)
+            self._has_heard.set()
             if self.acknowledges:
                 line.write(bytes([PUBACK, 2]) + body[end : end + 2])
             if topic == "handler/cell/presence":

@@ -15,6 +15,7 @@ from tandem_plc.program import Serving
 InLoop = Callable[[Awaitable[Any]], Any]
 
 PRESENCE = "handler/cell/presence"
+CLAIM = "handler/cell/cs/1/m_code/20/claim"
 SILENCE_MAX_S = 0.5
 
 
@@ -58,6 +59,22 @@ def test_a_broker_is_not_left_while_nothing_waits_for_it(
 
     in_loop(work())
     assert "acknowledged nothing" not in caplog.text
+
+
+def test_a_claim_without_an_answer_follows_the_registration_on_a_new_connection(
+    program: SequenceProgram, in_loop: InLoop
+) -> None:
+    async def work() -> None:
+        broker = FakeBroker(acknowledges=True, accepts=True)
+        async with broker.open(), program.serving(broker.address):
+            broker.put_out(20)
+            await broker.until_heard(CLAIM)
+            broker.heard.clear()
+            broker.cut()
+            await broker.until_heard(CLAIM)
+            assert PRESENCE in broker.heard[: broker.heard.index(CLAIM)]
+
+    in_loop(work())
 
 
 def test_what_a_missed_machine_said_is_read_anew_when_it_is_heard_again(

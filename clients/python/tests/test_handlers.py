@@ -90,7 +90,8 @@ def test_a_program_with_parameters_that_are_not_declared_is_not_loaded(tandem_ma
         # what a variable holds is known only when the block runs
         run = tandem_machine.run("P3 = 50\nM12 VA[P3]\nM30")
         serves = tandem_machine.rest("GET", "/machine")["serves"]
-    assert run.alarms == ["M12 clamp: VA (force) is 50 kN; write 1 to 20 kN"]
+    late = "A word's value is out of its range: M12 clamp: VA (force) is 50 kN; write 1 to 20 kN"
+    assert run.alarms == [f"{late} (declared by handler clamp)"]
     assert seen == [(5.0, None), (20.0, 2.0)]
     told = {
         "A": {"name": "force", "unit": "kN", "min": 1.0, "max": 20.0},

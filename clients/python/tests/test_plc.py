@@ -58,8 +58,32 @@ def test_a_command_that_cannot_have_its_effect_has_failed(tandem_machine: Machin
             moves = asyncio.create_task(plc.cs(1).mdi("G01 X400 F600"))
             await plc.cs(1).wait_until(Execution.ACTIVE)
             await plc.cs(1).stop()
-            with pytest.raises(CommandFailed, match="mdi failed"):
+            with pytest.raises(CommandFailed, match="mdi failed") as failed:
                 await moves
+            assert failed.value.code == "stop"
+            assert 0 < failed.value.moved["X"] < 400
+
+    in_loop(work())
+
+
+def test_a_step_is_whole_without_refresh_and_a_macro_leaves_nothing_behind(
+    tandem_machine: Machine, in_loop: InLoop
+) -> None:
+    async def work() -> None:
+        async with Plc.connect(tandem_machine.mqtt) as plc:
+            mill = plc.cs(1)
+            await mill.home()
+            reply = await mill.jog("X", 600.0, "step-1", distance=5.0)
+            assert (reply.status, reply.moved) == ("done", None)
+            with pytest.raises(CommandFailed) as failed:
+                await mill.jog("X", 600.0, "step-2", distance=50.0)
+            assert failed.value.code == "not_refreshed"
+            covered = failed.value.moved["X"]
+            assert 0 < covered < 50
+            await mill.mdi("G90 G01 F6000")
+            await mill.mdi("G91 G01 X1", macro=True)
+            await mill.mdi("X10")
+            assert tandem_machine.rest("GET", "/cs/1/position")["machine"]["X"] == pytest.approx(10.0)
 
     in_loop(work())
 

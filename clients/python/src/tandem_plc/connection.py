@@ -7,6 +7,7 @@ import contextlib
 import json
 import logging
 import random
+import re
 import secrets
 import ssl
 from collections.abc import Callable
@@ -33,6 +34,10 @@ LOOK_AT_AGE_S = 1.0
 OUTBOX_MAX = 1_024
 """Requests that wait for their end; more are refused."""
 
+USER_MAX = 46
+"""Characters of a user name that begins the client id: a client id has 64 characters at most."""
+_SET_BY_HANDLERS = re.compile(r"cs/\d+/(tool|spindle|variable)/(get|set)|alarm/raise")
+"""What handlers set without naming themselves in the payload."""
 _BACKOFF_FIRST_S = 0.1
 _BACKOFF_MAX_S = 5.0
 
@@ -42,6 +47,7 @@ class Request:
     """A message that is not known to have arrived; it is sent again on each new connection."""
 
     path: str
+    topic: str
     payload: str
     done: asyncio.Future[Any]
     retain: bool = False
@@ -70,7 +76,12 @@ class Connection:
 
     def __init__(self, address: str, credentials: Credentials | None = None, handler_id: str | None = None) -> None:
         self.address = Address.parse(address)
-        self.client_id = f"py-{secrets.token_hex(6)}"
+        user = (credentials.user if credentials is not None else None) or self.address.user
+        is_named = bool(user) and len(user or "") <= USER_MAX and not set(user or "") & set("/+#\0")
+        name = f"py-{secrets.token_hex(6)}"
+        self.client_id = f"{user}-{name}" if is_named else name
+        """It begins with the user, to whom the access rules of a broker tie the topics of a client."""
+        self._topic_id = str(user) if is_named else self.client_id
         self.hub = Hub()
         self.handler_id = handler_id
         self.instance = secrets.token_hex(16)
@@ -172,9 +183,12 @@ class Connection:
 
     async def _one_connection(self, host: str, port: int) -> bool:
         link = Link(self._options(), self._received, self._acknowledged)
-        for request in self._requests:
-            request.is_sent = False
         self._by_packet.clear()
+        for request in list(self._requests):
+            request.is_sent = False
+            if request.result_of is not None and request.result_of[-1] == "claim":
+                # the registration of its handler was lost with the connection: it would be refused
+                self._end(request, error=NotConnected("the connection was lost; register, then claim again"))
         is_open = False
         try:
             await link.open(host, port)
@@ -352,7 +366,8 @@ class Connection:
             raise NotConnected(f"{OUTBOX_MAX} requests wait for an answer already; nothing was sent")
         done: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
-        request = Request(path, text, done, retain=retain, command_id=command_id, result_of=result_of)
+        topic = self._topic_of(path, payload)
+        request = Request(path, topic, text, done, retain=retain, command_id=command_id, result_of=result_of)
         self._requests.append(request)
         self._send(request)
         try:
@@ -370,7 +385,21 @@ class Connection:
         """Send a message whose fate does not matter; it is dropped where there is no connection."""
         if self._link is not None and self._is_present:
             text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
-            self._link.publish(f"{self.address.root}/{path}", text, retain=retain)
+            self._link.publish(self._topic_of(path, payload), text, retain=retain)
+
+    def _topic_of(self, path: str, payload: dict[str, Any]) -> str:
+        """Return the topic of a request, which names its sender."""
+        root = self.address.root
+        if path.startswith(("handler/", "client/")):
+            return f"{root}/{path}"
+        named = payload.get("handler_id")
+        if named is None:
+            is_own = _SET_BY_HANDLERS.fullmatch(path) is not None
+        else:
+            is_own = named == self.handler_id and payload.get("force") is not True
+        if self.handler_id is not None and is_own:
+            return f"{root}/handler/{self.handler_id}/{path}"
+        return f"{root}/client/{self._topic_id}/{path}"
 
     def _send_all(self) -> None:
         for request in list(self._requests):
@@ -385,7 +414,7 @@ class Connection:
             if request.boot_id is not None and request.boot_id != boot_id:
                 return  # another boot would not know the id, and carry it out a second time
             request.boot_id = boot_id
-        packet = link.publish(f"{self.address.root}/{request.path}", request.payload, retain=request.retain)
+        packet = link.publish(request.topic, request.payload, retain=request.retain)
         if packet is not None:
             request.is_sent = request.was_sent = True
             self._by_packet[packet] = request

@@ -80,9 +80,21 @@ class CoordinateSystem:
         """Move back along the passed path in a feed hold with G500, or forward again."""
         return await self.command("back_trace", {"on": on}, command_id=command_id)
 
-    async def mdi(self, text: str, *, timeout_s: float = 3600.0, command_id: str | None = None) -> CommandReply:
-        """Run lines of NC text to their end, then READY."""
-        return await self.command("mdi", {"text": text}, command_id=command_id, timeout_s=timeout_s)
+    async def mdi(
+        self, text: str, *, macro: bool = False, timeout_s: float = 3600.0, command_id: str | None = None
+    ) -> CommandReply:
+        """Run lines of NC text to their end, then READY.
+
+        Args:
+            text: one or several lines.
+            macro: the text is generated: its numbers count in the configured unit and as positions. At its end, however
+                it ends, the machine restores the modal state, the feedrate and the selected offsets that were in force
+                before.
+            timeout_s: how long it may take.
+            command_id: names the command.
+        """
+        args: dict[str, Any] = {"text": text, "macro": True} if macro else {"text": text}
+        return await self.command("mdi", args, command_id=command_id, timeout_s=timeout_s)
 
     async def home(
         self, axes: Sequence[str] = (), *, timeout_s: float = 600.0, command_id: str | None = None
@@ -103,13 +115,15 @@ class CoordinateSystem:
     ) -> CommandReply:
         """Jog one axis as long as this is called again with the same ``refresh_id`` at least every 200 ms.
 
-        The first call returns when the jog has ended, the others at once.
+        The first call returns when the jog has ended, the others at once. A distance up to ``jog_step_max`` of
+        ``[hmi]`` (10 by default) needs one call only. ``CommandFailed`` has the distance covered if the motion ended
+        before it.
 
         Args:
             axis: its letter.
             velocity: mm/min or deg/min; the sign is the direction.
             refresh_id: names the jog, 1 to 128 characters.
-            distance: the longest way, mm or degrees; ``None``: to the soft limit.
+            distance: where it ends, mm or degrees from its start; ``None``: at the soft limit.
             timeout_s: how long it may take.
             command_id: names the command.
         """
@@ -142,7 +156,7 @@ class CoordinateSystem:
         path = f"cs/{self.number}/command/{verb}"
         reply = await self._plc._ask(path, payload, command_id=command_id, timeout_s=timeout_s)
         if reply.status == "failed":
-            raise CommandFailed(verb, reply.code, reply.text)
+            raise CommandFailed(verb, reply.code, reply.text, reply.moved)
         return reply
 
     async def run(self, program: int | None = None, *, parts: int = 1) -> Run:

@@ -83,13 +83,15 @@ class Refused(TandemError):
 class CommandFailed(TandemError):
     """A command was accepted, but something prevented its effect."""
 
-    def __init__(self, verb: str, code: str, text: str) -> None:
+    def __init__(self, verb: str, code: str, text: str, moved: dict[str, float] | None = None) -> None:
         super().__init__(f"{verb} failed: {text}")
         self.verb = verb
         self.code = code
         """Machine-readable reason."""
         self.text = text
         """What prevented it."""
+        self.moved = moved or {}
+        """Of ``jog``, ``mdi`` and ``home``: the distance covered by axis letter, mm or degrees."""
 
 
 class NoAnswer(TandemError):

@@ -111,5 +111,5 @@ class Levels:
     async def _write(self, place: Place) -> None:
         payload = dict(self._wanted[place])
         if self.owner is not None:
-            payload["handler_id"] = self.owner
+            payload.update(handler_id=self.owner, instance=self._connection.instance)
         await self._connection.request(place[0], payload, timeout_s=_TIMEOUT_S)

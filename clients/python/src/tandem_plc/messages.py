@@ -287,6 +287,8 @@ class CommandReply:
     lease: Lease | None = None
     run_id: str | None = None
     """The run that was begun."""
+    moved: dict[str, float] | None = None
+    """Of a ``jog``, ``mdi`` or ``home`` that failed: the distance covered by axis letter, mm or degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -299,6 +301,14 @@ class Presence:
     started_at: str
     expires_ms: int | None = None
     """It is published again at a third of this time; ``None``: it is not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heartbeat:
+    """Published 10 times per second while the servo runs."""
+
+    boot_id: str
+    cycle: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,8 +329,10 @@ class IoDeclaration:
 
     kind: str
     """``bool`` or ``number``."""
-    on_loss: bool | float
-    """The safe value: at a start, and while its owner is not there."""
+    on_loss: bool | float | str
+    """The value once its owner is lost: a safe value, which is also that of a start, or ``keep``."""
+    at_start: bool | float | str | None = None
+    """With ``keep``: the value at a start, or ``last``, the value that was written last before the start."""
     text: str = ""
     """What it is, for people; empty: its name says it."""
     unit: str | None = None
@@ -354,13 +366,15 @@ class IoState:
     value: bool | float
     """What counts: the forced value, else what was written."""
     written: bool | float
-    """What was written last; the safe value at a start, and while its owner is not there."""
+    """What was written last; the value of a start until then, and ``on_loss`` once its owner is lost."""
     owner: str | None
     """The handler that writes it, which alone does; ``None``: no handler does."""
     forced: IoForced | None
     """An operator has put a value in the place of the written one."""
     lost: bool = False
-    """Its owner is not there."""
+    """Its owner is lost: the value is that of ``on_loss``."""
+    unknown: bool = False
+    """The value that was written last before the start is damaged; ``True`` until it is written or forced."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 from .changes import changes
 from .connection import ANSWER_TIMEOUT_S, PRESENT_TIMEOUT_S, Connection, Credentials
@@ -14,6 +15,7 @@ from .errors import Alarm, Refused
 from .io import Io
 from .levels import Levels
 from .messages import AlarmRecord, Birth, CommandReply, Presence, ToolData
+from .person import NOT_AFTER_S, PersonConnection, PersonLevels
 
 
 class Plc:
@@ -49,6 +51,22 @@ class Plc:
     async def close(self) -> None:
         """End the connection."""
         await self._connection.stop()
+
+    def for_person(self, *, within_s: float = NOT_AFTER_S) -> Plc:
+        """Give a handle for what a person has requested just now.
+
+        Its requests expire ``within_s`` after the newest heartbeat that this connection has received: the machine then
+        rejects them as ``expired``, however long they were under way. Take a new handle for each press of a button.
+        Sequence programs need none: what a handler does follows from an output.
+
+        Raises:
+            NotConnected: no heartbeat of the machine has been received.
+        """
+        person = copy.copy(self)
+        connection = PersonConnection(self._connection, within_s)
+        person._connection = cast(Connection, connection)
+        person._levels = cast(Levels, PersonLevels(connection))
+        return person
 
     def cs(self, number: int) -> CoordinateSystem:
         """Give a coordinate system by its number, from 1. If there is none, each call on it is an error."""

@@ -403,7 +403,8 @@ class Runner:
         self._note_begun(id_)
         output = Output(self._connection, self._identity, id_[0], id_[1], pending, redelivered=how is Redelivery.VERIFY)
         running = self._running[id_] = _Running(output)
-        running.task = asyncio.create_task(self._work(running, entry, is_claimed=is_claimed), name=repr(output))
+        work = self._work(running, entry, is_claimed=is_claimed, is_lost=pending.lost)
+        running.task = asyncio.create_task(work, name=repr(output))
         running.task.add_done_callback(lambda task: self._on_end(id_, task))
 
     def _on_end(self, id_: OutputId, task: asyncio.Task[None]) -> None:
@@ -420,9 +421,11 @@ class Runner:
             if is_meant(id_):
                 running.cancel(reason)
 
-    async def _work(self, running: _Running, entry: Entry, *, is_claimed: bool) -> None:
+    async def _work(self, running: _Running, entry: Entry, *, is_claimed: bool, is_lost: bool) -> None:
         output = running.output
         if not is_claimed:
+            if is_lost:
+                await self._register()
             claimed = await self._until_answered(output, "claim", {})
             if claimed is None or claimed.status != "accepted":
                 log.debug("%r is left to others: %s", output, claimed)
@@ -473,6 +476,8 @@ class Runner:
             except (NotConnected, NoAnswer) as error:
                 log.warning("%s of %r: %s", kind, output, error)
                 await asyncio.sleep(_RETRY_S)
+                if kind == "claim":
+                    await self._register()
             except Refused as error:
                 tries += 1
                 if "unknown field `instance`" in error.text and tries < _INSTANCE_TRIES:
@@ -484,6 +489,11 @@ class Runner:
             else:
                 return result
 
+    async def _register(self) -> None:
+        """Register the handlers again before a claim: a lost connection ends their registration."""
+        with contextlib.suppress(NotConnected, NoAnswer):
+            await self._connection.request(self._presence_path(), self._online(), retain=True)
+
     def _reclaim(self, running: _Running) -> None:
         """Repeat the claim of an output on which a handler still works."""
         if running.is_reclaiming:
@@ -491,6 +501,7 @@ class Runner:
         running.is_reclaiming = True
 
         async def claim() -> None:
+            await self._register()
             claimed = await self._until_answered(running.output, "claim", {})
             running.is_reclaiming = False
             if claimed is not None and claimed.status == "accepted":

@@ -14,6 +14,7 @@ from .messages import (
     HandlerPresence,
     HandlerResult,
     HandshakeResult,
+    Heartbeat,
     IoState,
     Lock,
     OptionalSkip,
@@ -33,6 +34,7 @@ from .messages import (
 _FORMS: dict[str, Any] = {
     "presence": Presence,
     "birth": Birth,
+    "heartbeat": Heartbeat,
     "alarm/active": ActiveAlarms,
     "alarm/event": AlarmRecord,
     "handler/+/presence": HandlerPresence,
