@@ -32,7 +32,7 @@ export function diagnosticsOf(error) {
  * @param {Record<string, string>} [headers] @param {number} [timeoutMs] @param {boolean} [keepalive]
  */
 function request(method, path, body, headers, timeoutMs, keepalive) {
-  return machine.request(method, path, { body, headers, timeoutMs, keepalive });
+  return machine.request(method, path, { body, headers, keepalive, ...(timeoutMs !== undefined && { timeoutMs }) });
 }
 
 /** @param {number} cs @param {"p" | "q"} kind */
@@ -49,9 +49,15 @@ export const api = {
   /**
    * Commands a coordinate system under the screen's own control lease, and waits until it is done.
    * @param {number} cs @param {import("./types.d.ts").Verb} verb @param {object} [args] @param {import("./tandem.js").Expected} [expect]
+   * @param {() => void} [onAccepted]
    */
-  command(cs, verb, args = {}, expect = {}) {
-    return machine.command(cs, verb, args, { expect, fence: ownFence(cs) });
+  command(cs, verb, args = {}, expect = {}, onAccepted = () => {}) {
+    return machine.command(cs, verb, args, { expect, fence: ownFence(cs), onAccepted });
+  },
+
+  /** Accepts or refuses stored files that do not fit together. @param {"accept" | "refuse"} decision */
+  async answerStoredData(decision) {
+    await request("POST", "/stored_data/answer", { decision });
   },
 
   /** Orders a run of one part or more. @param {number} cs @param {number} program @param {number} parts */
@@ -74,9 +80,9 @@ export const api = {
     return (await request("POST", `/cs/${cs}/line_state`, from)).json();
   },
 
-  /** Begins or refreshes a jog; the answer says whether it is allowed. @param {number} cs @param {object} args */
-  async jog(cs, args) {
-    await request("POST", `/cs/${cs}/jog`, args, underLease(cs), JOG_TIMEOUT_MS);
+  /** Begins or refreshes a jog; the answer says whether it is allowed. @param {number} cs @param {object} args @param {string} [id] of the command, for {@link api.reply} */
+  async jog(cs, args, id) {
+    await request("POST", `/cs/${cs}/jog`, args, { ...underLease(cs), ...(id !== undefined && { "Idempotency-Key": id }) }, JOG_TIMEOUT_MS);
   },
 
   /**
@@ -84,7 +90,8 @@ export const api = {
    * @param {number} cs @param {string} axis @param {string} refresh_id
    */
   async endJog(cs, axis, refresh_id) {
-    await request("POST", `/cs/${cs}/jog`, { axis, refresh_id, end: true }, underLease(cs), JOG_TIMEOUT_MS, true).catch(() => {});
+    const asked = { body: { axis, refresh_id, end: true }, headers: underLease(cs), timeoutMs: JOG_TIMEOUT_MS, keepalive: true, notAfter: null };
+    await machine.request("POST", `/cs/${cs}/jog`, asked).catch(() => {});
   },
 
   /** Takes the control lease, or renews the own one. @param {number} cs */

@@ -15,10 +15,14 @@ export function openDialog(name, title, children, closed = () => {}) {
   const before = document.activeElement;
   const id = `${name}-title`;
   const dialog = h("dialog", { class: `dialog ${name}`, "aria-labelledby": id }, h("h2", { id }, title), ...children);
-  dialog.addEventListener("keydown", (event) => {
-    if (event.key === "Escape" && !event.defaultPrevented) dialog.close("");
-  });
+  // what had the focus may be replaced while the dialog is open: the page has it then
+  const onKey = (/** @type {KeyboardEvent} */ event) => {
+    const isHere = event.target === document.body || (event.target instanceof Node && dialog.contains(event.target));
+    if (event.key === "Escape" && isHere && !event.defaultPrevented) dialog.close("");
+  };
+  document.addEventListener("keydown", onKey);
   dialog.addEventListener("close", () => {
+    document.removeEventListener("keydown", onKey);
     dialog.remove();
     if (before instanceof HTMLElement) before.focus();
     closed(dialog.returnValue);

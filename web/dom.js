@@ -7,7 +7,7 @@
 
 /**
  * An HTML element. Functions are event listeners, with names such as `onclick`; all other props are attributes, left out
- * if false, null or undefined.
+ * if false, null or undefined. While a promise of `onclick` is not settled, the element is shown as pending.
  * @template {keyof HTMLElementTagNameMap} K
  * @param {K} tag
  * @param {Props} [props]
@@ -17,13 +17,26 @@
 export function h(tag, props = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(props)) {
-    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    if (name === "onclick" && typeof value === "function") element.addEventListener("click", (event) => showPending(element, value(event)));
+    else if (typeof value === "function") element.addEventListener(name.slice(2), value);
     else if (value !== false && value !== null && value !== undefined) {
       element.setAttribute(name, value === true ? "" : String(value));
     }
   }
   append(element, children);
   return element;
+}
+
+/** Shows an element as pending until a promise is settled. @param {HTMLElement} element @param {unknown} work */
+export function showPending(element, work) {
+  if (!(work instanceof Promise)) return;
+  setAttr(element, "data-pending", true);
+  setAttr(element, "aria-busy", "true");
+  const end = () => {
+    setAttr(element, "data-pending", null);
+    setAttr(element, "aria-busy", null);
+  };
+  void work.then(end, end);
 }
 
 /**
@@ -46,8 +59,36 @@ function append(element, children) {
  * @param {...Child} children
  */
 export function fill(element, ...children) {
-  element.replaceChildren();
+  remove(() => element.replaceChildren());
   append(element, children);
+}
+
+let isRemoving = false;
+
+/** @param {() => void} work */
+function remove(work) {
+  isRemoving = true;
+  try {
+    work();
+  } finally {
+    isRemoving = false;
+  }
+}
+
+/** True while elements are removed: a field that the browser says has changed was then not left by a person. */
+export function isRemoved() {
+  return isRemoving;
+}
+
+/**
+ * Makes these the children of an element. Those that stay in their order are not touched, so that the focus and what is typed stay.
+ * @param {Element} element @param {...Element} children
+ */
+export function arrange(element, ...children) {
+  const wanted = new Set(children);
+  const others = [...element.children].filter((child) => !wanted.has(child));
+  remove(() => others.forEach((child) => child.remove()));
+  for (const [at, child] of children.entries()) if (element.children[at] !== child) element.insertBefore(child, element.children[at] ?? null);
 }
 
 /**

@@ -3,7 +3,7 @@
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
 import { t } from "./language.js";
-import { ioOf, nameOf, valueText } from "./plant.js";
+import { ioOf, nameOf, pointsOf, valueText } from "./plant.js";
 
 /** @typedef {import("./plant.js").Point} Point */
 
@@ -30,7 +30,10 @@ function number(app, point, force) {
   const now = ioOf(app.model, point)?.value;
   const field = h("input", { type: "number", class: "input value", step: "any", min: declared.min, max: declared.max, value: typeof now === "number" ? now : 0, "aria-label": t("plant.value") });
   const onclick = () => {
-    if (field.reportValidity() && Number.isFinite(field.valueAsNumber)) force(field.valueAsNumber);
+    if (!field.reportValidity() || !Number.isFinite(field.valueAsNumber)) return;
+    const unit = pointsOf(app.model).find(({ topic }) => topic === point.topic)?.declared.unit;
+    if (unit === declared.unit) return force(field.valueAsNumber);
+    app.toast(t("values.discarded", { field: nameOf(point), typed: field.value, before: declared.unit ?? "", unit: unit ?? "–" }), "error");
   };
   return [h("label", { class: "row" }, field, declared.unit ?? ""), button({ class: "button danger", onclick }, t("plant.force"))];
 }

@@ -12,7 +12,7 @@ import { startTheme } from "./theme.js";
 import { startTouch } from "./touch.js";
 
 /** Interval at which running times are shown, ms. */
-const TICK_MS = 500;
+const TICK_MS = 250;
 
 const list = h("div", { class: "machine-tiles" });
 const typed = h("input", { type: "text", class: "input grow", inputmode: "url", autocomplete: "url", autocapitalize: "none", spellcheck: "false", "aria-label": t("machines.address"), placeholder: t("machines.address") });

@@ -25,10 +25,12 @@ import { tellWhyNot } from "./why_not.js";
  * @property {Model} model
  * @property {typeof api} api
  * @property {typeof confirm} confirm
- * @property {(text: string, tone?: "info" | "error") => void} toast
+ * @property {(text: string, tone?: "info" | "error", kind?: string) => void} toast takes the place of a notice of the same kind
  * @property {(work: () => Promise<unknown>) => Promise<boolean>} attempt does it; a refusal is shown, and returns false
- * @property {(verb: import("./types.d.ts").Verb, args?: object) => void} command commands the selected coordinate system
- * @property {(verb: "start" | "resume") => void} go the same of what begins a run or lets it go on: only if the state is the one on the screen
+ * @property {(command: (onAccepted: () => void) => Promise<unknown>) => Promise<void>} accepted attempts a command, and waits until it is accepted or refused
+ * @property {(verb: import("./types.d.ts").Verb, args?: object) => Promise<void>} command commands the selected coordinate system, until it is accepted or refused
+ * @property {(verb: import("./types.d.ts").Verb, args: object, onAccepted: () => void) => Promise<void>} commandAsSeen commands the selected coordinate system only if its state is the one on the screen
+ * @property {(verb: "start" | "resume") => Promise<void>} go the same of what begins a run or lets it go on: only if the state is the one on the screen
  * @property {(cs: number, program: number) => Promise<void>} load
  * @property {Jogger} jogger
  * @property {Alerts} alerts
@@ -48,7 +50,7 @@ import { tellWhyNot } from "./why_not.js";
  */
 
 /** Interval at which running times are shown, ms. */
-const TICK_MS = 500;
+const TICK_MS = 250;
 
 /** What the refusal of a command says that was meant for another state. */
 const MOVED_ON = t("main.the_state_has_changed_since");
@@ -62,7 +64,7 @@ const app = {
   model,
   api,
   confirm,
-  toast: (text, tone) => toasts.show(text, tone),
+  toast: (text, tone, kind) => toasts.show(text, tone, kind),
   async attempt(work) {
     try {
       await work();
@@ -73,21 +75,27 @@ const app = {
       return false;
     }
   },
+  accepted(command) {
+    return new Promise((resolve) => {
+      void app.attempt(() => command(resolve)).finally(() => resolve());
+    });
+  },
   command(verb, args) {
     const cs = model.selected;
-    void app.attempt(() => api.command(cs, verb, args));
+    return app.accepted((onAccepted) => api.command(cs, verb, args, {}, onAccepted));
   },
-  go(verb) {
+  async commandAsSeen(verb, args, onAccepted) {
     const { selected: cs, bootId: boot_id } = model;
     const state_rev = model.current?.state?.rev;
-    void app.attempt(async () => {
-      try {
-        await api.command(cs, verb, {}, { boot_id, state_rev });
-      } catch (error) {
-        if (error instanceof Refusal && error.problem.code === "precondition_failed") throw new Refusal(MOVED_ON, error.problem);
-        throw error;
-      }
-    });
+    try {
+      await api.command(cs, verb, args, { boot_id, state_rev }, onAccepted);
+    } catch (error) {
+      if (error instanceof Refusal && error.problem.code === "precondition_failed") throw new Refusal(MOVED_ON, error.problem);
+      throw error;
+    }
+  },
+  go(verb) {
+    return app.accepted((onAccepted) => app.commandAsSeen(verb, {}, onAccepted));
   },
   async load(cs, program) {
     const { text = "", hash = null } = await api.command(cs, "load", { program });
@@ -217,6 +225,7 @@ const { shown, screen, heading } = build();
 function render() {
   framePending = false;
   setAttr(document.body, "data-online", String(model.online));
+  setAttr(document.body, "data-stale", model.staleMs > 0);
   setAttr(document.body, "data-far", model.far);
   setAttr(screen, "aria-labelledby", `tab-${model.selected}`);
   setText(heading, t("main.machine", { machine: model.birth?.machine ?? "" }).trim());

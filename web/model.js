@@ -3,7 +3,7 @@
 import { Trail } from "./trail.js";
 
 /** Topics of the machine as a whole. */
-export const MACHINE_TOPICS = ["presence", "birth", "alarm/active", "io/#", "variables", "tools"];
+export const MACHINE_TOPICS = ["presence", "birth", "alarm/active", "io/#", "variables", "tools", "stored_data", "heartbeat"];
 
 /** Topics of a coordinate system that the screen shows, with the field that keeps them. */
 const CS_TOPICS = /** @type {const} */ ({
@@ -21,6 +21,7 @@ const CS_TOPICS = /** @type {const} */ ({
   "lease/state": "lease",
   run: "runState",
   time_left: "timeLeft",
+  start_conditions: "startConditions",
   variables: "variables",
   work_offsets: "workOffsets",
 });
@@ -36,7 +37,8 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").PendingMessage | null} pending
  * @property {import("./types.d.ts").OptionalSkipMessage | null} optionalSkip
  * @property {import("./types.d.ts").RunStateMessage | null} runState
- * @property {{left_s: number | null, progress: number | null} | null} timeLeft
+ * @property {Pick<import("./types.d.ts").TimeLeftMessage, "run_id" | "left_s" | "progress"> | null} timeLeft
+ * @property {Pick<import("./types.d.ts").StartConditionsMessage, "obstacles"> | null} startConditions what prevents a start
  * @property {import("./types.d.ts").SwitchMessage | null} optionalStop
  * @property {import("./types.d.ts").SwitchMessage | null} singleBlock
  * @property {import("./types.d.ts").LockMessage | null} interlock
@@ -50,8 +52,13 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {Trail} trail
  */
 
+/** Without a heartbeat for so long, which comes 10 times a second, what is shown is stale, ms: with the time between two looks, less than a second. */
+export const STALE_MS = 700;
+
 export class Model {
   online = false;
+  /** When the last heartbeat came, on the clock of `performance`; null: none has. @type {number | null} */
+  #beatAt = null;
   /** @type {number | null} when the next try to connect is, ms of the local clock */
   retryAt = null;
   /** @type {string | null} */
@@ -66,6 +73,8 @@ export class Model {
   io = new Map();
   /** P variables that the machine publishes. @type {import("./types.d.ts").PublishedVariablesMessage | null} */
   variables = null;
+  /** Whether the stored files fit together. @type {import("./types.d.ts").StoredDataMessage | null} */
+  storedData = null;
   /** The tool table. @type {import("./types.d.ts").ToolTableMessage | null} */
   tools = null;
   /** @type {Map<number, CoordinateSystem>} */
@@ -107,18 +116,27 @@ export class Model {
   take(topic, message) {
     const restarted = this.#boot(message.boot_id);
     this.#hearClock(message.ts);
-    if (topic === "birth") this.#takeBirth(message);
+    if (topic === "heartbeat") this.#beatAt = performance.now();
+    else if (topic === "birth") this.#takeBirth(message);
     else if (topic === "presence") this.presence = message;
     else if (topic === "alarm/active") this.alarms = message.alarms ?? [];
     else if (topic === "variables") this.variables = message;
     else if (topic === "tools") this.tools = message;
+    else if (topic === "stored_data") this.storedData = message;
     else if (topic.startsWith("io/")) this.io.set(topic, message);
     else this.#takeCs(topic, message);
     return restarted;
   }
 
+  /** How old what is shown is, ms; 0: it is of now, or the connection is lost, which is told otherwise. */
+  get staleMs() {
+    const ageMs = this.online && this.#beatAt !== null ? performance.now() - this.#beatAt : 0;
+    return ageMs > STALE_MS ? ageMs : 0;
+  }
+
   /** Forgets the comparison of clocks: after a pause of the computer they may differ by another amount. */
   disconnected() {
+    this.#beatAt = null;
     this.#clockAheadMs = Number.POSITIVE_INFINITY;
   }
 
@@ -155,7 +173,10 @@ export class Model {
 
   /** @param {import("./types.d.ts").BirthMessage} birth */
   #takeBirth(birth) {
-    this.birth = birth;
+    // the name of an M code outlives the handler that declared it: it is needed most when that handler is lost
+    const serves = birth.serves ?? [];
+    const before = (this.birth?.boot_id === birth.boot_id && this.birth.serves) || [];
+    this.birth = { ...birth, serves: [...serves, ...before.filter((old) => !serves.some((now) => now.m === old.m && now.cs.join() === old.cs.join()))] };
     const known = this.systems;
     this.systems = new Map();
     for (const info of birth.coordinate_systems) {

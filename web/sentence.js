@@ -4,6 +4,7 @@ import { alarmWords } from "./alarm_words.js";
 import { declared, inWords } from "./declared.js";
 import { duration, programName, rounded } from "./format.js";
 import { listed, sentences, t } from "./language.js";
+import { obstacleWords, startObstacles } from "./start_conditions.js";
 
 /**
  * How a state is shown.
@@ -74,7 +75,7 @@ const STATES = {
 /** What holds and ends a run. @type {Record<string, import("./language.js").Key>} */
 const REASONS = {
   HOLD: "reason.HOLD", HANDLER_LOST: "reason.HANDLER_LOST", SINGLE_BLOCK: "reason.SINGLE_BLOCK", INTERLOCK: "reason.INTERLOCK", BUS_LOST: "reason.BUS_LOST", SERVO_LATE: "reason.SERVO_LATE",
-  CLIENT_LOST: "reason.CLIENT_LOST", BACK_TRACE: "reason.BACK_TRACE", BACK_TRACE_END: "reason.BACK_TRACE_END", ALARM: "reason.ALARM", STOP: "reason.STOP", ABORTED: "reason.ABORTED",
+  CLIENT_LOST: "reason.CLIENT_LOST", BACK_TRACE: "reason.BACK_TRACE", BACK_TRACE_END: "reason.BACK_TRACE_END", OVERRIDE_ZERO: "reason.OVERRIDE_ZERO", ALARM: "reason.ALARM", STOP: "reason.STOP", ABORTED: "reason.ABORTED",
   NO_PROGRAM: "reason.NO_PROGRAM", RESTARTED: "reason.RESTARTED",
 };
 
@@ -114,12 +115,13 @@ export function sentence(system, alarms, ageMs, birth = null) {
   const program = programName(state.program);
   switch (state.execution) {
     case "READY":
-      return state.program === null
-        ? t("sentence.ready_to_move_by_hand")
-        : t("sentence.program_is_loaded_and_at", { program });
+      if (state.program === null) return t("sentence.ready_to_move_by_hand");
+      return prevented(system, t("sentence.program_is_loaded", { program })) ?? t("sentence.program_is_loaded_and_at", { program });
     case "ACTIVE":
+      if (state.reason === "OVERRIDE_ZERO" && state.run_kind !== "program") return t("sentence.override_zero_by_hand");
       if (state.run_kind && state.run_kind !== "program") return byHand(system, state.run_kind);
       if (state.reason === "BACK_TRACE") return t("sentence.goes_back_along_its_path", { line: place?.line ?? "?" });
+      if (state.reason === "OVERRIDE_ZERO") return t("sentence.override_zero", { program });
       return place?.line ? t("sentence.program_runs_line", { program: programName(place.number), line: place.line }) : t("sentence.program_runs", { program });
     case "WAIT":
       return waiting(system, ageMs, birth);
@@ -140,12 +142,21 @@ export function sentence(system, alarms, ageMs, birth = null) {
         ? t("sentence.single_block_the_block_is")
         : interlocked(system.interlock);
     case "PROGRAM_COMPLETED":
-      return t("sentence.program_is_complete_press_start", { program });
+      return prevented(system, t("sentence.program_is_complete", { program })) ?? t("sentence.program_is_complete_press_start", { program });
     case "STOPPED":
       return stopped(system, alarms);
     default:
       return "";
   }
+}
+
+/**
+ * What is to be removed before a start; null: nothing is.
+ * @param {import("./model.js").CoordinateSystem} system @param {string} where what the program is like
+ */
+function prevented(system, where) {
+  const [first] = startObstacles(system);
+  return first ? sentences(where, brief(obstacleWords(first, system))) : null;
 }
 
 /** What moves without a program. @param {import("./model.js").CoordinateSystem} system @param {"mdi" | "home" | "jog"} kind */

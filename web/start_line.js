@@ -5,6 +5,7 @@ import { button, fill, h, setAttr } from "./dom.js";
 import { openDialog } from "./dialog.js";
 import { params, plain, position, programName } from "./format.js";
 import { listed, t } from "./language.js";
+import { lengthScale, scaleOf, unitOf } from "./units.js";
 import { disableFor, whyNot } from "./why_not.js";
 
 /** @typedef {import("./api.js").LineStart} LineStart */
@@ -58,7 +59,7 @@ export function openLineStart(app, { line, program }) {
     try {
       const state = await app.api.lineState(cs, from);
       if (number !== asked) return;
-      fill(found, ...tables(state));
+      fill(found, ...tables(state, model));
       disableFor(start, whyNot(app.model, "start"));
     } catch (error) {
       if (number !== asked) return;
@@ -86,17 +87,22 @@ export function openLineStart(app, { line, program }) {
   void ask();
 }
 
-/** @param {LineState} state */
-function tables(state) {
+/** @param {LineState} state @param {import("./model.js").Model} model */
+function tables(state, model) {
   const { modal } = state;
-  const axes = Object.entries(state.work).map(([axis, at]) => [axis, position(at), position(state.machine[axis] ?? 0)]);
+  const lengths = lengthScale(unitOf(model.current));
+  const axes = Object.entries(state.work).map(([axis, at]) => {
+    const scale = scaleOf(model, axis);
+    return [axis, position(at, scale), position(state.machine[axis] ?? 0, scale), scale.unit];
+  });
+  const goesTo = (/** @type {string} */ axis, /** @type {number} */ at) => `${axis} ${position(at, scaleOf(model, axis))} ${scaleOf(model, axis).unit}`;
   const calls = listed(state.stack.map((call) => t("common.program_line", { program: programName(call.program), line: call.line })));
   const variables = listed(Object.entries(state.variables).map(([name, value]) => `${name} = ${plain(value)}`));
-  const approach = state.approach.map((step) => Object.entries(step).map(([axis, at]) => `${axis} ${position(at)}`).join(" ")).join(t("start_line.then"));
+  const approach = state.approach.map((step) => Object.entries(step).map(([axis, at]) => goesTo(axis, at)).join(", ")).join(t("start_line.then"));
   /** @type {[string, string][]} */
   const facts = [
     [t("start_line.codes"), Object.values(modal.g).join(" ")],
-    ["F, S", `${plain(modal.f)} / ${plain(modal.s)}`],
+    ["F, S", `${plain(modal.f / lengths.size)} ${lengths.unit}/min / ${plain(modal.s)} ${t("unit.rpm")}`],
     [t("start_line.tool"), modal.tool === null || modal.tool === undefined ? t("start_line.not_known") : String(modal.tool)],
     [t("start_line.put_out_before"), listed(state.restore.map(words)) || t("start_line.nothing")],
     [t("start_line.axes_go_machine"), approach || t("start_line.they_stand_there")],
@@ -105,7 +111,7 @@ function tables(state) {
   if (variables) facts.push([t("start_line.variables_set"), variables]);
   return [
     h("p", {}, h("code", {}, state.block)),
-    table(["", t("start_line.work"), t("start_line.machine")], axes),
+    table(["", t("start_line.work"), t("start_line.machine"), ""], axes),
     h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
     state.not_restored.length > 0 ? h("p", { class: "warning" }, t("start_line.not_restored", { count: state.not_restored.length, codes: listed(state.not_restored.map(words)) })) : null,
   ];

@@ -1,10 +1,21 @@
 // A machine, for pages of one's own and for the HMI itself: states as they change, commands with their answers. The page "Use the
 // HMI, or write one" of the book describes it. No other module is needed; `tandem/elements.js` has elements that show a machine.
 
+import { latenessMs } from "./tandem/lateness.js";
 import { Link } from "./tandem/link.js";
-import { asSentence, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
+import { asSentence, canMove, NOT_AFTER_MS, PERSON_TIMEOUT_MS, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
+import { t } from "./language.js";
 
 export { Refusal, TIMEOUT_MS };
+
+/** Names of commands after which something can move. @type {Record<string, string>} */
+const VERBS = {
+  start: t("requests.verb.start"), resume: t("requests.verb.resume"), reset: t("requests.verb.reset"), mdi: t("requests.verb.mdi"),
+  jog: t("requests.verb.jog"), home: t("requests.verb.home"), back_trace: t("requests.verb.back_trace"), run: t("requests.verb.run"),
+};
+
+/** Heartbeats that are kept, the newest last: those of 3 s, longer than a request of a person may take effect. */
+const HEARTBEATS_MAX = 30;
 
 /** Where the HMI keeps the token of its user, until the window is closed. */
 const TOKEN_KEY = "tandem-token";
@@ -26,6 +37,12 @@ const TOKEN_KEY = "tandem-token";
  * @property {Expected} [expect] what must be so still
  * @property {number} [fence] number of the control lease under which it is sent
  * @property {string} [id] of the command: one that the machine has seen is answered as then; without it, a new one
+ * @property {import("./tandem/requests.js").NotAfter | null} [notAfter] its age limit; without it, 1 s from now; null: none
+ * @property {() => void} [onAccepted] called when the machine has accepted it
+ */
+
+/**
+ * @typedef {import("./tandem/requests.js").Asked & {notAfter?: import("./tandem/requests.js").NotAfter | null}} AskedWithAge
  */
 
 /**
@@ -48,6 +65,10 @@ export class Tandem {
   #onLink = new Set();
   /** @type {Set<(text: string) => void>} */
   #onRefused = new Set();
+  /** The newest heartbeats of the machine, and when they arrived. @type {{boot_id: string, cycle: number, at: number}[]} */
+  #heartbeats = [];
+  /** A connection was asked for. */
+  #isWanted = false;
 
   /** @param {Options} [options] */
   constructor({ url = globalThis.location?.origin ?? "", token = storedToken, name = "page" } = {}) {
@@ -66,6 +87,8 @@ export class Tandem {
   /** Connects, and again whenever the connection is lost. */
   connect() {
     if (this.#url === "") throw new TypeError("new Tandem({ url }): write the address of the machine, such as http://mill-1:8080");
+    this.#isWanted = true;
+    this.#link.subscribe("heartbeat");
     this.#link.open();
     return this;
   }
@@ -111,11 +134,42 @@ export class Tandem {
   }
 
   /**
-   * Asks the machine: the answer of success, or a `Refusal` is thrown.
-   * @param {string} method @param {string} path below `/api/v1`, such as `/tools` @param {import("./tandem/requests.js").Asked} [asked]
+   * The age limit of what a person requests now, or requested by a press that the page handles late; null while no heartbeat of the machine is known, so that nothing may be sent. A
+   * sequence of requests that one press began carries the limit of that press.
+   * @param {number} [withinMs] at most 60,000
+   * @returns {import("./tandem/requests.js").NotAfter | null}
    */
-  request(method, path, asked) {
-    return request(`${this.#url}/api/v1${path}`, this.#token(), method, asked);
+  notAfter(withinMs = NOT_AFTER_MS) {
+    const actedAt = performance.now() - latenessMs();
+    const newest = this.#heartbeats.findLast(({ at }) => at <= actedAt) ?? this.#heartbeats[0];
+    return newest ? { boot_id: newest.boot_id, heartbeat: newest.cycle, within_ms: withinMs } : null;
+  }
+
+  /**
+   * Asks the machine: the answer of success, or a `Refusal` is thrown. A request after which something can move carries an age limit
+   * of 1 s, or the one that is given: an older one is rejected. `notAfter: null` sends it without.
+   * @param {string} method @param {string} path below `/api/v1`, such as `/tools` @param {AskedWithAge} [asked]
+   */
+  async request(method, path, { notAfter, ...asked } = {}) {
+    const url = `${this.#url}/api/v1${path}`;
+    const limit = canMove(method, path) ? this.#limit(notAfter) : null;
+    if (limit === null) return request(url, this.#token(), method, asked);
+    const body = { .../** @type {object} */ (asked.body), not_after: limit };
+    const verb = /\/runs$/.test(path) ? "run" : (/^\/cs\/\d+\/(\w+)$/.exec(path)?.[1] ?? "");
+    const limited = { timeoutMs: PERSON_TIMEOUT_MS, unanswered: notReached(verb), ...asked, body };
+    return request(url, this.#token(), method, limited).catch((error) => {
+      if (error instanceof Refusal && error.problem.code === "expired") throw new Refusal(limited.unanswered, error.problem);
+      throw error;
+    });
+  }
+
+  /** The given age limit, else one that begins now; null: none. @param {import("./tandem/requests.js").NotAfter | null | undefined} given */
+  #limit(given) {
+    // a page without a connection receives no heartbeat
+    if (given !== undefined || !this.#isWanted) return given ?? null;
+    const limit = this.notAfter();
+    if (limit === null) throw new Refusal(t("requests.not_connected"));
+    return limit;
   }
 
   /** What a route of JSON says. @param {string} path below `/api/v1` @returns {Promise<any>} */
@@ -133,18 +187,45 @@ export class Tandem {
    * @param {number} cs @param {import("./types.d.ts").Verb} verb @param {object} [args] @param {CommandOptions} [options]
    * @returns {Promise<Partial<import("./types.d.ts").CommandReply>>}
    */
-  async command(cs, verb, args = {}, { expect = {}, fence, id = `${this.#name}-${randomName()}` } = {}) {
+  async command(cs, verb, args = {}, { expect = {}, fence, id = `${this.#name}-${randomName()}`, notAfter, onAccepted = () => {} } = {}) {
     /** @type {Record<string, string>} */
     const headers = { "Idempotency-Key": id, ...expected(expect) };
     if (fence !== undefined) headers["Lease-Fence"] = String(fence);
-    const response = await this.request("POST", `/cs/${cs}/${verb}?wait=1`, { body: args, headers });
+    const path = `/cs/${cs}/${verb}`;
+    const asked = { body: args, headers, notAfter: canMove("POST", path) ? this.#limit(notAfter) : null };
+    if (asked.notAfter !== null) {
+      await this.#untilAccepted(path, asked, id);
+      onAccepted();
+    }
+    // the same again: the machine answers when it is done
+    const response = await this.request("POST", `${path}?wait=1`, { ...asked, timeoutMs: TIMEOUT_MS, unanswered: t("requests.the_machine_did_not_answer") });
     const reply = await response.json().catch(() => ({}));
     if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(asSentence(reply.text || `${verb} failed`), reply);
     return reply;
   }
 
+  /**
+   * Sends a command, and waits until the machine has accepted it. Where no answer comes, its fate is looked up: an age limit has
+   * passed then, so what has not happened will not happen.
+   * @param {string} path @param {AskedWithAge} asked @param {string} id
+   */
+  async #untilAccepted(path, asked, id) {
+    try {
+      await this.request("POST", path, asked);
+    } catch (error) {
+      if (!(error instanceof Refusal) || Object.keys(error.problem).length > 0) throw error;
+      const looked = this.request("GET", `/commands/${encodeURIComponent(id)}`, { timeoutMs: PERSON_TIMEOUT_MS });
+      const isKnown = await looked.then(() => true, () => false);
+      if (!isKnown) throw error;
+    }
+  }
+
   /** @param {string} topic @param {any} message */
   #take(topic, message) {
+    if (topic === "heartbeat") {
+      this.#heartbeats.push({ ...message, at: performance.now() });
+      if (this.#heartbeats.length > HEARTBEATS_MAX) this.#heartbeats.shift();
+    }
     for (const [pattern, listeners] of this.#listeners) {
       if (matches(pattern, topic)) listeners.forEach((listener) => listener(message, topic));
     }
@@ -157,6 +238,11 @@ export class Tandem {
     this.retryAt = retryAt;
     this.#onLink.forEach((listener) => listener(this));
   }
+}
+
+/** @param {string} verb */
+function notReached(verb) {
+  return t("requests.did_not_reach", { verb: VERBS[verb] ?? t("requests.verb.request") });
 }
 
 /** The token that the HMI has in this window. */

@@ -25,8 +25,39 @@ async function isRefused() {
   }
 }
 
+/** Coordinate systems that a machine may have. */
+const SYSTEMS = [1, 2, 3, 4, 5, 6, 7, 8];
+
+/** True where the machine takes hold, stop and abort without a login. */
+async function stopsWithoutLogin() {
+  try {
+    return (await machine.get("/health")).stop_without_login === true;
+  } catch {
+    return false;
+  }
+}
+
+/** Hold, stop and abort of all coordinate systems. @param {HTMLElement} problem */
+function stops(problem) {
+  /** @param {string} verb */
+  const send = async (verb) => {
+    const sent = await Promise.allSettled(SYSTEMS.map((cs) => machine.request("POST", `/cs/${cs}/${verb}`)));
+    const failed = sent.flatMap((one) => (one.status === "rejected" && !isMissing(one.reason) ? [String(one.reason?.message ?? one.reason)] : []));
+    problem.textContent = failed[0] ?? t("token.sent_to_all");
+  };
+  /** @param {string} verb @param {string} says */
+  const one = (verb, says) => button({ onclick: () => void send(verb) }, says);
+  return h("div", { class: "row" }, one("hold", t("token.hold_all")), one("stop", t("token.stop_all")), one("abort", t("token.abort_all")));
+}
+
+/** True for the answer that there is no such coordinate system. @param {unknown} error */
+function isMissing(error) {
+  return error instanceof Refusal && error.problem.code === "not_found";
+}
+
 /** @returns {Promise<void>} */
-function ask() {
+async function ask() {
+  const canStop = await stopsWithoutLogin();
   return new Promise((resolve) => {
     const user = field(t("token.user"), "text", "username");
     const pin = field("PIN", "password", "current-password");
@@ -39,7 +70,7 @@ function ask() {
       h("p", {}, t("token.or_a_token_of_this")),
       h("div", { class: "row end" }, shown, button({ type: "submit" }, t("token.enter"))),
     );
-    const dialog = openDialog("token", t("token.log_in"), [h("p", {}, t("token.this_machine_asks_who_uses")), form, problem], () => resolve());
+    const dialog = openDialog("token", t("token.log_in"), [h("p", {}, t("token.this_machine_asks_who_uses")), canStop && stops(problem), form, problem], () => resolve());
     form.addEventListener("submit", async (event) => {
       event.preventDefault();
       const given = shown.value.trim();

@@ -66,18 +66,22 @@ export interface CommandAccepted { command_id: string; hash?: string; }
 
 /** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
 export interface CommandReply {
-  code: string; command_id: string; hash?: string; lease?: Lease; run_id?: string; state_rev: number;
-  status: CommandStatus; text: string; variables?: VariableValues;
+  code: string; command_id: string; hash?: string; lease?: Lease; moved?: Record<string, number>; run_id?: string;
+  state_rev: number; status: CommandStatus; text: string; variables?: VariableValues;
 }
 
 /** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
 export interface CommandReplyMessage {
-  boot_id: BootId; code: string; command_id: string; hash?: string; lease?: Lease; rev?: number; run_id?: string;
-  state_rev: number; status: CommandStatus; text: string; ts: string; v: 1; variables?: VariableValues;
+  boot_id: BootId; code: string; command_id: string; hash?: string; lease?: Lease; moved?: Record<string, number>;
+  rev?: number; run_id?: string; state_rev: number; status: CommandStatus; text: string; ts: string; v: 1;
+  variables?: VariableValues;
 }
 
 /** How far a command is. */
 export type CommandStatus = "accepted" | "rejected" | "done" | "failed";
+
+/** What follows a fault in a task or a thread. */
+export type Consequence = "contained" | "restarted" | "stops_coordinate_system" | "coordinate_system_needs_restart" | "stops_all" | "exits";
 
 /** One coordinate system. */
 export interface CoordinateSystemInfo {
@@ -91,7 +95,8 @@ export interface CoordinateSystemList {
 
 /** A coordinate system of another machine. */
 export interface CoordinateSystemSeen {
-  left_s: number | null; number: number; progress: number | null; state: State | null; waiting_on: PendingOutput | null;
+  left_s: number | null; number: number; progress: number | null; start_conditions: StartConditions | null;
+  state: State | null; waiting_on: PendingOutput | null;
 }
 
 /** Who asks, and what the asker may do. */
@@ -146,17 +151,19 @@ export interface HandshakeResultMessage {
 /** What became of a claim or a reset. */
 export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner" | "withheld" | "refused";
 
-/** Whether the server answers, and has its MQTT broker. */
-export interface Health { broker?: BrokerInUse; status: HealthStatus; }
+/** Whether the server answers, has its MQTT broker, and all tasks of the runtime work. */
+export interface Health {
+  broker?: BrokerInUse; faults?: TaskFault[]; status: HealthStatus; stop_without_login?: boolean;
+}
 
 /** The status of a server that answers. */
-export type HealthStatus = "ok" | "degraded";
+export type HealthStatus = "ok" | "degraded" | "failed";
 
 /** Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still. */
 export interface HeartbeatMessage { boot_id: BootId; cycle: number; rev?: number; ts: string; v: 1; }
 
-/** What a machine builder has added to the HMI. */
-export interface Hmi { buttons: HmiButton[]; cards: HmiCard[]; }
+/** What a machine builder has added to the HMI, and what its jog buttons need to know. */
+export interface Hmi { buttons: HmiButton[]; cards: HmiCard[]; jog_step_max: number; }
 
 /** A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input. */
 export interface HmiButton {
@@ -183,7 +190,7 @@ export interface Inputs {
 
 /** What the configuration says of an input or output. */
 export interface IoDeclaration {
-  kind: IoKind; max?: number; min?: number; on_loss: IoValue; text?: string; unit?: string;
+  at_start?: IoStart; kind: IoKind; max?: number; min?: number; on_loss: IoLoss; text?: string; unit?: string;
 }
 
 /** All inputs and outputs of a plant, as the configuration declares them. */
@@ -195,10 +202,16 @@ export interface IoForced { by: string; value: IoValue; }
 /** What kind of value it has. */
 export type IoKind = "bool" | "number";
 
+/** The value of an input or output whose owner is lost. */
+export type IoLoss = IoValue | KeepWord;
+
+/** The value of an output at a start of the machine. */
+export type IoStart = IoValue | LastWord;
+
 /** Payload of `io/in/{name}` and `io/out/{name}`. */
 export interface IoStateMessage {
-  boot_id: BootId; forced: IoForced | null; lost: boolean; owner: string | null; rev?: number; ts: string; v: 1;
-  value: IoValue; written: IoValue;
+  boot_id: BootId; forced: IoForced | null; lost: boolean; owner: string | null; rev?: number; ts: string;
+  unknown?: boolean; v: 1; value: IoValue; written: IoValue;
 }
 
 /** The value of an input or output. */
@@ -208,6 +221,9 @@ export interface JournalAnswer {
   lines: ({ cs: number | null; event: string; t_s: number | null; ts: string | null; [name: string]: unknown })[];
 }
 
+/** The word `keep`. */
+export type KeepWord = "keep";
+
 /** How the last run of a coordinate system stood when an earlier start of the runtime ended, at most 100 ms before that:
  * of `GET /cs/{n}/last_run`. */
 export interface LastRun {
@@ -216,6 +232,9 @@ export interface LastRun {
 }
 
 export interface LastRunAnswer { last_run: LastRun | null; }
+
+/** The word `last`. */
+export type LastWord = "last";
 
 /** A lease that is held. */
 export interface Lease { expires_at: Timestamp; fence: number; holder: string; }
@@ -271,19 +290,19 @@ export interface MachineList { addresses: string[]; broker: SharedBroker; machin
 
 /** A machine as its messages tell. */
 export interface MachineSeen {
-  alarm_count: number; alarms: AlarmRecord[]; coordinate_systems: CoordinateSystemSeen[]; link: MachineLink;
-  machine: string; url: string | null;
+  age_ms: number | null; alarm_count: number; alarms: AlarmRecord[]; coordinate_systems: CoordinateSystemSeen[];
+  link: MachineLink; machine: string; url: string | null;
 }
 
 /** Payload of `modal`. */
 export interface Modal {
-  f: number; g: Record<string, string>; s: number; ta: number; td: number; tool: number | null; ts_ms: number;
-  work_offset: string | null;
+  f: number; g: Record<string, string>; mdi: string[]; s: number; ta: number; td: number; tool: number | null;
+  ts_ms: number; work_offset: string | null;
 }
 
 /** Payload of `modal`. */
 export interface ModalMessage {
-  boot_id: BootId; f: number; g: Record<string, string>; rev?: number; s: number; ta: number; td: number;
+  boot_id: BootId; f: number; g: Record<string, string>; mdi: string[]; rev?: number; s: number; ta: number; td: number;
   tool: number | null; ts: string; ts_ms: number; v: 1; work_offset: string | null;
 }
 
@@ -337,6 +356,9 @@ export interface PendingOutput {
   state: OutputState; timing: Timing;
 }
 
+/** What a plan was made with. Two plans with the same identity are the same. */
+export interface PlanIdentity { called: string | null; hash: string; inputs: string; }
+
 /** A block of a program. */
 export interface PlannedPlace { line: number; program: number; }
 
@@ -355,8 +377,8 @@ export interface PresenceMessage {
 
 /** A refusal as HTTP says it. */
 export interface Problem {
-  allowed?: Verb[]; code: string; detail: string; diagnostics?: ProgramDiagnostic[]; state?: Execution; status: number;
-  title: string; type: string;
+  allowed?: Verb[]; code: string; detail: string; diagnostics?: ProgramDiagnostic[]; reply?: CommandReply;
+  run_id?: string; state?: Execution; status: number; title: string; type: string;
 }
 
 /** What one program has produced in one coordinate system. */
@@ -404,7 +426,7 @@ export interface PublishedVariablesMessage {
 export interface Question { answer?: string; choices: string[]; id: string; since: Timestamp; text: string; }
 
 /** Why a state is as it is. */
-export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "CLIENT_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
+export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "CLIENT_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "OVERRIDE_ZERO" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
 
 /** What a handler does with an output that it may already have worked on. The later is the stricter. */
 export type Redelivery = "redo" | "verify" | "ask";
@@ -412,13 +434,13 @@ export type Redelivery = "redo" | "verify" | "ask";
 /** Machine-readable reason of a refusal. */
 export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_locked" | "forbidden" | "busy" | "lease_lost" | "handler_taken" | "no_answer" | "command_id_reused" | "precondition_failed" | "program_has_errors" | "wrong_dialect" | "not_signed" | "line_refused" | "invalid" | "too_large" | "not_supported" | "retained" | "expired" | "unavailable";
 
-/** What a run of a program does, as it was planned with the tools, offsets, variables and inputs of now. Times are those at
- * 100 percent overrides. */
+/** What a run of a program does: planned with the conditions with which the run under way began, else with those of now. Times
+ * are those at 100 percent overrides. */
 export interface Rehearsal {
   at: PlannedPlace | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
   depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string; lines: RehearsedLine[];
-  m_code_count: number; m_codes: RehearsedMCode[]; outcome: RehearsalOutcome; program: number; rapid_s: number;
-  revision: string; run: RehearsedRun | null; text: string; wait_s: number;
+  m_code_count: number; m_codes: RehearsedMCode[]; outcome: RehearsalOutcome; plan: PlanIdentity; program: number;
+  rapid_s: number; revision: string; run: RehearsedRun | null; run_id: string | null; text: string; wait_s: number;
 }
 
 /** How far planning is. */
@@ -442,7 +464,7 @@ export interface RehearsedMCode {
 export interface RehearsedPeak { limit: number; line: number; program: number; value: number; }
 
 /** How far a run is. */
-export interface RehearsedRun { at_s: number; left_s: number; progress: number; }
+export interface RehearsedRun { at_s: number; left_s: number | null; progress: number; }
 
 /** An M code that a program puts out before the line that a run begins at. */
 export interface RestoredOutput { line: number; m: number; params: Params; program: number; }
@@ -499,6 +521,20 @@ export interface SpindleMessage {
   ts: string; v: 1;
 }
 
+/** Payload of `cs/{n}/start_conditions`. */
+export interface StartConditions { obstacles: StartObstacle[]; }
+
+/** Payload of `cs/{n}/start_conditions`. */
+export interface StartConditionsMessage { boot_id: BootId; obstacles: StartObstacle[]; rev?: number; ts: string; v: 1; }
+
+/** One obstacle of a start. */
+export interface StartObstacle {
+  at: PlannedPlace | null; detail: string; kind: StartObstacleKind; m_codes: number[]; refuses: boolean; text: string;
+}
+
+/** What an obstacle of a start is. */
+export type StartObstacleKind = "running" | "alarm" | "no_program" | "reset" | "interlock" | "start_lock" | "lease" | "program" | "m_code" | "prediction";
+
 /** Payload of `state`. */
 export interface State {
   alarm_count: number; dry_run: boolean; execution: Execution; hash: string | null; last_command_id: string | null;
@@ -516,12 +552,36 @@ export interface StateMessage {
   waiting_on: WaitingOn | null;
 }
 
+/** How a part of the stored data does not fit the others. */
+export type StoredDataFault = "older" | "other_machine" | "not_verified";
+
+/** A part of the stored data that does not fit the others. */
+export interface StoredDataFinding { fault: StoredDataFault; part: StoredDataPart; text: string; }
+
+/** Payload of `stored_data`. */
+export interface StoredDataMessage {
+  boot_id: BootId; question: StoredDataQuestion | null; rev?: number; ts: string; v: 1;
+}
+
+/** A part of the stored data. */
+export type StoredDataPart = "store" | "programs" | "folders" | "journal";
+
+/** Stored files that do not fit together. Until a person accepts or refuses them, their content is not used, and no program
+ * starts. */
+export interface StoredDataQuestion {
+  findings: StoredDataFinding[]; newest_journal_entry: Timestamp | null; since: Timestamp;
+}
+
 /** Payload of an input with one value. */
 export interface SwitchMessage { boot_id: BootId; rev?: number; ts: string; v: 1; value: boolean; }
 
-/** Payload of `cs/{n}/time_left`: of the program that runs, as far as it is planned. */
+/** Faults of a task or a thread since the start of the runtime. */
+export interface TaskFault { consequence: Consequence; count: number; task: string; }
+
+/** Payload of `cs/{n}/time_left`: of the run of a program that is under way. */
 export interface TimeLeftMessage {
-  boot_id: BootId; left_s: number | null; progress: number | null; rev?: number; ts: string; v: 1;
+  boot_id: BootId; left_s: number | null; plan: PlanIdentity | null; progress: number | null; rev?: number;
+  run_id: string | null; ts: string; v: 1;
 }
 
 /** A time as RFC 3339 in UTC, such as `2026-01-31T12:00:00.250000Z`. */
@@ -604,6 +664,7 @@ export type MessageOf<Topic extends string> =
   Topic extends `io/out/${string}` ? IoStateMessage :
   Topic extends `variables` ? PublishedVariablesMessage :
   Topic extends `tools` ? ToolTableMessage :
+  Topic extends `stored_data` ? StoredDataMessage :
   Topic extends `cs/${number}/state` ? StateMessage :
   Topic extends `cs/${number}/program` ? ProgramPlaceMessage :
   Topic extends `cs/${number}/position` ? PositionMessage :
@@ -622,6 +683,7 @@ export type MessageOf<Topic extends string> =
   Topic extends `cs/${number}/lease/state` ? LeaseStateMessage :
   Topic extends `cs/${number}/run` ? RunStateMessage :
   Topic extends `cs/${number}/time_left` ? TimeLeftMessage :
+  Topic extends `cs/${number}/start_conditions` ? StartConditionsMessage :
   Topic extends `cs/${number}/variables` ? PublishedVariablesMessage :
   Topic extends `cs/${number}/work_offsets` ? WorkOffsetValuesMessage :
   Topic extends `cs/${number}/m_code/${number}/output` ? OutputNoticeMessage :

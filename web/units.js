@@ -1,4 +1,5 @@
-// Millimetres or inches on the whole screen: as the program has it in force (G20, G21), unless the operator chooses.
+// Millimetres or inches: those that the operator has chosen. Without a choice positions and what is set beside them are shown as the
+// program has them in force (G20, G21), and motion by hand keeps the unit of the machine, which no program changes.
 
 import { t } from "./language.js";
 
@@ -7,6 +8,11 @@ const MM_PER_INCH = 25.4;
 const CHOICES = /** @type {const} */ (["auto", "mm", "inch"]);
 
 /** @typedef {"mm" | "inch"} Unit */
+
+/**
+ * A unit of numbers: its name, mm or degrees in one of it, and decimals.
+ * @typedef {{unit: string, size: number, decimals: number}} Scale
+ */
 
 /** @type {(typeof CHOICES)[number]} */
 let chosen = stored();
@@ -32,6 +38,21 @@ export function unitOf(system) {
   return Object.values(system?.modal?.g ?? {}).includes("G20") ? "inch" : "mm";
 }
 
+/** The unit of lengths of motion by hand: without a choice that of `units` in the configuration. @param {import("./model.js").CoordinateSystem | null} system @returns {Unit} */
+export function handUnitOf(system) {
+  if (chosen !== "auto") return chosen;
+  return system?.info.units === "inch" ? "inch" : "mm";
+}
+
+/** The unit in which the next line of MDI begins; null: not known yet. @param {import("./model.js").CoordinateSystem | null} system @returns {Unit | null} */
+export function manualUnitOf(system) {
+  const inForce = system?.modal?.mdi;
+  if (!inForce) return null;
+  if (inForce.includes("G20")) return "inch";
+  if (inForce.includes("G21")) return "mm";
+  return system.info.units === "inch" ? "inch" : "mm";
+}
+
 /** Whether an axis turns. @param {import("./model.js").Model} model @param {string} axis */
 export function isRotary(model, axis) {
   const motor = model.birth?.motors.find((one) => one.number === model.current?.info.axes[axis]);
@@ -40,14 +61,18 @@ export function isRotary(model, axis) {
 
 /**
  * How lengths of an axis are shown and read: its unit, mm or degrees in one of it, and decimals.
- * @param {import("./model.js").Model} model @param {string} axis
+ * @param {import("./model.js").Model} model @param {string} axis @returns {Scale}
  */
 export function scaleOf(model, axis) {
-  if (isRotary(model, axis)) return { unit: t("unit.deg"), size: 1, decimals: 3 };
-  return lengthScale(unitOf(model.current));
+  return isRotary(model, axis) ? degrees() : lengthScale(unitOf(model.current));
 }
 
-/** The same of any length. @param {Unit} unit */
+/** Degrees. @returns {Scale} */
+export function degrees() {
+  return { unit: t("unit.deg"), size: 1, decimals: 3 };
+}
+
+/** The same of any length. @param {Unit} unit @returns {Scale} */
 export function lengthScale(unit) {
   return unit === "inch" ? { unit: t("unit.in"), size: MM_PER_INCH, decimals: 4 } : { unit: "mm", size: 1, decimals: 3 };
 }

@@ -8,8 +8,24 @@ import { forgetToken } from "./token.js";
 import { chooseLarge, isLarge } from "./touch.js";
 import { disableFor } from "./why_not.js";
 
+/** How often the machine is told that this screen is in use, ms. It ends a login that is not used. */
+const ACTIVITY_INTERVAL_MS = 60_000;
+
+/** Tells the machine that a person uses this screen. @param {import("./main.js").App} app */
+function reportActivity(app) {
+  let reported = performance.now();
+  const report = () => {
+    if (!app.model.user?.is_login || performance.now() - reported < ACTIVITY_INTERVAL_MS) return;
+    reported = performance.now();
+    // a login that has ended is noticed by the next request
+    app.api.user().catch(() => {});
+  };
+  for (const kind of ["pointerdown", "keydown"]) document.addEventListener(kind, report, { capture: true });
+}
+
 /** @param {import("./main.js").App} app */
 export function userButton(app) {
+  reportActivity(app);
   const name = h("span", { class: "user-name" });
   const element = button({ class: "user", onclick: () => showUser(app) }, icon("user"), name);
   const render = () => {

@@ -3,6 +3,7 @@
 import { ownFence } from "./fences.js";
 import { programName } from "./format.js";
 import { t } from "./language.js";
+import { whyNoStart } from "./start_conditions.js";
 
 /** @typedef {import("./types.d.ts").Verb} Verb */
 
@@ -72,7 +73,9 @@ export function whyNot(model, verb) {
   if (now !== null) return now;
   if (!state) return t("added.the_state_of_the_machine");
   if (state.transition) return t("why_not.the_machine_is_on_its");
-  return whyNotInState(state, verb, states) ?? leased(model, verb) ?? locked(model, verb);
+  const inState = whyNotInState(state, verb, states);
+  if (inState === null && verb === "start" && model.current?.startConditions) return whyNoStart(model.current);
+  return inState ?? leased(model, verb) ?? locked(model, verb);
 }
 
 /** @param {import("./types.d.ts").StateMessage} state @param {Verb} verb @param {string[]} states @returns {string | null} */

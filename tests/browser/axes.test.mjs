@@ -90,7 +90,7 @@ for (const [width, height] of SIZES) {
   });
 }
 
-test("inches are shown on the whole screen when the program has them in force, or the operator wants them", async () => {
+test("inches are shown when the program has them in force, except for jogging, or when the operator wants them", async () => {
   await open(BIRTH);
   const work = page.locator('tr[data-axis="X"] td.work');
   await work.getByText("25.400", { exact: true }).waitFor();
@@ -99,9 +99,12 @@ test("inches are shown on the whole screen when the program has them in force, o
   await page.locator(".feed-card").getByText("20.0", { exact: true }).waitFor();
   await page.locator(".feed-card").getByText("in/min", { exact: true }).waitFor();
   await screen.openByHand();
-  await page.getByRole("radiogroup", { name: "Velocity, in/min" }).waitFor();
+  await page.getByRole("radiogroup", { name: "Velocity, mm/min" }).waitFor();
   await page.getByRole("button", { name: /^Units: in/ }).click();
   await work.getByText("25.400", { exact: true }).waitFor();
+  await page.getByRole("button", { name: "Units: mm" }).click();
+  await work.getByText("1.0000", { exact: true }).waitFor();
+  await page.getByRole("radiogroup", { name: "Velocity, in/min" }).waitFor();
 });
 
 for (const [width, height] of inPictures(SIZES)) {
@@ -138,8 +141,8 @@ test("a machine that does not tell whether its axes are homed shows no sign", as
 test("an own speed and an own step are taken as they are typed", async () => {
   await open(BIRTH);
   await screen.openByHand();
-  await page.getByLabel("Own velocity").fill("1234");
-  await page.getByLabel("Own step").fill("0.25");
+  await page.getByLabel("Own velocity, mm/min").fill("1234");
+  await page.getByLabel("Own step, mm").fill("0.25");
   const sent = page.waitForRequest((request) => request.url().endsWith("/cs/1/jog"));
   await page.getByRole("button", { name: "Jog X plus: one step of 0.25 mm" }).click();
   const { axis, velocity, distance } = (await sent).postDataJSON();
@@ -157,6 +160,16 @@ test("following the running line survives that the screen is turned", async () =
     await page.waitForTimeout(300);
     assert.equal(await page.getByRole("button", { name: "Follow" }).getAttribute("aria-pressed"), "true", `${width}x${height}`);
   }
+});
+
+test("Escape closes a dialog also if what had the focus in it is gone", async () => {
+  await open(BIRTH);
+  await page.keyboard.press("?");
+  const dialog = page.getByRole("dialog");
+  await dialog.waitFor();
+  await page.evaluate(() => document.activeElement.blur());
+  await page.keyboard.press("Escape");
+  await dialog.waitFor({ state: "detached" });
 });
 
 test("shortcuts are listed under the question mark, and none works while something is typed", async () => {

@@ -13,6 +13,9 @@ import { disabled, Screen, until } from "./screen.mjs";
 /** Longest time between the last refresh and rest, ms: 200 to notice, braking, and the way of messages on a busy computer. */
 const STOP_MS = 1500;
 
+/** How often a jog is held that must not end by itself. */
+const HELD_TRIES = 3;
+
 let browser;
 let runtime;
 let page;
@@ -65,18 +68,24 @@ async function atRest(axis) {
 }
 
 test("an axis moves while its button is held, and stops when it is released", async () => {
-  const begin = await machine("X");
   await jog("X", "plus").hover();
-  await page.mouse.down();
-  await screen.sees("ACTIVE");
-  // far longer than one refresh lasts
-  await sleep(900);
-  await disabled(jog("Y", "plus"));
-  const held = await machine("X");
-  assert.ok(held > begin + 2, `${begin} to ${held}`);
-  await page.mouse.up();
-  await screen.sees("READY");
-  assert.ok((await atRest("X")) > held);
+  // on a busy computer a refresh may be late, which ends the jog: then it is held again
+  for (let tries = 1; ; tries += 1) {
+    const begin = await machine("X");
+    await page.mouse.down();
+    await screen.sees("ACTIVE");
+    // far longer than one refresh lasts
+    await sleep(900);
+    const isHeld = await jog("Y", "plus").isDisabled();
+    const held = await machine("X");
+    await page.mouse.up();
+    await screen.sees("READY");
+    assert.ok((await atRest("X")) >= held);
+    if (!isHeld && tries < HELD_TRIES) continue;
+    assert.ok(isHeld, "it moves as long as it is held");
+    assert.ok(held > begin + 2, `${begin} to ${held}`);
+    return;
+  }
 });
 
 test("on release an axis brakes at once, and does not run on until its refresh is missed", async () => {
@@ -181,6 +190,67 @@ test("a step is done in full by one click", async () => {
   assert.ok(Math.abs((await atRest("Z")) - begin - 2) < 1e-6);
   assert.equal(await screen.notices(), "", "a refresh that comes after the end is nothing to tell");
   errors.splice(0, errors.length, ...errors.filter((text) => !/status of 409/.test(text)));
+});
+
+test("on a slow network a step is done in full, and quick clicks add up or are reported as not made", async () => {
+  const network = await page.context().newCDPSession(page);
+  await network.send("Network.emulateNetworkConditions", { offline: false, latency: 300, downloadThroughput: -1, uploadThroughput: -1 });
+  const steps = page.getByRole("radiogroup", { name: "Step, mm" });
+  const begin = await machine("Z");
+  await steps.getByRole("radio", { name: "10", exact: true }).click();
+  await page.getByRole("button", { name: "Jog Z plus: one step of 10 mm" }).click();
+  await at("Z", begin + 10);
+  await screen.sees("READY");
+  assert.equal(await screen.notices(), "");
+  // a notice goes after a while, and its number grows until a step begins while no other waits
+  await page.evaluate(() => {
+    globalThis.notMade = 0;
+    let last = 0;
+    let text = "";
+    new MutationObserver(() => {
+      const now = document.querySelector('.toast[data-kind="jog.not_made"]')?.textContent ?? text;
+      if (now === text) return;
+      text = now;
+      const count = Number(/(\d+) steps? (was|were) not made/.exec(text)[1]);
+      globalThis.notMade += count > last ? count - last : count;
+      last = count;
+    }).observe(document.body, { childList: true, subtree: true });
+  });
+  // five clicks, 300 ms apart; one step takes 1.2 s and the network
+  const back = page.getByRole("button", { name: "Jog Z minus: one step of 10 mm" });
+  for (let click = 0; click < 5; click += 1) {
+    await back.click();
+    await sleep(300);
+  }
+  const notMade = () => page.evaluate(() => globalThis.notMade);
+  const made = async () => Math.round((begin + 10 - (await machine("Z"))) / 10);
+  await until(async () => (await made()) + (await notMade()), 5, "steps that were made and those that are reported");
+  await screen.sees("READY");
+  assert.ok((await made()) >= 1);
+});
+
+test("a step that ends early is reported with its distance and the cause", async () => {
+  await page.getByRole("radiogroup", { name: "Step, mm" }).getByRole("radio", { name: "10", exact: true }).click();
+  await page.getByRole("button", { name: "Jog Y plus: one step of 10 mm" }).click();
+  await screen.sees("ACTIVE");
+  assert.equal((await other("POST", "/cs/1/hold?wait=1", {})).status, 200);
+  await page.getByText(/Step Y\+ ended after [\d.]+ of 10 mm: feed hold\./).waitFor();
+  await screen.sees("READY");
+});
+
+test("codes that the next MDI line begins in stand next to it, and those of a macro do not", async () => {
+  const inForce = page.locator(".mdi-carried");
+  const run = async (text, macro) => assert.equal((await other("POST", "/cs/1/mdi?wait=1", { text, macro })).status, 200);
+  await run("G90", false);
+  await inForce.waitFor({ state: "hidden" });
+  await run("G91 G20", false);
+  await inForce.getByText("G91", { exact: true }).waitFor();
+  await inForce.getByText("G20", { exact: true }).waitFor();
+  await run("G90 G21 G68 R30 X0 Y0 F100", true);
+  assert.equal(await inForce.getByText("G68", { exact: true }).count(), 0);
+  await inForce.getByText("G91", { exact: true }).waitFor();
+  await run("G90 G21", false);
+  await inForce.waitFor({ state: "hidden" });
 });
 
 test("a line of MDI runs, and the history brings it back", async () => {

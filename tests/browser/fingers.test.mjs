@@ -79,7 +79,7 @@ for (const [width, height] of SIZES) {
     const machine = new ScriptedMachine();
     machine.programs.set(1, "// One\nM100 VA5\nM30\n");
     machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 0, warnings: 0 }];
-    const added = { buttons: [{ text: "Oil", m_code: 60 }, { text: "Chips away", input: "dry_run" }], cards: [{ text: "Strokes", m_code: 60 }] };
+    const added = { jog_step_max: 10, buttons: [{ text: "Oil", m_code: 60 }, { text: "Chips away", input: "dry_run" }], cards: [{ text: "Strokes", m_code: 60 }] };
     machine.answers.set("GET /hmi", { status: 200, body: added });
     machine.answers.set("GET /tools", { status: 200, body: { tools: [{ id: 1, length: 10, radius: 2 }] } });
     const alarm = { id: 1, severity: "warning", number: 401, text: "A warning", cs: 1, program: 1, line: 1, raised_at: now(), cleared_at: null, acknowledged_by: null };

@@ -33,6 +33,9 @@ type Json<Operation extends keyof operations, Status extends number> =
 export const word = (state: Json<"get_cs_cs_state", 200>) => state.execution === "READY";
 export const pocket = (params: components["schemas"]["Params"]) => params.A;
 export const load: NonNullable<paths["/cs/{cs}/load"]["post"]["requestBody"]>["content"]["application/json"] = { program: 1 };
+export const address: operations["put_variables_p"]["parameters"]["query"] = { from: 100 };
+// @ts-expect-error: a write of variables names the first one
+export const everywhere: operations["put_variables_p"]["parameters"]["query"] = {};
 // @ts-expect-error: a state has no such member
 export const nothing = (state: Json<"get_cs_cs_state", 200>) => state.nothing;
 // @ts-expect-error: there is no such route

@@ -2,16 +2,15 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { afterEach, beforeEach, test } from "node:test";
+import { test } from "node:test";
 
 import { describe, losses, timelineOf } from "../../web/history/timeline.js";
 import { rounded } from "../../web/format.js";
 import { csvOf as runsCsv } from "../../web/history/runs_view.js";
 import { csvOf, drawn, SAMPLES_MAX, Trace } from "../../web/history/trace.js";
-import { openPage } from "./browser.mjs";
 import { pictures, takePictures } from "./pictures.mjs";
-import { withRuntime } from "./runtime.mjs";
-import { Screen, until } from "./screen.mjs";
+import { withPage, withRuntime } from "./runtime.mjs";
+import { until } from "./screen.mjs";
 
 const BEGIN = Date.UTC(2026, 0, 1);
 const line = (event, t_s, more = {}) => ({ event, t_s, ts: new Date(BEGIN + t_s * 1000).toISOString(), cs: 1, boot_id: "a", ...more });
@@ -105,22 +104,10 @@ test("runs as a file: what holds a comma is in quotes", () => {
 let runtime;
 let browser;
 let page;
-let errors;
-let close;
 let screen;
 
 withRuntime((made) => ({ runtime, browser } = made));
-beforeEach(async () => {
-  ({ page, errors, close } = await openPage(browser));
-  screen = new Screen(page);
-  await page.goto(runtime.url);
-  await page.getByText("Connected", { exact: true }).waitFor();
-});
-afterEach(async () => {
-  await close();
-  assert.deepEqual(errors, [], "the browser's console shows no errors");
-});
-
+withPage(() => ({ runtime, browser }), (opened) => ({ page, screen } = opened));
 const history = () => page.getByRole("dialog", { name: "History" });
 const part = (name) => history().getByRole("radio", { name }).click();
 

@@ -198,7 +198,7 @@ test("the language is the browser's until one is chosen, which stays; numbers ar
   await page.goto(runtime.url);
   await page.locator('tr[data-axis="X"] td.work').filter({ hasText: "." }).waitFor();
   await page.locator("#panel-tab-by-hand").click();
-  await page.getByLabel("Eigener Schritt").fill("0,25");
+  await page.getByLabel("Eigener Schritt, mm").fill("0,25");
   await until(() => page.locator('[data-jog="X+"]').getAttribute("aria-label"), "X plus verfahren: ein Schritt von 0.25 mm");
   await close();
 

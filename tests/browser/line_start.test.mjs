@@ -1,11 +1,11 @@
 // A start from a line on the real runtime: chosen in the text, seen before, and only then carried out.
 
 import assert from "node:assert/strict";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 
-import { launch, openPage } from "./browser.mjs";
+import { openPage } from "./browser.mjs";
 import { pictures, SIZES, takePictures } from "./pictures.mjs";
-import { Runtime } from "./runtime.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
 /** M03 is restored, M60 is not; behind line 5 the axes stand at X30 Y10. */
@@ -33,17 +33,10 @@ let screen;
 const line = (number) => page.locator(".line").filter({ has: page.locator(".line-number", { hasText: new RegExp(`^${number}$`) }) });
 const dialog = () => page.getByRole("dialog");
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
+withRuntime(async (made) => {
+  ({ runtime, browser } = made);
   const put = await fetch(`${runtime.url}/api/v1/programs/6`, { method: "PUT", body: PART, headers: { "Content-Type": "text/plain" } });
   assert.ok(put.ok);
-  browser = await launch();
-});
-
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
 });
 
 beforeEach(async () => {

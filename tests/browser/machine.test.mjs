@@ -40,7 +40,7 @@ async function ready(program) {
   await page.locator('.status:is([data-execution="STOPPED"], [data-execution="READY"], [data-execution="PROGRAM_COMPLETED"])').waitFor();
   if (await page.locator('.status[data-execution="STOPPED"]').count()) await screen.command("Reset").click();
   await screen.load(program);
-  await screen.says(new RegExp(`${program} is loaded and at its head`));
+  await screen.says(new RegExp(`${program} is loaded`));
 }
 
 test("page is served with a policy that allows no inline script or style", async () => {
@@ -63,9 +63,9 @@ test("program runs, waits for an M code, is reset by the button and completes", 
   await page.getByText("Waiting 2 s for").waitFor();
   await picture(page, "hmi");
 
-  await page.getByRole("button", { name: "Confirm M8 by hand" }).click();
+  await screen.confirmByHand(8);
   await page.getByText("1 open", { exact: true }).waitFor();
-  await page.getByRole("button", { name: "Confirm M100 by hand" }).click();
+  await screen.confirmByHand(100);
   await screen.sees("ACTIVE");
   await screen.sees("PROGRAM_COMPLETED");
   await page.getByText("No M code is open.").waitFor();

@@ -73,8 +73,13 @@ test("a tile says state, sentence, program and time left of each machine in the 
   await tile(other.url).getByText("No program is loaded").first().waitFor();
   assert.equal(await tile(other.url).locator(".machine-system").count(), 2);
   await ask("POST", "/cs/1/load?wait=1", { program: 2 });
-  await ask("POST", "/cs/1/start", {});
   const first = tile(other.url).locator(".machine-system").first();
+  await first.getByText(/Press Start\.$/).waitFor();
+  await ask("PUT", "/cs/1/inputs/interlock", { value: true, text: "the door is open" });
+  await first.getByText("Program O0002 is loaded. The interlock is on: the door is open.").waitFor();
+  await ask("PUT", "/cs/1/inputs/interlock", { value: false, text: "" });
+  await first.getByText(/Press Start\.$/).waitFor();
+  await ask("POST", "/cs/1/start", {});
   await first.getByText("ACTIVE", { exact: true }).waitFor();
   await first.getByText(/^Program O0002 runs, line \d+\.$/).waitFor();
   await until(() => first.locator(".machine-left").textContent(), /^\d+ s left$/);

@@ -101,7 +101,8 @@ test("a question of a machine at the broker is on its tile, in the operator's co
   await until(() => tile("mill-3").getAttribute("data-tone"), "attention", "nobody has taken M100");
   const { outputs } = await (await ask(third, "GET", "/cs/1/m_codes")).json();
   const { boot_id } = await (await ask(third, "GET", "/machine")).json();
-  const said = { boot_id, handler_id: "cell" };
+  await ask(third, "PUT", "/handlers/cell", { online: true, instance: "a", expires_ms: 60_000 });
+  const said = { boot_id, handler_id: "cell", instance: "a" };
   const claim = await ask(third, "POST", `/cs/1/m_codes/${outputs[0].seq}/claim`, said);
   assert.ok(claim.ok, await claim.text());
   await ask(third, "POST", `/cs/1/m_codes/${outputs[0].seq}/ask`, { ...said, question_id: "q", text: "Is the drill sharp?", choices: ["yes", "no"] });

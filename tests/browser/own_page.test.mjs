@@ -5,11 +5,11 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { createServer } from "node:http";
 import { createRequire } from "node:module";
-import { after, before, test } from "node:test";
+import { test } from "node:test";
 
-import { launch, openPage } from "./browser.mjs";
+import { openPage } from "./browser.mjs";
 import { picture, pictures, SCHEMES, SIZES, takePictures } from "./pictures.mjs";
-import { Runtime } from "./runtime.mjs";
+import { Runtime, withRuntime } from "./runtime.mjs";
 import { disabled, enabled, Screen, until } from "./screen.mjs";
 
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
@@ -60,17 +60,7 @@ module = "oil.js"
 
 let browser;
 let runtime;
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.add(ADDED);
-  await runtime.start();
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
-});
-
+withRuntime((made) => ({ runtime, browser } = made), (made) => made.add(ADDED));
 async function send(method, path, body) {
   const answer = await fetch(`${runtime.url}/api/v1${path}`, { method, headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
   assert.ok(answer.ok, `${path}: ${answer.status}`);

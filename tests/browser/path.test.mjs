@@ -1,17 +1,18 @@
 // The planned path on the real runtime: drawn before anything moves, followed while it runs, chosen by a click.
 
 import assert from "node:assert/strict";
-import { after, afterEach, before, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, test } from "node:test";
 
 import { placeOf, readPath } from "../../web/path/bytes.js";
 import { Camera } from "../../web/path/camera.js";
 import { corners } from "../../web/path/extent.js";
 import { pick } from "../../web/path/find.js";
 import { Live } from "../../web/path/live.js";
-import { launch, openPage } from "./browser.mjs";
+import { isShown } from "../../web/path/shown.js";
+import { openPage } from "./browser.mjs";
 import { picture, SCHEMES, SIZES } from "./pictures.mjs";
 import { plannedPath } from "./planned.mjs";
-import { Runtime } from "./runtime.mjs";
+import { withRuntime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
 /** Rounded corners, a helix, a pocket: something to look at. */
@@ -55,6 +56,25 @@ test("a click on a line that stands for several blocks finds the block that is t
   assert.equal(placeOf(found.word, path.programs).line, 3);
   assert.ok(Math.abs(found.time - 1.5) < 1e-6 && Math.abs(found.off - 3) < 1e-6, JSON.stringify(found));
   assert.equal(pick(path, camera, x, y + 13, 12, 3), null);
+});
+
+test("of a run only its own plan is shown, and else only the plan of the text that a start would run", () => {
+  const plan = (runId, hash) => ({ runId, hash });
+  const run = { run_kind: "program", run_id: "r2", hash: "b" };
+  for (const [state, of, shown] of [
+    [run, plan("r2", "b"), true],
+    [run, plan("r1", "b"), false],
+    [run, plan(null, "b"), false],
+    [{ ...run, run_kind: null }, plan("r2", "b"), true],
+    [{ ...run, run_kind: null }, plan(null, "b"), true],
+    [{ ...run, run_kind: null }, plan(null, "a"), false],
+    [{ ...run, run_kind: "jog" }, plan(null, "b"), true],
+    [{ ...run, run_kind: null, hash: null }, plan(null, null), false],
+    [null, plan(null, "b"), false],
+    [run, null, false],
+  ]) assert.equal(isShown(state, of), shown, JSON.stringify([state, of]));
+  const read = readPath(new Uint8Array(plannedPath(1, 1, [], { run_id: "r2", hash: "b", called: null, inputs: "0" })).buffer);
+  assert.deepEqual([read.runId, read.hash], ["r2", "b"]);
 });
 
 /** A circle of 10 mm at 100 mm/s, in lines that are off by less than a thousandth of it. */
@@ -106,16 +126,9 @@ const statistics = () => page.evaluate(() => document.querySelector(".path-lines
 const put = (path, body, type = "application/json") =>
   fetch(`${runtime.url}/api/v1${path}`, { method: "PUT", body, headers: { "Content-Type": type } });
 
-before(async () => {
-  runtime = await Runtime.create();
-  await runtime.start();
+withRuntime(async (made) => {
+  ({ runtime, browser } = made);
   await put("/programs/5", PART, "text/plain");
-  browser = await launch();
-});
-
-after(async () => {
-  await browser?.close();
-  await runtime?.remove();
 });
 
 async function open(options) {
@@ -257,7 +270,7 @@ test("a rehearsal moves the tool along by a slider, and tells times and ranges",
   await dialog.getByRole("heading").first().waitFor();
   assert.ok(await dialog.evaluate((one) => one.scrollHeight > one.clientHeight && one.scrollTop === 0), "a long dialog is read from its head");
   await dialog.getByText(/At 100 percent: .* at feedrate/).waitFor();
-  await dialog.getByRole("cell", { name: "X", exact: true }).waitFor();
+  await dialog.getByRole("cell", { name: "X mm", exact: true }).waitFor();
   await dialog.getByText(/^\d+ parts? completed$/).waitFor();
   await picture(page, "rehearsal");
   await dialog.getByRole("button", { name: "Close" }).click();

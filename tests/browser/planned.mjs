@@ -2,12 +2,16 @@
 
 const LEVELS = 4;
 
+/** What a plan was made with, where a test does not say it. */
+export const PLAN = { hash: "5".repeat(64), called: null, inputs: "0".repeat(16) };
+
 /**
  * The bytes of a path of one chunk: `[x, y, z, line, time, rapid]` of each vertex, in every level the same.
  */
-export function plannedPath(number, cs, vertices) {
+export function plannedPath(number, cs, vertices, { run_id = null, ...plan } = PLAN) {
   const chunks = vertices.length ? 1 : 0;
-  const header = 132;
+  const identity = new TextEncoder().encode(JSON.stringify({ run_id, ...plan }));
+  const header = 132 + 4 + Math.ceil(identity.length / 4) * 4;
   const bytes = new DataView(new ArrayBuffer(header + 48 * chunks + LEVELS * vertices.length * 20));
   const u16 = (at, value) => bytes.setUint16(at, value, true);
   const u32 = (at, value) => bytes.setUint32(at, value, true);
@@ -25,6 +29,8 @@ export function plannedPath(number, cs, vertices) {
   f32(84, Infinity);
   u16(124, 1);
   u16(128, number);
+  u32(132, identity.length);
+  new Uint8Array(bytes.buffer).set(identity, 136);
   if (!chunks) return Buffer.from(bytes.buffer);
   [of("min", 0), of("min", 1), of("min", 2), of("max", 0), of("max", 1), of("max", 2), vertices[0][4], vertices.at(-1)[4]].forEach((value, i) => f32(header + 4 * i, value));
   for (let level = 0; level < LEVELS; level += 1) {
@@ -42,7 +48,7 @@ export function plannedPath(number, cs, vertices) {
 /** A rehearsal of a program that does nothing. */
 export function rehearsal(program, cs, change = {}) {
   return {
-    program, cs, hash: "5".repeat(64), revision: "r", outcome: "completed", text: "", at: null, cycle_time_s: 0, feed_s: 0, rapid_s: 0, fixed_s: 0, wait_s: 0,
+    program, cs, hash: PLAN.hash, run_id: null, plan: PLAN, revision: "r", outcome: "completed", text: "", at: null, cycle_time_s: 0, feed_s: 0, rapid_s: 0, fixed_s: 0, wait_s: 0,
     depends: null, m_codes: [], m_code_count: 0, axes: {}, lines: [], run: null, ...change,
   };
 }

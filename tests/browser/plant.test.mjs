@@ -103,6 +103,20 @@ test("a number is forced within its range", async () => {
   await until(() => machine.requests.map(({ body }) => body.value), [12.5]);
 });
 
+test("a number that is typed is not forced if the unit of its input has changed meanwhile", async () => {
+  await open();
+  await tab().click();
+  await force("coolant_level").click();
+  const dialog = page.getByRole("dialog");
+  await dialog.getByLabel("Value").fill("20");
+  const { coolant_level: level } = PLANT.in;
+  machine.say("birth", { ...BIRTH, io: { ...PLANT, in: { ...PLANT.in, coolant_level: { ...level, unit: "gal" } } } });
+  await until(() => point("io/in/coolant_level").innerText(), /42\.5 gal/);
+  await dialog.getByRole("button", { name: "Force" }).click();
+  await page.getByText("20 l was not stored, because the unit of coolant_level is now gal. Type it again.").waitFor();
+  assert.deepEqual(machine.requests, []);
+});
+
 test("who may only look forces nothing", async () => {
   await open({}, PLANT, "view");
   await tab().click();

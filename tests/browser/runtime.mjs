@@ -1,16 +1,18 @@
 // Starts the real runtime, as its user would: the binary, a config file, a folder of its own.
 
+import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
 import { once } from "node:events";
 import { appendFile, mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { after, before } from "node:test";
+import { after, afterEach, before, beforeEach } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
 import { promisify } from "node:util";
 
-import { launch } from "./browser.mjs";
+import { launch, openPage } from "./browser.mjs";
+import { Screen } from "./screen.mjs";
 
 const BINARY = process.env.TANDEM_BIN ?? new URL("../../target/debug/tandem", import.meta.url).pathname;
 const START_MS = 20000;
@@ -194,6 +196,15 @@ export class Runtime {
     throw new Error(`the runtime does not answer at ${this.url}:\n${this.log}`);
   }
 
+  /** Lets it stand still, as a computer that is suspended does, until it is resumed. */
+  pause() {
+    this.#child.kill("SIGSTOP");
+  }
+
+  resume() {
+    this.#child?.kill("SIGCONT");
+  }
+
   /** Ends it at once, as a power cut does. */
   async kill() {
     await this.#end("SIGKILL");
@@ -218,18 +229,38 @@ export class Runtime {
   }
 }
 
-/** Before the tests of a file starts a runtime and a browser, and hands them to `take`; they end after the tests. */
-export function withRuntime(take) {
+/** Before the tests of a file configures and starts a runtime, and a browser, and hands them to `take`; they end after the tests. */
+export function withRuntime(take, configure = async () => {}) {
   let made;
   before(async () => {
     const runtime = await Runtime.create();
     made = { runtime };
+    await configure(runtime);
     await runtime.start();
     made.browser = await launch();
-    take(made);
+    await take(made);
   });
   after(async () => {
     await made?.browser?.close();
     await made?.runtime.remove();
+  });
+}
+
+/**
+ * Before each test opens a connected page of `machine()`, a runtime and a browser, and hands it to `take`; after it the page has
+ * reported no error.
+ */
+export function withPage(machine, take) {
+  let opened;
+  beforeEach(async () => {
+    const { runtime, browser } = machine();
+    opened = await openPage(browser);
+    take({ ...opened, screen: new Screen(opened.page) });
+    await opened.page.goto(runtime.url);
+    await opened.page.getByText("Connected", { exact: true }).waitFor();
+  });
+  afterEach(async () => {
+    await opened.close();
+    assert.deepEqual(opened.errors, [], "the browser's console shows no errors, and all is of its form");
   });
 }

@@ -58,6 +58,12 @@ export class Screen {
     await this.page.locator("#by-hand").waitFor();
   }
 
+  /** Confirms an M code by hand, and answers the question that this asks. */
+  async confirmByHand(m) {
+    await this.page.getByRole("button", { name: `Confirm M${m} by hand` }).click();
+    await this.page.getByRole("dialog").getByRole("button", { name: `Confirm M${m}` }).click();
+  }
+
   /** Waits for the state word of the coordinate system on the screen. */
   async sees(execution) {
     await this.page.locator(`.status[data-execution="${execution}"]`).waitFor().catch(async () => {

@@ -68,6 +68,88 @@ async function requestsUntil(count) {
   return machine.requests;
 }
 
+/** An obstacle of a start as a machine publishes it. */
+const obstacle = (kind, change = {}) => ({ kind, text: "", detail: "", refuses: true, m_codes: [], at: null, ...change });
+
+test("the sentence and the Start button have one source: what prevents a start", async () => {
+  const say = (...obstacles) => machine.say("cs/1/start_conditions", { obstacles });
+  const start = page.getByRole("button", { name: "Start", exact: true });
+  const sentence = page.locator(".sentence");
+  say();
+  await sentence.getByText("Program O0001 is loaded and at its head. Press Start.").waitFor();
+  await enabled(start);
+  for (const [one, words] of [
+    [obstacle("interlock", { detail: "the door is open" }), "The interlock is on: the door is open."],
+    [obstacle("start_lock", { detail: "no blank" }), "The start lock is on: no blank."],
+    [obstacle("lease", { detail: "cell" }), "cell"],
+    [obstacle("program", { detail: "it has 2 errors" }), "The program does not run: it has 2 errors."],
+  ]) {
+    say(one, obstacle("m_code", { refuses: false, m_codes: [77] }));
+    // the sentence of the obstacle before begins with the same words
+    await sentence.getByText(words).waitFor();
+    const said = await sentence.textContent();
+    assert.ok(said.startsWith("Program O0001 is loaded.") && !said.includes("Press Start"), said);
+    await disabled(start);
+    assert.equal(said.replace("Program O0001 is loaded. ", ""), await start.getAttribute("title"));
+  }
+  for (const [one, words] of [
+    [obstacle("m_code", { refuses: false, m_codes: [77, 78] }), "No handler is online for M77, M78: an alarm would end the run there."],
+    [obstacle("prediction", { refuses: false, detail: "Soft limit: axis X", at: { program: 1, line: 3 } }), "The rehearsal ends in an alarm in line 3: Soft limit: axis X"],
+  ]) {
+    say(one);
+    await sentence.getByText(words).waitFor();
+    machine.requests.length = 0;
+    await start.click();
+    await page.getByRole("dialog").getByText(words).waitFor();
+    await page.getByRole("button", { name: "Do not start" }).click();
+    assert.deepEqual(machine.requests, [], "nothing is sent before it is confirmed");
+  }
+  machine.state(1, { execution: "PROGRAM_COMPLETED" });
+  await sentence.getByText("Program O0001 is complete. The rehearsal ends").waitFor();
+});
+
+test("values are marked as stale within a second after the last heartbeat", async () => {
+  const banner = page.locator(".offline");
+  const isStale = () => page.evaluate(() => document.body.hasAttribute("data-stale"));
+  const beats = setInterval(() => machine.say("heartbeat", { cycle: 1 }), 100);
+  try {
+    await page.waitForTimeout(1500);
+    assert.equal(await isStale(), false);
+  } finally {
+    clearInterval(beats);
+  }
+  const since = Date.now();
+  await banner.getByText("No news of the machine for").waitFor();
+  assert.ok(Date.now() - since < 2000, `${Date.now() - since} ms`);
+  assert.equal(await isStale(), true);
+  machine.say("heartbeat", { cycle: 2 });
+  await banner.waitFor({ state: "hidden" });
+  assert.equal(await isStale(), false);
+});
+
+test("of a run no other plan is shown, and a time left that is not known is not told", async () => {
+  machine.paths.set(1, [[0, 0, 0, 1, 0, false], [100, 0, 0, 1, 1, false]]);
+  const lines = () => page.locator(".path-lines").evaluate((canvas) => canvas.statistics().lines);
+  await page.reload();
+  await screen.sees("READY");
+  await page.locator(".path-summary").getByText("Cycle").waitFor();
+  await page.locator(".path-note").waitFor({ state: "hidden" });
+  await page.waitForTimeout(500);
+  const drawn = await lines();
+  machine.plans.set(1, { run_id: "r0" });
+  machine.rehearsals.set(1, { run_id: "r0" });
+  machine.state(1, { execution: "ACTIVE", run_id: "r1", run_kind: "program" });
+  await page.locator(".path-note").getByText("Not planned yet.").waitFor();
+  await page.locator(".path-summary").getByText("Not planned yet.").waitFor();
+  await until(lines, (count) => count < drawn, "lines drawn of another plan");
+  machine.plans.delete(1);
+  machine.rehearsals.set(1, { run: { at_s: 1, left_s: null, progress: 0.25 } });
+  await page.locator(".path-summary").getByText("25 %, time left not known, 0.0 s in all").waitFor();
+  await until(lines, (count) => count >= drawn, "lines drawn of the plan of the run");
+  machine.state(1, { reason: "OVERRIDE_ZERO" });
+  await page.locator(".sentence").getByText("Program O0001 stands: the override is 0 %. Raise it to go on.").waitFor();
+});
+
 test("sentence names the M code, its parameters, the handler and its progress", async () => {
   waitForM100("demo", { progress: { text: "moving the magazine", percent: 60 } });
   await page.getByText(/^Waiting 1\d s for M100 \(TOOL_LOAD\), VA=5: handler demo works: moving the magazine \(60\s%\)\.$/).waitFor();
@@ -112,7 +194,7 @@ test("program text that could not be read is read again", async () => {
 test("reset that comes too late says what became of it", async () => {
   machine.answers.set("POST /cs/1/m_codes/12/reset", { status: 409, body: { code: "stale", detail: "output 12: it was cancelled; nothing was changed" } });
   waitForM100(null);
-  await page.getByRole("button", { name: "Confirm M100 by hand" }).click();
+  await screen.confirmByHand(100);
   await page.getByText("Output 12: it was cancelled; nothing was changed.").waitFor();
   expectErrors(/status of 409/);
 });
@@ -207,7 +289,7 @@ test("the run that a restart cut short is told", async () => {
 });
 
 test("Start commands only the state that is on the screen, and says so when it has moved on", async () => {
-  const sent = page.waitForRequest((request) => request.url().endsWith("/cs/1/start?wait=1"));
+  const sent = page.waitForRequest((request) => request.url().endsWith("/cs/1/start"));
   machine.answers.set("POST /cs/1/start", { status: 412, body: { detail: "the state has changed since; its rev is 9 now", code: "precondition_failed" } });
   await screen.command("Start").click();
   assert.match((await sent).headers()["if-match"], /^"\d+", "boot:boot-1"$/);
@@ -353,12 +435,12 @@ test("path is drawn where the tool has been", async () => {
   const lines = () => page.evaluate(() => document.querySelector(".path-lines").statistics().lines);
   await until(lines, (count) => count > 0, "the tool and the work zero are drawn");
   const before = await lines();
-  machine.say("cs/1/modal", { g: { "01": "G01" }, f: 600, s: 0, ta: 100, td: 100, ts_ms: 50, tool: 0, work_offset: "G54" });
+  machine.say("cs/1/modal", { g: { "01": "G01" }, f: 600, s: 0, ta: 100, td: 100, ts_ms: 50, tool: 0, work_offset: "G54", mdi: [] });
   for (const [X, Y] of [[50, 0], [50, 30], [0, 30]]) {
     machine.say("cs/1/position", { ...machine.topics.get("cs/1/position"), machine: { X, Y, Z: 0 } });
   }
   await until(lines, before + 3, "the number of lines drawn: those between four positions, and the rest");
-  await page.getByRole("img", { name: "now at X 0.000, Y 30.000" }).waitFor();
+  await page.getByRole("img", { name: "now at X 0.000 mm, Y 30.000 mm" }).waitFor();
 });
 
 test("another boot is noticed: old values go, the new ones are shown", async () => {

@@ -6,7 +6,7 @@ import { extname, join } from "node:path";
 
 import { build } from "esbuild";
 
-import { plannedPath, rehearsal } from "./planned.mjs";
+import { PLAN, plannedPath, rehearsal } from "./planned.mjs";
 import { wrongAsked, wrongFrame } from "./schemas.mjs";
 
 const WEB = new URL("../../web/", import.meta.url).pathname;
@@ -43,7 +43,7 @@ export const BIRTH = {
 
 export const STATE = {
   execution: "READY", transition: null, reason: null, wait_state: null, waiting_on: null, program: 1, run_id: null, run_kind: null,
-  hash: null, o_number: null, single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
+  hash: PLAN.hash, o_number: null, single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
 };
 
 /** Whether a subscription, which may end with `#`, is of a topic. */
@@ -61,6 +61,8 @@ export class ScriptedMachine {
   /** Vertices of planned paths by program: `[x, y, z, line, time, rapid]`; what rehearsals say. */
   paths = new Map();
   rehearsals = new Map();
+  /** What the plan of a program is of, where it is another one than that of the run, or of the text loaded. */
+  plans = new Map();
   /** Program text by number. */
   programs = new Map();
   programList = [];
@@ -70,6 +72,7 @@ export class ScriptedMachine {
   /** Whether it takes further connections. */
   takesSockets = true;
   #sockets = new Set();
+  #commands = new Set();
 
   /** Takes over everything that the page asks of ORIGIN. */
   async attach(page) {
@@ -113,6 +116,7 @@ export class ScriptedMachine {
   /** What a machine says at its start: two coordinate systems at rest, positions zero. */
   start() {
     this.say("presence", { online: true, started_at: now(), version: "0.1.0" });
+    this.say("heartbeat", { cycle: 1 });
     this.say("birth", BIRTH);
     this.say("alarm/active", { alarms: [] });
     for (const { number, axes: named } of BIRTH.coordinate_systems) {
@@ -120,7 +124,7 @@ export class ScriptedMachine {
       this.say(`cs/${number}/state`, STATE);
       this.say(`cs/${number}/program`, { number: null, nest_level: 0, stack: [], line: 0, block: "", interpreted_line: 0 });
       this.say(`cs/${number}/position`, { machine: zero, work: zero, distance_to_go: zero, actual: zero, homed: Object.fromEntries(Object.keys(named).map((axis) => [axis, true])), following_error: zero, feedrate: 0, spindle_rpm: 0 });
-      this.say(`cs/${number}/modal`, { g: { "01": "G00" }, f: 0, s: 0, ta: 100, td: 100, ts_ms: 50, tool: 0, work_offset: "G54" });
+      this.say(`cs/${number}/modal`, { g: { "01": "G00" }, f: 0, s: 0, ta: 100, td: 100, ts_ms: 50, tool: 0, work_offset: "G54", mdi: [] });
       this.say(`cs/${number}/m_code/pending`, { outputs: [] });
       this.say(`cs/${number}/override/state`, { feed: 100, rapid: 100, spindle: 100 });
       this.say(`cs/${number}/input/optional_skip/state`, { requested: [], effective: [], effective_from_line: 0 });
@@ -133,6 +137,15 @@ export class ScriptedMachine {
     const frame = JSON.stringify({ topic, v: 1, boot_id: this.bootId, ts: now(), rev: this.rev, ...this.topics.get(topic) });
     this.#check(wrongFrame(frame));
     socket.send(frame);
+  }
+
+  /** Notes a request that changes something, without its age limit; the same command once more is the same command. */
+  #note(request, path) {
+    const key = request.headers()["idempotency-key"];
+    if (key !== undefined && this.#commands.has(key)) return;
+    this.#commands.add(key);
+    const { not_after: _limit, ...body } = request.postDataJSON() ?? {};
+    this.requests.push({ method: request.method(), path, body: request.postData() === null ? null : body });
   }
 
   #check(problem) {
@@ -150,7 +163,7 @@ export class ScriptedMachine {
       return route.fulfill({ body, contentType: TYPES[extname(file)] ?? "text/plain", headers });
     }
     const path = pathname.slice("/api/v1".length);
-    if (request.method() !== "GET") this.requests.push({ method: request.method(), path, body: request.postDataJSON() });
+    if (request.method() !== "GET") this.#note(request, path);
     const answer = this.answers.get(`${request.method()} ${path}`);
     if (answer) return route.fulfill(answer.status < 400 ? { status: answer.status, json: answer.body } : problem(answer));
     const planned = /^\/programs\/(\d+)\/(path|rehearsal)$/.exec(path);
@@ -167,8 +180,10 @@ export class ScriptedMachine {
   /** The planned path of a program, which does not move unless a test says how, and its rehearsal. */
   #plan(route, number, what) {
     const cs = Number(new URL(route.request().url()).searchParams.get("cs") ?? 1);
-    if (what === "rehearsal") return route.fulfill({ json: rehearsal(number, cs, this.rehearsals.get(number)) });
-    const body = plannedPath(number, cs, this.paths.get(number) ?? []);
+    const { run_kind: kind, run_id: id, hash } = this.topics.get(`cs/${cs}/state`);
+    const of = { run_id: kind === "program" ? id : null, hash: hash ?? PLAN.hash };
+    if (what === "rehearsal") return route.fulfill({ json: rehearsal(number, cs, { ...of, plan: { ...PLAN, hash: of.hash }, ...this.rehearsals.get(number) }) });
+    const body = plannedPath(number, cs, this.paths.get(number) ?? [], { ...PLAN, ...of, ...this.plans.get(number) });
     return route.fulfill({ body, contentType: "application/octet-stream", headers: { ETag: `"${number}-${cs}-all"` } });
   }
 
@@ -177,7 +192,7 @@ export class ScriptedMachine {
     const handshake = /^\/cs\/\d+\/m_codes\/(\d+)\/(reset|answer)$/.exec(path);
     if (handshake) return { json: { seq: Number(handshake[1]), handler_id: body.handler_id ?? "hmi", status: "accepted" } };
     if (path.endsWith("/redeliver")) return { status: 204 };
-    if (path === "/hmi") return { json: { buttons: [], cards: [] } };
+    if (path === "/hmi") return { json: { jog_step_max: 10, buttons: [], cards: [] } };
     if (path === "/machines") return { json: { addresses: [], broker: "none", machines: [] } };
     if (path === "/health") return { json: { status: "ok" } };
     if (path === "/machine") return { json: { v: 1, boot_id: this.bootId, ts: now(), ...BIRTH } };

@@ -1,32 +1,19 @@
 // Setting up a part, and the programs of the store, on the real runtime.
 
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, test } from "node:test";
+import { test } from "node:test";
 
-import { openPage } from "./browser.mjs";
-import { withRuntime } from "./runtime.mjs";
-import { disabled, enabled, Screen, until } from "./screen.mjs";
+import { withPage, withRuntime } from "./runtime.mjs";
+import { disabled, enabled, until } from "./screen.mjs";
 
 let browser;
 let runtime;
 let page;
-let errors;
-let close;
 let screen;
 
 withRuntime((made) => ({ runtime, browser } = made));
 
-beforeEach(async () => {
-  ({ page, errors, close } = await openPage(browser));
-  screen = new Screen(page);
-  await page.goto(runtime.url);
-  await page.getByText("Connected", { exact: true }).waitFor();
-});
-
-afterEach(async () => {
-  await close();
-  assert.deepEqual(errors, [], "the browser's console shows no errors, and all is of its form");
-});
+withPage(() => ({ runtime, browser }), (opened) => ({ page, screen } = opened));
 
 async function read(path) {
   return (await fetch(`${runtime.url}/api/v1${path}`)).json();
@@ -70,6 +57,21 @@ test("a work offset is changed, zero is set where the tool stands, and the last 
   await offsetIs("G55", "X", 12.5);
   await undo.click();
   await offsetIs("G55", "X", 0);
+});
+
+test("a typed offset stays while a silent machine disables its field, and goes with another offset", async () => {
+  await section("Offsets");
+  await page.getByRole("radio", { name: "G56" }).click();
+  const field = page.getByLabel("Offset X", { exact: true });
+  await field.fill("12.5");
+  runtime.pause();
+  await until(() => field.isDisabled(), true, "a silent machine");
+  runtime.resume();
+  await until(() => field.isEnabled(), true, "a machine that is heard");
+  assert.equal(await field.inputValue(), "12.5");
+  await page.getByRole("radio", { name: "G57" }).click();
+  await until(() => field.inputValue(), "0.000", "the offset of G57");
+  assert.equal(await offset("G56", "X"), 0);
 });
 
 test("an edge that is touched gets its position, also when it is touched twice", async () => {
@@ -172,7 +174,7 @@ test("an M code of the machine's table is put out by its button", async () => {
   await section("M codes");
   await page.getByRole("group", { name: "M codes" }).getByRole("button", { name: /M100/ }).click();
   await screen.sees("WAIT");
-  await page.getByRole("button", { name: "Confirm M100 by hand" }).click();
+  await screen.confirmByHand(100);
   await screen.sees("READY");
 });
 

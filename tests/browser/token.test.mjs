@@ -60,7 +60,7 @@ test("the page of the interface shows routes and topics, and loads nothing from 
   const hosts = new Set();
   page.on("request", (request) => hosts.add(new URL(request.url()).origin));
   await page.goto(`${runtime.url}/api`);
-  const start = page.locator("details", { hasText: "/api/v1/cs/{cs}/start" });
+  const start = page.locator("details").filter({ has: page.getByText("/api/v1/cs/{cs}/start", { exact: true }) });
   await start.locator("summary").click();
   await start.getByText("Starts the loaded program, from its head or from a line.").waitFor();
   await page.getByText("tandem/v1/{machine}/cs/{cs}/state", { exact: true }).waitFor();

@@ -10,7 +10,7 @@ import { inputOf, picture, seenFrom, variableOf } from "./values.js";
 
 /** @param {import("../main.js").App} app @param {HmiButton} wanted */
 export function addedButton(app, wanted) {
-  const element = button({ class: "button added-button", onclick: () => void press(app, wanted) }, picture(wanted.icon), h("span", {}, wanted.text));
+  const element = button({ class: "button added-button", onclick: () => press(app, wanted) }, picture(wanted.icon), h("span", {}, wanted.text));
   const does = doing(wanted);
   const render = () => {
     const seen = seenFrom(app.model, wanted.cs);
@@ -50,7 +50,7 @@ async function press(app, wanted) {
   const { selected: cs, current } = seenFrom(app.model, wanted.cs);
   const line = lineOf(wanted);
   await app.attempt(async () => {
-    if (line !== null) await app.api.command(cs, "mdi", { text: line });
+    if (line !== null) await app.api.command(cs, "mdi", { text: line, macro: true });
     else if (wanted.variable !== undefined) {
       const { kind, number } = variableOf(wanted.variable);
       await app.api.setVariables(cs, kind, number, [wanted.value ?? 0]);

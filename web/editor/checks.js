@@ -4,6 +4,8 @@
 const REST_MS = 400;
 /** So many times as long as the last check took, where that is longer: a long text is checked more rarely. */
 const REST_FACTOR = 2;
+/** The longest rest, ms: after one slow check, such as one that waited for others, findings still come soon. */
+const REST_MAX_MS = 3000;
 
 /** @typedef {import("../types.d.ts").ProgramDiagnostic} ProgramDiagnostic */
 
@@ -36,7 +38,7 @@ export class Checks {
 
   #wait() {
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => void this.#look(), Math.max(REST_MS, REST_FACTOR * this.#tookMs));
+    this.#timer = setTimeout(() => void this.#look(), Math.min(REST_MAX_MS, Math.max(REST_MS, REST_FACTOR * this.#tookMs)));
   }
 
   async #look() {

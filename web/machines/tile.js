@@ -1,10 +1,11 @@
 // The tile of a machine: its frame has the colour of its state, and its name opens its own screen.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
-import { duration, programName } from "../format.js";
+import { duration, programName, seconds } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { t } from "../language.js";
 import { asked, brief, look, sentence } from "../sentence.js";
+import { runsProgram } from "../path/shown.js";
 import { Watched } from "./watched.js";
 
 /** @typedef {Watched | import("./told.js").Told} Machine */
@@ -54,8 +55,11 @@ export function tile(machine, remove) {
     }
     const tones = [...rows].map(([cs, one]) => one.render(machine, cs));
     const why = TROUBLES[link];
-    setText(trouble, why === null ? "" : t(why, why === "machines.refused" ? { origin: location.origin } : {}));
-    setAttr(trouble, "hidden", why === null);
+    const { staleMs } = machine;
+    const stale = why === null && staleMs > 0 ? t("connection.stale", { seconds: seconds(staleMs / 1000, 1) }) : "";
+    setText(trouble, why === null ? stale : t(why, why === "machines.refused" ? { origin: location.origin } : {}));
+    setAttr(trouble, "hidden", why === null && stale === "");
+    setAttr(element, "data-stale", stale !== "");
     setText(count, t("machines.alarms", { count: machine.alarmCount }));
     setAttr(alarms, "hidden", machine.alarmCount === 0);
     setAttr(element, "data-link", link);
@@ -95,7 +99,8 @@ function row(cs) {
       setText(word, asked(state) ? t("machines.asks", { state: text }) : text);
       setText(said, brief(sentence(system, machine.alarms, machine.ageMs, machine.birth), SENTENCE_CHARS));
       setText(program, state.program === null ? "" : system.place?.line ? t("common.program_line", { program: programName(state.program), line: system.place.line }) : programName(state.program));
-      const { left_s: leftS = null, progress = null } = system.timeLeft ?? {};
+      const ofRun = runsProgram(state) && system.timeLeft?.run_id === state.run_id ? system.timeLeft : null;
+      const { left_s: leftS = null, progress = null } = ofRun ?? {};
       setText(left, leftS === null ? "" : t("machines.left", { time: duration(leftS * 1000) }));
       setAttr(done, "hidden", progress === null);
       done.value = progress ?? 0;

@@ -1,11 +1,15 @@
 // A machine of the page of which this machine's runtime tells: it has heard it at the broker that both share.
 
+import { STALE_MS } from "../model.js";
+
 export class Told {
   /** @type {import("./watched.js").LinkState} */
   link = "connecting";
   /** Where its own screen is, if it says so. @type {string | null} */
   address = null;
   name;
+  /** When its newest heartbeat arrived, on the clock of `performance`; before the first one, when it was first told of. */
+  #heardAt = performance.now();
   alarmCount = 0;
   /** @type {import("../types.d.ts").AlarmRecord[]} */
   alarms = [];
@@ -20,6 +24,7 @@ export class Told {
   /** @param {import("../types.d.ts").MachineSeen} seen */
   take(seen) {
     this.link = seen.link;
+    if (seen.age_ms !== null) this.#heardAt = performance.now() - seen.age_ms;
     this.address = seen.url;
     this.alarmCount = seen.alarm_count;
     this.alarms = seen.alarms;
@@ -29,6 +34,12 @@ export class Told {
   /** The broker cannot be reached from here, or this machine is not heard. */
   lose() {
     this.link = "unheard";
+  }
+
+  /** How old what stands in the tile is, ms; 0: it is of now. */
+  get staleMs() {
+    const ageMs = performance.now() - this.#heardAt;
+    return ageMs > STALE_MS ? ageMs : 0;
   }
 
   /** Times of another clock are not told. */
@@ -42,8 +53,8 @@ export class Told {
 }
 
 /** As the sentence reads it. @param {import("../types.d.ts").CoordinateSystemSeen} told */
-function systemOf({ number, state, waiting_on: output, left_s, progress }) {
+function systemOf({ number, state, waiting_on: output, left_s, progress, start_conditions: startConditions }) {
   /** @type {any} */
-  const system = { info: { number }, state, pending: { outputs: output ? [output] : [] }, place: null, lastRun: null, interlock: null, position: null, timeLeft: { left_s, progress } };
+  const system = { info: { number }, state, pending: { outputs: output ? [output] : [] }, place: null, lastRun: null, interlock: null, position: null, timeLeft: { run_id: state?.run_id ?? null, left_s, progress }, startConditions };
   return system;
 }

@@ -2,8 +2,8 @@
 
 import { Told } from "./told.js";
 
-/** How often it is asked, ms. */
-const ASK_MS = 1000;
+/** How often it is asked, ms: often enough that what is less than a second old is told. */
+const ASK_MS = 400;
 
 export class ToldMachines {
   /** Addresses of the configuration. @type {string[]} */

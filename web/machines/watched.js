@@ -7,7 +7,7 @@ import { keepToken, tokenOf } from "./addresses.js";
 /** How often it is looked why there is no connection, ms, and how long an answer may take. */
 const LOOK_MS = 3000;
 const ANSWER_MS = 4000;
-const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state", "time_left"];
+const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state", "time_left", "start_conditions"];
 
 /**
  * `silent`: its presence is too old; `unreachable`: nothing answers; `refused`: it answers, and this page is not allowed to read
@@ -71,6 +71,11 @@ export class Watched {
 
   get birth() {
     return this.model.birth;
+  }
+
+  /** How old what stands in the tile is, ms; 0: it is of now. */
+  get staleMs() {
+    return this.model.staleMs;
   }
 
   get ageMs() {

@@ -23,6 +23,8 @@ const LINE_MASK = 2 ** LINE_BITS - 1;
  * @typedef {object} Answer
  * @property {boolean} complete
  * @property {boolean} cut
+ * @property {string | null} runId the run under way that it is the plan of
+ * @property {string | null} hash of the main program
  * @property {number[]} tolerances of the levels, mm
  * @property {number} first chunk whose lines are here
  * @property {number} count of these
@@ -44,6 +46,8 @@ export function readPath(bytes) {
   const [table, flags, count, levels] = [u16(6), u32(8), u32(20), u32(24)];
   const programs = Array.from({ length: u16(124) }, (_, i) => u16(128 + 2 * i));
   const why = new TextDecoder().decode(new Uint8Array(bytes, 128 + 2 * programs.length, u16(126)));
+  const identityAt = (128 + 2 * programs.length + u16(126) + 3) & ~3;
+  const identity = identityAt + 4 <= table ? JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, identityAt + 4, u32(identityAt)))) : {};
   const corner = (/** @type {number} */ at) => /** @type {[number, number, number]} */ ([f32(at), f32(at + 4), f32(at + 8)]);
   const chunks = Array.from({ length: count }, (_, i) => {
     const at = table + i * ENTRY_BYTES;
@@ -63,7 +67,7 @@ export function readPath(bytes) {
     }
   }
   return {
-    complete: (flags & 1) !== 0, cut: (flags & 2) !== 0, tolerances: Array.from({ length: levels }, (_, i) => f32(28 + 4 * i)),
+    complete: (flags & 1) !== 0, cut: (flags & 2) !== 0, runId: identity.run_id ?? null, hash: identity.hash ?? null, tolerances: Array.from({ length: levels }, (_, i) => f32(28 + 4 * i)),
     first, count: included, end: f32(56), dependsAt: f32(84), dependsWord: u32(88), why, programs, chunks,
   };
 }

@@ -20,6 +20,8 @@ export class PathLoader {
   path = null;
   /** Why there is none. */
   error = "";
+  /** False: the path that is here is of another run or text; a newer one is asked for often. */
+  isCurrent = true;
   /** Grows when another path, or more of it, is there. */
   revision = 0;
   #program = 0;
@@ -99,7 +101,8 @@ export class PathLoader {
         this.#changed();
       }
     }
-    this.#timer = setTimeout(() => void this.#read(), this.path && !this.path.complete ? AGAIN_MS : STILL_MS);
+    const isWaited = !this.isCurrent || (this.path && !this.path.complete);
+    this.#timer = setTimeout(() => void this.#read(), isWaited ? AGAIN_MS : STILL_MS);
   }
 
   /** @param {{bytes: ArrayBuffer, tag: string}} answer @param {number} known chunks that were not asked for again */

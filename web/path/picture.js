@@ -208,8 +208,9 @@ export class Picture {
     for (const bytes of this.#known.keys()) if (!used.has(bytes)) this.#forget(bytes);
   }
 
-  drawBackdrop() {
-    this.#back.draw(this.camera, this.#back.canvas.width / Math.max(1, this.element.clientWidth), this.#colours);
+  /** @param {import("./scenery.js").Lengths} lengths the unit that it names */
+  drawBackdrop(lengths) {
+    this.#back.draw(this.camera, this.#back.canvas.width / Math.max(1, this.element.clientWidth), this.#colours, lengths);
   }
 
   /** The place of the line at a point of the picture. @param {Answer | null} path @param {number} x @param {number} y */

@@ -7,6 +7,8 @@ import { duration, plain, position, programName, seconds } from "../format.js";
 import { listed, t } from "../language.js";
 import { machine } from "../machine.js";
 import { lastRuns } from "./runs.js";
+import { isShown, runsProgram } from "./shown.js";
+import { scaleOf } from "../units.js";
 
 /** How often the time left is asked for while a program runs, and the rehearsal while it is planned, ms. */
 const AGAIN_MS = 1000;
@@ -60,18 +62,19 @@ export class Rehearse {
       this.#askedAt = 0;
       this.#scrub(false);
     }
-    const runs = ["ACTIVE", "WAIT", "FEED_HOLD", "INTERRUPTED", "PROGRAM_STOPPED", "OPTIONAL_STOP"].includes(state?.execution ?? "");
-    const isOpen = runs || !this.#rehearsal || this.#rehearsal.outcome === "planning" || path !== this.#of;
-    if (state?.program && path && isOpen && this.#app.model.online && Date.now() - this.#askedAt >= AGAIN_MS) {
+    const runs = runsProgram(state);
+    const isOpen = runs || !this.#current(state) || !this.#rehearsal || this.#rehearsal.outcome === "planning" || path !== this.#of;
+    if (state?.program && isOpen && this.#app.model.online && Date.now() - this.#askedAt >= AGAIN_MS) {
       this.#of = path;
       void this.#ask(state.program, system.info.number);
     }
-    setAttr(this.element, "hidden", !state?.program || !path);
+    setAttr(this.element, "hidden", !state?.program);
     if (runs && this.time !== null) this.#scrub(false);
     setAttr(this.#toggle, "disabled", runs || !path?.complete);
     setAttr(this.#toggle, "title", runs ? t("rehearse.while_the_program_runs_the") : null);
-    setText(this.#summary, this.#says(runs));
-    const run = runs ? this.#rehearsal?.run : null;
+    setAttr(this.#details, "disabled", !this.#current(state));
+    setText(this.#summary, this.#says(state));
+    const run = runs ? this.#current(state)?.run : null;
     setAttr(this.#bar, "hidden", !run);
     if (run) this.#bar.value = run.progress;
     const end = String(path?.end ?? 1);
@@ -83,11 +86,18 @@ export class Rehearse {
     setAttr(this.#away, "hidden", !isAway);
   }
 
-  /** @param {boolean} runs */
-  #says(runs) {
+  /** What is rehearsed of the run under way, or of the text that a start would run. @param {import("../types.d.ts").StateMessage | null | undefined} state */
+  #current(state) {
     const rehearsal = this.#rehearsal;
-    if (!rehearsal) return "";
-    if (runs && rehearsal.run) {
+    return rehearsal && isShown(state, { runId: rehearsal.run_id ?? null, hash: rehearsal.hash }) ? rehearsal : null;
+  }
+
+  /** @param {import("../types.d.ts").StateMessage | null | undefined} state */
+  #says(state) {
+    const rehearsal = this.#current(state);
+    if (!rehearsal) return t("path.not_planned_yet");
+    if (runsProgram(state) && rehearsal.run) {
+      if (rehearsal.run.left_s === null) return t("rehearse.left_unknown", { percent: Math.floor(rehearsal.run.progress * 100), all: time(rehearsal.cycle_time_s) });
       return t("rehearse.left", { percent: Math.floor(rehearsal.run.progress * 100), left: time(rehearsal.run.left_s), all: time(rehearsal.cycle_time_s) });
     }
     if (rehearsal.outcome === "planning") return t("rehearse.planned_so_far", { time: time(rehearsal.cycle_time_s) });
@@ -138,7 +148,7 @@ export class Rehearse {
       h("p", {}, shares(rehearsal)),
       rehearsal.text ? h("p", { class: "error" }, ending(rehearsal)) : null,
       rehearsal.depends ? h("p", {}, t("rehearse.from_line_on_it_may", { line: rehearsal.depends.line, why: rehearsal.depends.why })) : null,
-      h("div", { class: "scroll" }, axes(rehearsal), mCodes(rehearsal), lastRuns(rehearsal.program, rehearsal.cs)),
+      h("div", { class: "scroll" }, axes(rehearsal, this.#app.model), mCodes(rehearsal), lastRuns(rehearsal.program, rehearsal.cs)),
       h("div", { class: "row end" }, close),
     ]);
   }
@@ -159,10 +169,14 @@ function shares({ feed_s, rapid_s, fixed_s, wait_s }) {
   return t("rehearse.shares", { feed: time(feed_s), rapid: time(rapid_s), fixed: time(fixed_s), wait: time(wait_s) });
 }
 
-/** @param {Rehearsal} rehearsal */
-function axes({ axes: all }) {
-  const share = (/** @type {import("../types.d.ts").RehearsedPeak} */ { value, limit, line }) => t("rehearse.peak", { value: plain(Math.round(value * 10) / 10), percent: Math.round((100 * value) / limit), line });
-  const rows = Object.entries(all).map(([letter, axis]) => row([letter, position(axis.lowest), position(axis.highest), axis.soft_limits?.map(plain).join(" … ") ?? t("rehearse.none"), share(axis.velocity), share(axis.acceleration)]));
+/** @param {Rehearsal} rehearsal @param {import("../model.js").Model} model */
+function axes({ axes: all }, model) {
+  const rows = Object.entries(all).map(([letter, axis]) => {
+    const scale = scaleOf(model, letter);
+    const share = (/** @type {import("../types.d.ts").RehearsedPeak} */ { value, limit, line }) => t("rehearse.peak", { value: plain(Math.round((10 * value) / scale.size) / 10), percent: Math.round((100 * value) / limit), line });
+    const limits = axis.soft_limits?.map((limit) => plain(limit / scale.size)).join(" … ") ?? t("rehearse.none");
+    return row([`${letter} ${scale.unit}`, position(axis.lowest, scale), position(axis.highest, scale), limits, share(axis.velocity), share(axis.acceleration)]);
+  });
   return table([t("positions.axis"), t("rehearse.lowest"), t("rehearse.highest"), t("rehearse.soft_limits"), t("rehearse.speed"), t("rehearse.acceleration")], rows);
 }
 

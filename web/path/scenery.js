@@ -17,7 +17,9 @@ const RAPID_FLAG = 0x80000000;
 /** Later than anything: a line that is never done is thin. */
 const THIN = 1e30;
 
-/** 1, 2 or 5 times a power of ten, so that lines are at least GRID_MIN_PX apart. @param {number} scale px per mm */
+/** Names of a unit of lengths, and mm in one of it. @typedef {Pick<import("../units.js").Scale, "unit" | "size">} Lengths */
+
+/** 1, 2 or 5 times a power of ten, so that lines are at least GRID_MIN_PX apart. @param {number} scale px per unit of lengths */
 export function gridStep(scale) {
   const least = GRID_MIN_PX / scale;
   const power = 10 ** Math.floor(Math.log10(least));
@@ -82,8 +84,8 @@ export class Backdrop {
     this.#context = canvas.getContext("2d");
   }
 
-  /** @param {import("./camera.js").Camera} camera @param {number} ratio @param {Record<string, string>} colours */
-  draw(camera, ratio, colours) {
+  /** @param {import("./camera.js").Camera} camera @param {number} ratio @param {Record<string, string>} colours @param {Lengths} lengths */
+  draw(camera, ratio, colours, lengths) {
     const c = this.#context;
     if (!c) return;
     const { width, height } = camera;
@@ -92,16 +94,17 @@ export class Backdrop {
     c.font = `11px ${colours.font}`;
     c.fillStyle = colours.text ?? "";
     const plane = { XY: [0, 1], XZ: [0, 2], YZ: [1, 2] }[/** @type {"XY"} */ (camera.view)];
-    if (plane) this.#grid(camera, colours, /** @type {[number, number]} */ (plane));
-    else this.#scale(camera, colours);
+    if (plane) this.#grid(camera, colours, lengths, /** @type {[number, number]} */ (plane));
+    else this.#scale(camera, colours, lengths);
   }
 
-  /** @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours @param {[number, number]} plane */
-  #grid({ centre, scale, width, height }, colours, [h, v]) {
+  /** @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours @param {Lengths} lengths @param {[number, number]} plane */
+  #grid({ centre, scale, width, height }, colours, { unit, size }, [h, v]) {
     const c = /** @type {CanvasRenderingContext2D} */ (this.#context);
-    const step = gridStep(scale);
-    const decimals = Math.max(0, -Math.floor(Math.log10(step)));
-    const label = (/** @type {number} */ n) => fixed(n * step, decimals);
+    const shown = gridStep(scale * size);
+    const step = shown * size;
+    const decimals = Math.max(0, -Math.floor(Math.log10(shown)));
+    const label = (/** @type {number} */ n) => fixed(n * shown, decimals);
     const line = (/** @type {number} */ n, /** @type {number[]} */ [xa = 0, ya = 0, xb = 0, yb = 0]) => {
       c.strokeStyle = (n === 0 ? colours.axis : colours.grid) ?? "";
       c.beginPath();
@@ -127,13 +130,14 @@ export class Backdrop {
     }
     c.textBaseline = "bottom";
     c.textAlign = "right";
-    c.fillText(`${"XYZ"[h]} mm`, width - 6, height - 4);
+    c.fillText(`${"XYZ"[h]} ${unit}`, width - 6, height - 4);
   }
 
-  /** In a view without a grid: the axes, and how long something is. @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours */
-  #scale({ scale, height, axes: [right, up] }, colours) {
+  /** In a view without a grid: the axes, and how long something is. @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours @param {Lengths} lengths */
+  #scale({ scale, height, axes: [right, up] }, colours, { unit, size }) {
     const c = /** @type {CanvasRenderingContext2D} */ (this.#context);
-    const step = gridStep(scale);
+    const shown = gridStep(scale * size);
+    const step = shown * size;
     c.strokeStyle = colours.text ?? "";
     c.lineWidth = 1.5;
     c.beginPath();
@@ -144,7 +148,7 @@ export class Backdrop {
     c.stroke();
     c.textAlign = "left";
     c.textBaseline = "bottom";
-    c.fillText(`${plain(step)} mm`, 12, height - 11);
+    c.fillText(`${plain(shown)} ${unit}`, 12, height - 11);
     c.textAlign = "center";
     c.textBaseline = "middle";
     const [x, y, length] = [46, height - 66, 26];

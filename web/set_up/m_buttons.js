@@ -19,7 +19,7 @@ export const mButtons = {
     let shown = "";
     const run = (/** @type {number} */ m) => {
       const s = m === 3 || m === 4 ? ` S${speed.valueAsNumber || 0}` : "";
-      app.command("mdi", { text: `M${String(m).padStart(2, "0")}${s}` });
+      return app.command("mdi", { text: `M${String(m).padStart(2, "0")}${s}`, macro: true });
     };
     const render = () => {
       const system = app.model.current;

@@ -1,7 +1,7 @@
 // Work offsets: their values, and zero set where the tool stands, or where it has touched.
 
 import { button, h, setAttr, setText } from "../dom.js";
-import { plain, position } from "../format.js";
+import { position } from "../format.js";
 import { sentences, t } from "../language.js";
 import { scaleOf } from "../units.js";
 import { axesOf } from "../model.js";
@@ -33,7 +33,7 @@ class Offsets {
   #note = h("p", { class: "muted", role: "status" });
   #use = button({ onclick: () => this.app.command("mdi", { text: this.#name }) });
   #undo;
-  /** @type {{axis: string, render: () => void}[]} */
+  /** @type {{axis: string, render: () => void, forget: () => void}[]} */
   #rows = [];
 
   /** @param {import("../main.js").App} app */
@@ -93,28 +93,32 @@ class Offsets {
   #choose(name) {
     this.#name = name;
     this.#marks.clear();
+    this.#rows.forEach((row) => row.forget());
     this.app.invalidate();
   }
 
   /** @param {string} axis */
   #row(axis) {
     const { model } = this.app;
-    const field = numberField(t("offsets.offset", { axis }), (value) => void this.#store(axis, value * scaleOf(model, axis).size));
-    const here = numberField(t("offsets.is_here", { axis }), (value) => {
-      void this.#touch(axis, value * scaleOf(model, axis).size);
-      here.show("");
+    const field = numberField(this.app, t("offsets.offset", { axis }), (value) => void this.#store(axis, value));
+    const here = numberField(this.app, t("offsets.is_here", { axis }), (value) => {
+      void this.#touch(axis, value);
+      here.element.value = "";
     });
+    const unit = h("small", { class: "unit" });
     here.element.placeholder = t("offsets.is");
     const zero = button({ class: "button", onclick: () => void this.#touch(axis, 0) }, `${axis} = 0`);
     const middle = button({ class: "button", onclick: () => this.#middle(axis) });
-    const row = h("div", { class: "offset-row", "data-axis": axis }, h("strong", {}, axis), field.element, zero, here.element, middle);
+    const row = h("div", { class: "offset-row", "data-axis": axis }, h("strong", {}, axis, unit), field.element, zero, here.element, middle);
     if (this.#body.querySelector(`[data-axis="${axis}"]`) === null) this.#body.append(row);
     else this.#body.querySelector(`[data-axis="${axis}"]`)?.replaceWith(row);
     const render = () => {
       const scale = scaleOf(model, axis);
-      field.show(position(this.#values[this.#name]?.[axis] ?? 0, scale));
+      setText(unit, scale.unit);
+      field.show(position(this.#values[this.#name]?.[axis] ?? 0, scale), scale);
+      here.show("", scale);
       const marked = this.#marks.get(axis);
-      setText(middle, marked === undefined ? t("offsets.1st") : t("offsets.2nd"));
+      setText(middle, marked === undefined ? t("offsets.1st", { axis }) : t("offsets.2nd", { axis }));
       setAttr(middle, "aria-label", marked === undefined ? t("offsets.first_edge_of_the_middle", { axis }) : t("offsets.second_edge_of_the_middle", { axis }));
       const why = whyNotNow(model) ?? this.#whyNotStanding() ?? this.#whyNotStraight() ?? this.#whyNoLength(axis);
       disableFor(field.element, whyNotNow(model));
@@ -122,7 +126,8 @@ class Offsets {
       disableFor(here.element, why, t("offsets.the_tool_stands_at_this", { axis }));
       disableFor(middle, why, t("offsets.touch_both_sides_of_a"));
     };
-    return { axis, render };
+    const forget = () => [field, here].forEach((one) => one.forget());
+    return { axis, render, forget };
   }
 
   /** Zero is set at rest. */
@@ -209,8 +214,9 @@ class Offsets {
     const cs = this.app.model.selected;
     const name = this.#name;
     const before = this.#values[name]?.[axis] ?? 0;
+    const scale = scaleOf(this.app.model, axis);
     const set = (/** @type {number} */ to) => () => this.app.api.setWorkOffsets(cs, { [name]: { [axis]: to } });
-    await this.#undo.do(t("offsets.was", { offset: name, axis, value: plain(before) }), set(value), set(before));
+    await this.#undo.do(t("offsets.was", { offset: name, axis, value: `${position(before, scale)} ${scale.unit}` }), set(value), set(before));
   }
 }
 

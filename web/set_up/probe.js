@@ -4,7 +4,7 @@ import { button, fill, h, setAttr, setText } from "../dom.js";
 import { position, readNumber } from "../format.js";
 import { icon } from "../icons.js";
 import { sentences, t } from "../language.js";
-import { lengthScale, unitOf } from "../units.js";
+import { isRotary, lengthScale, unitOf } from "../units.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
 import { AXES, cycleOf, foundBy } from "./cycles.js";
 import { Planned } from "./planned.js";
@@ -54,6 +54,7 @@ const POSITIVE = new Set(["distance", "feed", "size", "depth"]);
 const SIGNED = new Set(["setter"]);
 /** What counts for touches by hand. @type {Set<Value>} */
 const BY_HAND = new Set(["ball", "tip", "setter"]);
+/** Typed values that are larger are rejected, mm or mm/min. */
 const VALUE_MAX = 100_000;
 
 /** Values at first, mm and mm/min. @type {Record<Value, number>} */
@@ -127,7 +128,7 @@ class Probe {
     const system = model.current;
     if (!system) return;
     const scale = lengthScale(unitOf(system));
-    const known = KINDS.filter((kind) => AXES[kind].every((axis) => axis in system.info.axes));
+    const known = KINDS.filter((kind) => AXES[kind].every((axis) => axis in system.info.axes && !isRotary(model, axis)));
     const key = JSON.stringify([model.selected, this.#kind, this.#direction, scale.unit, known]);
     if (key !== this.#shown) {
       this.#shown = key;
@@ -183,7 +184,7 @@ class Probe {
   /** @param {Value} name @param {ReturnType<typeof lengthScale>} scale */
   #field(name, { unit, size, decimals }) {
     const label = LABELS[name](unit);
-    const input = h("input", { type: "text", inputmode: "decimal", class: "input value", autocomplete: "off", value: position(this.#values[name], { size, decimals }) });
+    const input = h("input", { type: "text", inputmode: "decimal", class: "input value", autocomplete: "off", value: Number.isNaN(this.#values[name]) ? "" : position(this.#values[name], { size, decimals }) });
     input.addEventListener("input", () => {
       const value = readNumber(input.value) * size;
       const isRight = Math.abs(value) <= VALUE_MAX && (SIGNED.has(name) || value >= 0) && (!POSITIVE.has(name) || value > 0);

@@ -1,6 +1,6 @@
 // The tool table: numbers, lengths and radii.
 
-import { button, fill, h, setAttr } from "../dom.js";
+import { arrange, button, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
 import { icon } from "../icons.js";
 import { t } from "../language.js";
@@ -17,7 +17,6 @@ export const tools = {
     let shown = "";
     /** @type {unknown} */
     let told = null;
-    const scale = () => lengthScale(unitOf(app.model.current));
     const read = async () => {
       await app.attempt(async () => {
         table = await app.api.tools();
@@ -42,26 +41,40 @@ export const tools = {
       const put = (/** @type {import("../types.d.ts").ToolData} */ one) => () => app.api.changeTools({ tools: [one] });
       void undo.do(t("tools.t_was_changed", { id: tool.id }), put({ ...tool, ...change }), put(tool));
     };
-    /** @param {import("../types.d.ts").ToolData} tool */
-    const row = (tool) => {
-      const length = numberField(t("tools.length_of_t", { id: tool.id }), (value) => set(tool, { length: value * scale().size }));
-      const radius = numberField(t("tools.radius_of_t", { id: tool.id }), (value) => set(tool, { radius: value * scale().size }));
-      length.show(position(tool.length, scale()));
-      radius.show(position(tool.radius, scale()));
+    /** @param {import("../types.d.ts").ToolData} first */
+    const row = (first) => {
+      let tool = first;
+      const length = numberField(app, t("tools.length_of_t", { id: tool.id }), (value) => set(tool, { length: value }));
+      const radius = numberField(app, t("tools.radius_of_t", { id: tool.id }), (value) => set(tool, { radius: value }));
       const remove = button({ class: "icon-button", "aria-label": t("tools.take_t_out_of_the", { id: tool.id }), onclick: () => void undo.do(t("tools.t_was_taken_out", { id: tool.id }), () => app.api.changeTools({ remove: [tool.id] }), () => app.api.changeTools({ tools: [tool] })) }, icon("trash"));
-      return h("div", { class: "tool-row", "data-in-spindle": tool.id === app.model.current?.modal?.tool }, h("strong", {}, `T${tool.id}`), length.element, radius.element, remove);
+      const element = h("div", { class: "tool-row" }, h("strong", {}, `T${tool.id}`), length.element, radius.element, remove);
+      const show = (/** @type {import("../types.d.ts").ToolData} */ one, /** @type {import("../units.js").Scale} */ now) => {
+        tool = one;
+        setAttr(element, "data-in-spindle", tool.id === app.model.current?.modal?.tool);
+        length.show(position(tool.length, now), now);
+        radius.show(position(tool.radius, now), now);
+      };
+      return { element, show };
     };
+    /** Rows by the numbers of their tools: a row, and what is typed in it, stays while its tool is in the table. @type {Map<number, ReturnType<typeof row>>} */
+    let rows = new Map();
+    const [lengths, radii] = [h("span", {}), h("span", {})];
+    const head = h("div", { class: "tool-row label" }, h("span", {}, t("tools.tool")), lengths, radii, h("span", {}));
     const render = () => {
       if (app.model.tools !== null && app.model.tools !== told) {
         told = app.model.tools;
         table = app.model.tools.tools;
       }
-      const key = JSON.stringify([table, scale(), app.model.current?.modal?.tool]);
-      if (key !== shown) {
-        shown = key;
-        const { unit } = scale();
-        fill(body, h("div", { class: "tool-row label" }, h("span", {}, t("tools.tool")), h("span", {}, t("tools.length", { unit })), h("span", {}, t("tools.radius", { unit })), h("span", {})), ...table.map(row));
+      const ids = table.map(({ id }) => id).join();
+      if (ids !== shown || head.parentElement === null) {
+        shown = ids;
+        rows = new Map(table.map((tool) => [tool.id, rows.get(tool.id) ?? row(tool)]));
+        arrange(body, head, ...[...rows.values()].map(({ element }) => element));
       }
+      const now = lengthScale(unitOf(app.model.current));
+      setText(lengths, t("tools.length", { unit: now.unit }));
+      setText(radii, t("tools.radius", { unit: now.unit }));
+      for (const tool of table) rows.get(tool.id)?.show(tool, now);
       const why = whyNotNow(app.model);
       for (const one of /** @type {NodeListOf<HTMLInputElement | HTMLButtonElement>} */ (body.querySelectorAll("input, button"))) disableFor(one, why);
       disableFor(add, why);

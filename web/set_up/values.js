@@ -1,6 +1,6 @@
 // Fields of values that are stored when they are left or Enter is pressed, and the way back from the last change.
 
-import { button, h, setAttr } from "../dom.js";
+import { button, h, isRemoved, setAttr } from "../dom.js";
 import { readNumber } from "../format.js";
 import { icon } from "../icons.js";
 import { t } from "../language.js";
@@ -11,33 +11,56 @@ import { disableFor, whyNotNow } from "../why_not.js";
  * @typedef {{title: string, create: (app: import("../main.js").App) => {element: HTMLElement, render: () => void, read: () => void}}} Section
  */
 
+/** Numbers without a unit. @type {import("../units.js").Scale} */
+const UNITLESS = { unit: "", size: 1, decimals: 3 };
+
 /**
- * A field of a number.
+ * A field of a number. What is typed counts in the unit that the field shows: if another one is shown before it is stored, it is discarded.
+ * @param {import("../main.js").App} app
  * @param {string} label
- * @param {(value: number) => void} store
+ * @param {(value: number) => void} store of a length or an angle, mm or degrees
  */
-export function numberField(label, store) {
+export function numberField(app, label, store) {
+  let scale = UNITLESS;
   const input = h("input", { type: "text", inputmode: "decimal", class: "input value", "aria-label": label, autocomplete: "off" });
   let shown = "";
+  // it stays while the field is disabled, which takes its focus
+  let isTyped = false;
   const leave = () => {
+    // a row that is taken away or disabled stores no half of a number
+    if (isRemoved() || input.disabled) return;
+    isTyped = false;
     const text = input.value.trim();
     if (text === shown) return;
     shown = text;
     const value = readNumber(text);
     const isNumber = Number.isFinite(value);
     setAttr(input, "aria-invalid", !isNumber);
-    if (isNumber) store(value);
+    if (isNumber) store(value * scale.size);
   };
+  input.addEventListener("input", () => {
+    isTyped = true;
+  });
   input.addEventListener("change", leave);
   input.addEventListener("keydown", (event) => {
     if (event.key === "Enter") leave();
-    if (event.key === "Escape") input.value = shown;
+    if (event.key !== "Escape") return;
+    input.value = shown;
+    isTyped = false;
   });
   return {
     element: input,
-    /** Shows a value, unless another is being typed. @param {string} text */
-    show(text) {
-      if (document.activeElement === input && input.value !== shown) return;
+    /** Discards what is typed: from now on the field is that of another value. */
+    forget() {
+      isTyped = false;
+    },
+    /** Shows a value, unless another is being typed. @param {string} text @param {import("../units.js").Scale} [of] its unit */
+    show(text, of = UNITLESS) {
+      const isUnstored = isTyped && input.value !== shown;
+      if (isUnstored && of.unit === scale.unit) return;
+      if (isUnstored) app.toast(t("values.discarded", { field: label, typed: input.value, before: scale.unit, unit: of.unit }), "error");
+      isTyped = false;
+      scale = of;
       shown = text;
       if (input.value !== text) input.value = text;
       setAttr(input, "aria-invalid", false);

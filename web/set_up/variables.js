@@ -1,6 +1,6 @@
 // P and Q variables: a part of them, to be looked at and changed.
 
-import { button, fill, h, setAttr } from "../dom.js";
+import { arrange, button, h, setAttr } from "../dom.js";
 import { plain } from "../format.js";
 import { t } from "../language.js";
 import { disableFor, whyNotNow } from "../why_not.js";
@@ -17,8 +17,8 @@ export const variables = {
   create(app) {
     /** @type {"p" | "q"} */
     let kind = "p";
-    /** @type {[number, import("../types.d.ts").Number][]} */
-    let values = [];
+    /** What was read, and where: its rows name and change these variables, whatever is chosen meanwhile. @type {{ cs: number, kind: "p" | "q", values: [number, import("../types.d.ts").Number][] }} */
+    let known = { cs: app.model.selected, kind, values: [] };
     let shown = "";
     const from = h("input", { type: "number", class: "input value", min: 0, step: 1, value: 0, "aria-label": t("variables.first_variable") });
     const used = button({ class: "button pick", role: "switch", "aria-checked": "false", onclick: () => {
@@ -31,13 +31,14 @@ export const variables = {
       void read();
     } }, one.toUpperCase()));
     const read = async () => {
-      const cs = app.model.selected;
+      const [cs, of] = [app.model.selected, kind];
       const first = Math.max(0, Math.floor(Number(from.value) || 0));
       const onlyUsed = used.getAttribute("aria-checked") === "true";
       await app.attempt(async () => {
-        const all = await app.api.variables(cs, kind, first, onlyUsed ? READ_MAX : SHOWN);
+        const all = await app.api.variables(cs, of, first, onlyUsed ? READ_MAX : SHOWN);
         const numbered = all.map((value, at) => /** @type {[number, import("../types.d.ts").Number]} */ ([first + at, value]));
-        values = onlyUsed ? numbered.filter(([, value]) => value !== 0).slice(0, SHOWN * 4) : numbered;
+        const values = onlyUsed ? numbered.filter(([, value]) => value !== 0).slice(0, SHOWN * 4) : numbered;
+        if (cs === app.model.selected && of === kind) known = { cs, kind: of, values };
       });
       app.invalidate();
     };
@@ -46,19 +47,39 @@ export const variables = {
     const body = h("div", { class: "variable-rows" });
     const again = button({ class: "button small", onclick: () => void read() }, t("common.read_again"));
 
-    /** @param {[number, import("../types.d.ts").Number]} entry */
-    const row = ([number, value]) => {
-      const name = `${kind.toUpperCase()}${number}`;
-      const [cs, of] = [app.model.selected, kind];
-      const field = numberField(name, (to) => void undo.do(t("variables.was", { name, value: typeof value === "number" ? plain(value) : value }), () => app.api.setVariables(cs, of, number, [to]), () => app.api.setVariables(cs, of, number, [value])));
-      field.show(typeof value === "number" ? plain(value) : value);
-      return h("div", { class: "variable-row" }, h("strong", {}, name), field.element);
+    /** @param {number} cs @param {"p" | "q"} of @param {number} number */
+    const row = (cs, of, number) => {
+      const name = `${of.toUpperCase()}${number}`;
+      /** @type {import("../types.d.ts").Number} */
+      let value = 0;
+      const field = numberField(app, name, (to) => {
+        const before = value;
+        const set = (/** @type {import("../types.d.ts").Number} */ one) => () => app.api.setVariables(cs, of, number, [one]);
+        void undo.do(t("variables.was", { name, value: typeof before === "number" ? plain(before) : before }), set(to), set(before));
+      });
+      const show = (/** @type {import("../types.d.ts").Number} */ now) => {
+        value = now;
+        field.show(typeof value === "number" ? plain(value) : value);
+      };
+      return { element: h("div", { class: "variable-row" }, h("strong", {}, name), field.element), show };
     };
+    /** Rows by their variables: what is typed in one stays when the values are read again. @type {Map<string, ReturnType<typeof row>>} */
+    let rows = new Map();
+    const none = h("p", { class: "empty" }, t("variables.none_of_these_has_a"));
     const render = () => {
-      const key = JSON.stringify([kind, values]);
+      const { cs, kind: of, values } = known;
+      const key = JSON.stringify(known);
       if (key !== shown) {
         shown = key;
-        fill(body, ...(values.length > 0 ? values.map(row) : [h("p", { class: "empty" }, t("variables.none_of_these_has_a"))]));
+        const before = rows;
+        rows = new Map();
+        for (const [number, value] of values) {
+          const place = `${cs} ${of} ${number}`;
+          const one = before.get(place) ?? row(cs, of, number);
+          one.show(value);
+          rows.set(place, one);
+        }
+        arrange(body, ...(values.length > 0 ? [...rows.values()].map(({ element }) => element) : [none]));
       }
       const why = whyNotNow(app.model, "set");
       for (const one of body.querySelectorAll("input")) disableFor(one, why);

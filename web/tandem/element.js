@@ -5,7 +5,7 @@ import { MACHINE_TOPICS, Model } from "../model.js";
 import { Tandem } from "../tandem.js";
 
 /** Interval at which running times are shown, ms. */
-const TICK_MS = 500;
+const TICK_MS = 250;
 
 /** @typedef {import("../model.js").CoordinateSystem} CoordinateSystem */
 
@@ -76,6 +76,7 @@ export class TandemElement extends HTMLElement {
       this.#frame = 0;
       const { system } = this;
       this.toggleAttribute("online", this.model.online);
+      this.toggleAttribute("stale", this.model.staleMs > 0);
       if (system) this.render(system);
     });
   };
@@ -162,7 +163,7 @@ const COMMON = `
   --text: #e7edf3; --muted: #97a5b3; --card: #161d25; --line: #2f3a45; --accent: #62acf7; --on-accent: #08131f; --grid: #212b35; --grid-axis: #3f4d5a; --rapid: #7b8a99; --tool: #ff9a62;
   --ready: #9fb0bf; --active: #4ecb88; --wait: #62acf7; --attention: #f0b04c; --alarm: #ff7b83; --done: #4fc3cf; --ended: #cf95e8; } }
 :host([hidden]) { display: none; }
-:host(:not([online])) { filter: grayscale(1); opacity: 0.7; }
+:host(:is(:not([online]), [stale])) { filter: grayscale(1); opacity: 0.7; }
 * { box-sizing: border-box; }
 .muted { color: var(--muted); font-size: 0.85em; }
 button { font: inherit; color: var(--text); background: var(--card); border: 1px solid var(--grid-axis); border-radius: 8px; min-height: 44px; min-width: 44px; padding: 0.4em 1em; cursor: pointer; }

@@ -2,7 +2,7 @@
 // attributes `cs` (coordinate system, without it the first one) and `url` (of the machine, without it the server of the page).
 
 import { fill, h, setAttr, setText } from "../dom.js";
-import { duration, params, position } from "../format.js";
+import { duration, params, position, seconds } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { t } from "../language.js";
 import { axesOf } from "../model.js";
@@ -33,7 +33,14 @@ class TandemState extends TandemElement {
     setAttr(this, "tone", tone);
     setIcon(this.#sign, name);
     setText(this.#word, word);
-    setText(this.#said, this.model.online ? sentence(system, this.model.alarms, (ts) => this.model.ageMs(ts), this.model.birth) : t("connection.lost"));
+    setText(this.#said, this.#trouble() ?? sentence(system, this.model.alarms, (ts) => this.model.ageMs(ts), this.model.birth));
+  }
+
+  /** Why what is known is not of now; null: it is. */
+  #trouble() {
+    const { online, staleMs } = this.model;
+    if (!online) return t("connection.lost");
+    return staleMs > 0 ? t("connection.stale", { seconds: seconds(staleMs / 1000, 1) }) : null;
   }
 }
 

@@ -10,7 +10,11 @@ import { Live } from "../path/live.js";
 import { PathLoader } from "../path/load.js";
 import { Picture } from "../path/picture.js";
 import { follow } from "../path/pointer.js";
+import { isShown, runsProgram } from "../path/shown.js";
 import { TandemElement } from "./element.js";
+
+/** Own pages show lengths in mm, as `tandem-dro` does. */
+const MILLIMETRES = { unit: "mm", size: 1 };
 
 /** @typedef {[number, number, number]} Point */
 
@@ -76,14 +80,16 @@ export class TandemPath extends TandemElement {
     if (!loader || !picture) return;
     const { state } = system;
     loader.show(state?.program ?? 0, system.info.number);
-    const of = [state?.program, state?.hash, state?.execution === "READY"].join();
+    const of = [state?.program, state?.hash, state?.execution === "READY", runsProgram(state) && state?.run_id].join();
+    const path = isShown(state, loader.path) ? loader.path : null;
+    loader.isCurrent = loader.path === null || path !== null;
     if (of !== this.#of) {
       this.#of = of;
       loader.again();
     }
-    const runs = state?.run_kind === "program" ? (state.run_id ?? "") : null;
-    this.#live.take(loader.path, runs, system.position, point(system.position?.machine), performance.now());
-    const text = picture.trouble || (state?.program ? loader.error : t("elements.no_program_is_loaded"));
+    const runs = runsProgram(state) ? (state?.run_id ?? "") : null;
+    this.#live.take(path, runs, system.position, point(system.position?.machine), performance.now());
+    const text = picture.trouble || (state?.program ? loader.error || (path ? "" : t("path.not_planned_yet")) : t("elements.no_program_is_loaded"));
     setText(this.#note, text);
     setAttr(this.#note, "hidden", text === "");
     this.#draw(system);
@@ -94,14 +100,14 @@ export class TandemPath extends TandemElement {
     const [loader, picture] = [this.#loader, this.#picture];
     if (!loader || !picture?.measure()) return;
     const now = performance.now();
-    const { path } = loader;
+    const path = isShown(system.state, loader.path) ? loader.path : null;
     const at = point(system.position?.machine);
     const time = path ? this.#live.time(now) : null;
     const place = path && time !== null ? atTime(path, time) : null;
     const work = point(system.position?.work);
     const tool = place?.at ?? at;
-    this.#fit(system, picture.camera, tool);
-    picture.drawBackdrop();
+    this.#fit(system, picture.camera, path, tool);
+    picture.drawBackdrop(MILLIMETRES);
     picture.tidy(path);
     const zero = /** @type {Point} */ (at.map((value, i) => value - (work[i] ?? 0)));
     const ended = state(system) === "PROGRAM_COMPLETED" ? Infinity : -1;
@@ -114,9 +120,8 @@ export class TandemPath extends TandemElement {
     }
   }
 
-  /** Another program, view or size shows all of it. @param {import("./element.js").CoordinateSystem} system @param {import("../path/camera.js").Camera} camera @param {Point} tool */
-  #fit(system, camera, tool) {
-    const path = this.#loader?.path;
+  /** Another program, view or size shows all of it. @param {import("./element.js").CoordinateSystem} system @param {import("../path/camera.js").Camera} camera @param {import("../path/bytes.js").Answer | null} path @param {Point} tool */
+  #fit(system, camera, path, tool) {
     const view = VIEW_NAMES.find((name) => name === this.getAttribute("view")) ?? "ISO";
     const key = [view, system.state?.program, path?.complete, path?.chunks.length, camera.width, camera.height].join();
     if (key === this.#fitted) return;

@@ -5,6 +5,27 @@ import { t } from "../language.js";
 /** Time limit of a request: a slow machine may take seconds to stop on its path. */
 export const TIMEOUT_MS = 15000;
 
+/** Time after the newest heartbeat within which a request of a person takes effect, ms; later, the machine rejects it. */
+export const NOT_AFTER_MS = 1000;
+/** Time limit of the answer to such a request: it takes no effect any more then. */
+export const PERSON_TIMEOUT_MS = 1500;
+
+/**
+ * Limits the age of a request: the machine rejects it as `expired` when it would take effect later.
+ * @typedef {{boot_id: string, heartbeat: number, within_ms: number}} NotAfter
+ */
+
+/** Routes after which something can move. */
+const MOVING = new RegExp(
+  "^/(cs/\\d+/((start|resume|reset|mdi|jog|home|back_trace|runs)(\\?|$)|m_codes/\\d+/(reset|redeliver|answer)$|(inputs|overrides|spindle|tool)(/|$)|variables/)" +
+    "|io/|motors/|variables/)",
+);
+
+/** Whether something can move after a request, so that it may carry an age limit. @param {string} method @param {string} path below `/api/v1` */
+export function canMove(method, path) {
+  return method !== "GET" && MOVING.test(path);
+}
+
 /** The machine has refused something, or has not answered. */
 export class Refusal extends Error {
   /**
@@ -24,6 +45,7 @@ export class Refusal extends Error {
  * @property {Record<string, string>} [headers]
  * @property {number} [timeoutMs]
  * @property {boolean} [keepalive] also when the page closes
+ * @property {string} [unanswered] what a refusal says where no answer comes
  */
 
 /**
@@ -31,7 +53,7 @@ export class Refusal extends Error {
  * @param {string} url @param {string | null} token @param {string} method @param {Asked} [asked]
  * @returns {Promise<Response>}
  */
-export async function request(url, token, method, { body, headers = {}, timeoutMs = TIMEOUT_MS, keepalive = false } = {}) {
+export async function request(url, token, method, { body, headers = {}, timeoutMs = TIMEOUT_MS, keepalive = false, unanswered } = {}) {
   const isText = typeof body === "string" || body instanceof Blob;
   /** @type {Record<string, string>} */
   const own = {};
@@ -49,7 +71,7 @@ export async function request(url, token, method, { body, headers = {}, timeoutM
       signal: AbortSignal.timeout(timeoutMs),
     });
   } catch {
-    throw new Refusal(t("requests.the_machine_did_not_answer"));
+    throw new Refusal(unanswered ?? t("requests.the_machine_did_not_answer"));
   }
   if (response.ok || response.status === 304) return response;
   /** @type {import("../types.d.ts").Problem} */

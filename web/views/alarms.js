@@ -35,7 +35,7 @@ function entry(app, alarm) {
   const facts = [alarm.cs === null ? t("alarms.all") : t("common.cs", { cs: alarm.cs }), place, timeOfDay(alarm.raised_at)].filter((text) => text !== "");
   const words = alarmWords(alarm);
   const remedy = words.remedy ?? (alarm.severity === "alarm" ? t("sentence.remove_cause") : "");
-  const onclick = () => void app.attempt(() => app.api.acknowledge(alarm.id));
+  const onclick = () => app.attempt(() => app.api.acknowledge(alarm.id));
   const acknowledge = button({ class: "button small", "aria-label": t("alarms.acknowledge_number", { number: alarm.number }), onclick }, t("alarms.acknowledge_this"));
   return h(
     "li",

@@ -3,26 +3,19 @@
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { explained } from "../explain.js";
-import { plain, readNumber } from "../format.js";
 import { notHomed } from "../homed.js";
 import { icon } from "../icons.js";
 import { jogButton } from "../jog.js";
+import { JogChoices } from "../jog_choice.js";
 import { t } from "../language.js";
 import { leaseButton } from "../lease.js";
 import { forcedNote } from "../locks.js";
 import { mdiLine } from "../mdi.js";
 import { axesOf } from "../model.js";
 import { Pad } from "../pad.js";
-import { lengthScale, unitOf } from "../units.js";
+import { handUnitOf, isRotary } from "../units.js";
 import { disableFor, whyNot } from "../why_not.js";
 import { dryRunSwitch, lockSwitch } from "./switches.js";
-
-/** Speeds to choose from, mm/min or deg/min. */
-const SPEEDS = [100, 500, 2000, 6000];
-/** Steps to choose from, in the unit of the screen; 0: as long as the button is held. */
-const STEPS = [0, 0.01, 0.1, 1, 10];
-const SPEED_MAX = 1_000_000;
-const STEP_MAX = 10_000;
 
 /** Places of the cross: which axis, its direction, column and row. @type {[number, 1 | -1, number, number][]} */
 const CROSS = [[1, 1, 2, 1], [0, -1, 1, 2], [0, 1, 3, 2], [1, -1, 2, 3], [2, 1, 4, 1], [2, -1, 4, 3]];
@@ -32,12 +25,9 @@ export const byHand = {
   place: "right",
   panel: { name: "by-hand", title: t("by_hand.by_hand") },
   create(app) {
-    const speed = choice([t("by_hand.velocity"), t("by_hand.own_velocity")], SPEEDS, 500, SPEED_MAX, String);
-    const step = choice([t("by_hand.step"), t("by_hand.own_step")], STEPS, 0, STEP_MAX, (value) => (value === 0 ? t("by_hand.hold") : plain(value)));
-    const chosen = () => {
-      const { size, unit } = lengthScale(unitOf(app.model.current));
-      return { velocity: speed.value() * size, distance: step.value() * size, says: t("by_hand.one_step_of", { value: plain(step.value()), unit }) };
-    };
+    const lengths = new JogChoices("mm");
+    const turns = new JogChoices("degrees");
+    const chosen = (/** @type {string} */ axis) => (isRotary(app.model, axis) ? turns : lengths).chosen();
     const jogs = h("div", { class: "jog-cross", role: "group", "aria-label": t("by_hand.jog") });
     const more = h("div", { class: "jog-more", role: "group", "aria-label": t("by_hand.jog_further_axes") });
     const homes = h("div", { class: "homes", role: "group", "aria-label": t("by_hand.home") });
@@ -45,7 +35,7 @@ export const byHand = {
     let cross = [];
     const pad = new Pad(app, (at, direction) => {
       const axis = cross[at];
-      if (axis) app.jogger.begin(axis, direction, chosen());
+      if (axis) app.jogger.begin(axis, direction, chosen(axis));
     });
     const keys = button({ class: "switch keys", role: "switch", "aria-label": t("by_hand.jog_by_keyboard_and_gamepad"), onclick: () => pad.set(!pad.on) }, t("by_hand.keys"));
     const padNote = h("p", { class: "muted pad-note", role: "status" });
@@ -62,8 +52,8 @@ export const byHand = {
       jogs,
       padNote,
       more,
-      speed.element,
-      step.element,
+      ...lengths.elements,
+      ...turns.elements,
       homes,
       homedNote,
       mdi.element,
@@ -77,7 +67,7 @@ export const byHand = {
 
     const build = () => {
       const letters = app.model.current ? axesOf(app.model.current) : [];
-      app.jogger.cancel();
+      app.jogger.leave();
       cross = [..."XYZ"].map((letter) => (letters.includes(letter) ? letter : ""));
       const placed = CROSS.filter(([at]) => cross[at]).map(([at, direction, column, row]) => {
         const made = jogButton(app, cross[at] ?? "", direction, chosen);
@@ -100,9 +90,10 @@ export const byHand = {
         build();
       }
       if (app.model.panel !== "by-hand") pad.set(false);
-      const { unit } = lengthScale(unitOf(system));
-      speed.render(`${unit}/min`);
-      step.render(unit);
+      const letters = Object.keys(system?.info.axes ?? {});
+      const rotary = letters.filter((axis) => isRotary(app.model, axis));
+      lengths.render(handUnitOf(system), letters.length === 0 || rotary.length < letters.length);
+      turns.render("degrees", rotary.length > 0);
       setAttr(keys, "aria-checked", String(pad.on));
       disableFor(keys, pad.on ? null : whyNot(app.model, "jog"), t("by_hand.arrows_and_page_up_and"));
       setText(padNote, !pad.on ? "" : pad.names[0] ? t("by_hand.keys_and_pad", { pad: pad.names[0] }) : t("by_hand.keys_jog"));
@@ -134,41 +125,4 @@ function backButton(app) {
     disableFor(element, isAtEnd ? t("by_hand.the_way_back_ends_here") : whyNot(app.model, "back_trace"), title);
   };
   return { element, render };
-}
-
-/**
- * A few values, one of which is chosen, or one's own.
- * @param {[string, string]} names what is chosen, and a value of one's own
- * @param {number[]} values
- * @param {number} first
- * @param {number} max
- * @param {(value: number) => string} text
- */
-function choice([label, ownLabel], values, first, max, text) {
-  let value = first;
-  const own = h("input", { type: "text", inputmode: "decimal", class: "input own", autocomplete: "off", "aria-label": ownLabel, placeholder: t("by_hand.own") });
-  const choose = (/** @type {number} */ next) => {
-    value = next;
-    for (const [at, one] of buttons.entries()) setAttr(one, "aria-checked", String(values[at] === value));
-    setAttr(own, "data-chosen", !values.includes(value));
-  };
-  const buttons = values.map((one) => button({ class: "button pick", role: "radio", onclick: () => choose(one) }, text(one)));
-  own.addEventListener("input", () => {
-    const typed = readNumber(own.value);
-    const isRight = typed > 0 && typed <= max;
-    setAttr(own, "aria-invalid", own.value !== "" && !isRight);
-    if (isRight) choose(typed);
-  });
-  const name = h("span", { class: "label" });
-  const element = h("div", { class: "choice", role: "radiogroup" }, name, ...buttons, own);
-  choose(first);
-  return {
-    element,
-    value: () => value,
-    /** @param {string} unit */
-    render(unit) {
-      setText(name, `${label}, ${unit}`);
-      setAttr(element, "aria-label", `${label}, ${unit}`);
-    },
-  };
 }

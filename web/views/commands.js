@@ -4,7 +4,8 @@
 import { button, h } from "../dom.js";
 import { programName } from "../format.js";
 import { icon } from "../icons.js";
-import { listed, t } from "../language.js";
+import { listed, sentences, t } from "../language.js";
+import { risksOfStart } from "../start_conditions.js";
 import { disableFor, startVerb, whyNot } from "../why_not.js";
 
 /** @type {{verb: import("../types.d.ts").Verb, label: string, icon: string, says: string}[]} */
@@ -24,7 +25,7 @@ export const commands = {
   place: "footer",
   create(app) {
     const buttons = COMMANDS.map(({ verb, label, icon: name, says }) => {
-      const onclick = () => void press(app, verb);
+      const onclick = () => press(app, verb);
       return { verb, says, element: button({ class: `command ${verb}`, onclick }, icon(name), h("span", {}, label)) };
     });
     const render = () => {
@@ -37,10 +38,25 @@ export const commands = {
   },
 };
 
+/** Asks before a start whose run would end in an alarm. @param {import("../main.js").App} app @param {string[]} risks */
+function startAnyway(app, risks) {
+  return app.confirm({
+    title: t("start.anyway", { program: programName(app.model.current?.state?.program) }),
+    text: sentences(...risks),
+    yes: t("start.start"),
+    no: t("start.do_not"),
+  });
+}
+
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").Verb} verb */
 export async function press(app, verb) {
   const { model } = app;
-  if (verb === "start" || verb === "resume") return app.go(verb === "start" ? startVerb(model) : verb);
+  if (verb === "start" || verb === "resume") {
+    const sent = verb === "start" ? startVerb(model) : verb;
+    const risks = sent === "start" ? risksOfStart(model.current) : [];
+    if (risks.length > 0 && !(await startAnyway(app, risks))) return;
+    return app.go(sent);
+  }
   const state = model.current?.state;
   if (verb === "reset" && state && IN_RUN.has(state.execution)) {
     const open = model.current?.pending?.outputs.map((output) => `M${output.m}`) ?? [];
@@ -52,5 +68,5 @@ export async function press(app, verb) {
     });
     if (!sure) return;
   }
-  app.command(verb);
+  return app.command(verb);
 }

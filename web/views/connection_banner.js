@@ -1,6 +1,7 @@
 // A banner that says that the connection is lost and the values are outdated.
 
 import { button, h, setAttr, setText } from "../dom.js";
+import { seconds } from "../format.js";
 import { icon } from "../icons.js";
 import { sentences, t } from "../language.js";
 
@@ -19,10 +20,16 @@ export const connectionBanner = {
     let since = Date.now();
     let asked = false;
     const render = () => {
-      const { online, retryAt, bootId } = app.model;
+      const { online, retryAt, bootId, staleMs } = app.model;
       if (online) {
         since = Date.now();
         asked = false;
+      }
+      setAttr(retry, "hidden", online);
+      if (staleMs > 0) {
+        setAttr(element, "hidden", false);
+        setText(text, t("connection.stale", { seconds: seconds(staleMs / 1000, 1) }));
+        return;
       }
       // the first connection takes a moment, which is normal
       setAttr(element, "hidden", online || Date.now() - since < 400);

@@ -21,7 +21,7 @@ export const far = {
     const program = h("p", { class: "far-program" });
     const axes = h("dl", { class: "far-axes" });
     const element = h("section", { class: "far", "aria-label": t("far.from_three_metres") }, h("div", { class: "far-state" }, sign, word), said, axes, program);
-    /** @type {[string, HTMLElement][]} */
+    /** @type {[string, HTMLElement, HTMLElement][]} */
     let cells = [];
     let shown = "";
     const render = () => {
@@ -32,8 +32,8 @@ export const far = {
       const key = `${system.info.number} ${letters.join("")}`;
       if (key !== shown) {
         shown = key;
-        cells = letters.map((axis) => [axis, h("dd", {})]);
-        fill(axes, ...cells.map(([axis, cell]) => h("div", {}, h("dt", {}, axis), cell)));
+        cells = letters.map((axis) => [axis, h("dd", {}), h("small", {})]);
+        fill(axes, ...cells.map(([axis, cell, unit]) => h("div", {}, h("dt", {}, axis, unit), cell)));
         axes.style.setProperty("--rows", String(Math.ceil(letters.length / 2)));
       }
       const { tone, icon: name, word: text } = look(system.state, system.pending?.outputs);
@@ -41,7 +41,11 @@ export const far = {
       setIcon(sign, name);
       setText(word, text);
       setText(said, brief(sentence(system, model.alarms, (ts) => model.ageMs(ts), model.birth), SENTENCE_CHARS));
-      for (const [axis, cell] of cells) setText(cell, position(system.position?.work[axis], scaleOf(model, axis)));
+      for (const [axis, cell, unit] of cells) {
+        const scale = scaleOf(model, axis);
+        setText(cell, position(system.position?.work[axis], scale));
+        setText(unit, scale.unit);
+      }
       const title = model.programs?.find((one) => one.number === system.state?.program)?.title ?? "";
       const line = system.place?.line ? `  ${t("common.line", { line: system.place.line })}` : "";
       setText(program, system.state.program === null ? t("far.no_program") : `${programName(system.state.program)} ${brief(title, 40)}${line}`);

@@ -3,6 +3,7 @@
 import { button, card, h, setAttr, setText } from "../dom.js";
 import { position, whole } from "../format.js";
 import { t } from "../language.js";
+import { OverrideSlider } from "../override_slider.js";
 import { lengthScale, unitOf } from "../units.js";
 import { disableFor, whyNotNow } from "../why_not.js";
 
@@ -51,7 +52,7 @@ export const feed = {
  * @param {number} max percent
  */
 function override(app, which, label, max) {
-  const slider = h("input", { type: "range", min: 0, max, step: 5, "aria-label": t("feed.override_percent", { label }) });
+  const slider = new OverrideSlider(t("feed.override_percent", { label }), max, (percent) => set(percent));
   const value = h("output", { class: "override-value" });
   let ownUntil = 0;
   let ownCs = 0;
@@ -59,7 +60,7 @@ function override(app, which, label, max) {
 
   /** @param {number} percent */
   const set = (percent) => {
-    slider.value = String(percent);
+    slider.show(percent);
     ownUntil = Date.now() + OWN_MS;
     const cs = app.model.selected;
     ownCs = cs;
@@ -72,28 +73,26 @@ function override(app, which, label, max) {
     }, SEND_MS);
     app.invalidate();
   };
-  slider.addEventListener("input", () => set(Number(slider.value)));
-  const step = (/** @type {number} */ by) => set(Math.min(max, Math.max(0, Number(slider.value) + by)));
   const key = (/** @type {string} */ text, /** @type {string} */ says, /** @type {() => void} */ onclick) =>
     button({ class: "button small", "aria-label": t("feed.override", { label, change: says }), onclick }, text);
   const element = h(
     "div",
     { class: "override" },
     h("span", { class: "label" }, label),
-    key("−", t("feed.10_percent_less"), () => step(-10)),
-    slider,
-    key("+", t("feed.10_percent_more"), () => step(10)),
+    key("−", t("feed.10_percent_less"), () => slider.step(-10)),
+    slider.element,
+    key("+", t("feed.10_percent_more"), () => slider.step(10)),
     button({ class: "button small value", "aria-label": t("feed.override_100_percent", { label }), title: t("feed.set_to_100_percent"), onclick: () => set(100) }, value),
   );
   const render = () => {
     const system = app.model.current;
     const percent = system?.overrides?.[which];
-    if (percent !== undefined && (Date.now() > ownUntil || ownCs !== app.model.selected)) slider.value = String(percent);
-    setText(value, percent === undefined ? "–" : `${Math.round(Number(slider.value))} %`);
-    setAttr(value, "data-changed", percent !== undefined && Number(slider.value) !== 100);
-    setAttr(slider, "aria-valuetext", t("feed.percent", { percent: slider.value }));
+    if (percent !== undefined && (Date.now() > ownUntil || ownCs !== app.model.selected)) slider.show(percent);
+    setText(value, percent === undefined ? "–" : `${Math.round(slider.value)} %`);
+    setAttr(value, "data-changed", percent !== undefined && slider.value !== 100);
+    setAttr(slider.input, "aria-valuetext", t("feed.percent", { percent: slider.value }));
     setAttr(element, "hidden", which === "spindle" && system !== null && system.info.spindle === null);
-    disableFor(slider, whyNotNow(app.model));
+    disableFor(slider.input, whyNotNow(app.model));
   };
   return { element, render };
 }

@@ -7,7 +7,7 @@ import { t } from "../language.js";
 import { look } from "../sentence.js";
 import { showShortcuts, toggleFar } from "../shortcuts.js";
 import { theme, toggleTheme } from "../theme.js";
-import { chosenUnits, lengthScale, nextUnits, unitOf } from "../units.js";
+import { chosenUnits, handUnitOf, lengthScale, nextUnits, unitOf } from "../units.js";
 import { userButton } from "../user.js";
 
 /** @type {import("../main.js").View} */
@@ -64,7 +64,7 @@ export const header = {
       user.render();
       const { unit } = lengthScale(unitOf(model.current));
       setText(unitsButton, unit);
-      const says = t(chosenUnits() === "auto" ? "header.units_of_program" : "header.units", { unit });
+      const says = chosenUnits() === "auto" ? t("header.units_of_program", { unit, hand: lengthScale(handUnitOf(model.current)).unit }) : t("header.units", { unit });
       setAttr(unitsButton, "aria-label", says);
       setAttr(unitsButton, "title", says);
       setAttr(unitsButton, "data-chosen", chosenUnits() !== "auto");

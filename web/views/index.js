@@ -17,6 +17,7 @@ import { program } from "./program.js";
 import { programs } from "./programs.js";
 import { setUp } from "./set_up.js";
 import { status } from "./status.js";
+import { storedData } from "./stored_data.js";
 import { switches } from "./switches.js";
 
 /** @type {import("../main.js").View[]} */
@@ -24,6 +25,7 @@ export const views = [
   header,
   connectionBanner,
   status,
+  storedData,
   forced,
   mCodes,
   alarms,

@@ -50,12 +50,13 @@ function entry(app, seq) {
   const bar = h("progress", { max: 100, hidden: true });
   const redeliver = (/** @type {"redo" | "verify"} */ how) => {
     const { selected, bootId } = app.model;
-    void app.attempt(() => app.api.redeliver(selected, bootId ?? "", seq, how));
+    return app.attempt(() => app.api.redeliver(selected, bootId ?? "", seq, how));
   };
-  const reset = button({ class: "button reset-output", onclick: () => void confirmByHand(app, output) }, icon("done"), t("m_codes.confirm"));
+  const confirm = h("span");
+  const reset = button({ class: "button reset-output", onclick: () => confirmByHand(app, output) }, icon("done"), confirm);
   const redo = button({ onclick: () => redeliver("redo") }, t("m_codes.redo"));
-  const verify = button({ onclick: () => redeliver("verify") }, t("m_codes.verify"));
-  const redeliveries = h("span", { class: "row", role: "group", "aria-label": t("m_codes.redeliver") }, redo, verify);
+  const verify = button({ class: "button verify-output", onclick: () => redeliver("verify") }, t("m_codes.verify"));
+  const redeliveries = h("span", { class: "row", role: "group", "aria-label": t("m_codes.redeliver") }, verify, redo);
   const asked = question(app, seq);
   const element = h(
     "li",
@@ -72,7 +73,7 @@ function entry(app, seq) {
     output = now;
     const { model } = app;
     const said = declared(model.birth, model.selected, now.m);
-    setText(name, `M${now.m}${said?.name ? ` ${said.name}` : ""}`);
+    setText(name, codeName(app, now));
     setText(badge, now.lost ? t("reason.HANDLER_LOST") : (STATES[now.state] ?? now.state));
     setAttr(badge, "data-tone", now.lost ? "attention" : now.state === "CLAIMED" ? "wait" : "ready");
     setText(age, duration(model.ageMs(now.since)));
@@ -85,6 +86,7 @@ function entry(app, seq) {
     if (now.progress?.percent !== undefined) bar.value = now.progress.percent;
     setAttr(bar, "aria-label", t("elements.progress_of_m", { m: now.m }));
     setAttr(redeliveries, "hidden", !now.lost);
+    setText(confirm, t("m_codes.confirm_m", { m: now.m }));
     setAttr(reset, "aria-label", t("m_codes.confirm_m_by_hand", { m: now.m }));
     setAttr(redo, "aria-label", t("m_codes.redeliver_m_do_it_again", { m: now.m }));
     setAttr(verify, "aria-label", t("m_codes.redeliver_m_look_at_the", { m: now.m }));
@@ -110,7 +112,7 @@ function question(app, seq) {
       setText(text, asked.text);
       const answer = (/** @type {string} */ choice) => {
         const { selected, bootId } = app.model;
-        void app.attempt(() => app.api.answer(selected, bootId ?? "", seq, asked.id, choice));
+        return app.attempt(() => app.api.answer(selected, bootId ?? "", seq, asked.id, choice));
       };
       fill(choices, ...asked.choices.map((choice) => button({ onclick: () => answer(choice) }, choice)));
     }
@@ -133,18 +135,39 @@ function lostText({ how }) {
   return t("m_codes.redo_starts_the_handler_anew");
 }
 
-/** @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput | null} output */
+/** The M code with its declared name. @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput} output */
+function codeName({ model }, { m }) {
+  const name = declared(model.birth, model.selected, m)?.name;
+  return `M${m}${name ? ` ${name}` : ""}`;
+}
+
+/** The M code, its parameters and its last progress. @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput} output */
+function workOf(app, output) {
+  const { progress } = output;
+  const given = inWords(output.params, declared(app.model.birth, app.model.selected, output.m)?.params).join(" ");
+  const percent = progress?.percent === undefined ? "" : `, ${Math.round(progress.percent)}\u00a0%`;
+  const reached = progress ? t("m_codes.progress_reached", { progress: `${progress.text}${percent}` }) : t("m_codes.no_progress");
+  return [`${[codeName(app, output), given].filter(Boolean).join(", ")}.`, reached].join(" ");
+}
+
+/** Who is responsible for the output now. @param {import("../types.d.ts").PendingOutput} output */
+function responsible({ lost, handler_id }) {
+  if (lost) return t("m_codes.confirm_lost");
+  return handler_id ? t("m_codes.confirm_about", { handler: handler_id }) : t("m_codes.confirm_unclaimed");
+}
+
+/**
+ * Asks, whatever the state of the output: the program continues and axes can move, whether the machine has finished or not.
+ * @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput | null} output
+ */
 async function confirmByHand(app, output) {
   if (!output) return;
   const { selected, bootId } = app.model;
-  if (output.handler_id) {
-    const sure = await app.confirm({
-      title: t("m_codes.ask_to_confirm", { m: output.m }),
-      text: t("m_codes.confirm_about", { handler: output.handler_id }),
-      yes: t("m_codes.confirm_m", { m: output.m }),
-      no: t("m_codes.keep_waiting"),
-    });
-    if (!sure) return;
-  }
-  await app.attempt(() => app.api.resetOutput(selected, bootId ?? "", output.seq));
+  const sure = await app.confirm({
+    title: t("m_codes.ask_to_confirm", { m: output.m }),
+    text: `${workOf(app, output)} ${responsible(output)}`,
+    yes: t("m_codes.confirm_m", { m: output.m }),
+    no: t("m_codes.keep_waiting"),
+  });
+  if (sure) await app.attempt(() => app.api.resetOutput(selected, bootId ?? "", output.seq));
 }

@@ -15,12 +15,11 @@ import { PathLoader } from "../path/load.js";
 import { Picture } from "../path/picture.js";
 import { follow } from "../path/pointer.js";
 import { Rehearse } from "../path/rehearse.js";
+import { isShown, runsProgram } from "../path/shown.js";
 import { toolRadius } from "../path/tool.js";
+import { lengthScale, scaleOf, unitOf } from "../units.js";
 
 /** @typedef {[number, number, number]} Point */
-
-/** States in which a run of the loaded program is under way. */
-const RUNS = new Set(["ACTIVE", "WAIT", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED"]);
 
 /** @type {import("../main.js").View} */
 export const path = {
@@ -43,6 +42,8 @@ class PathView {
   #fitted = "";
   /** What the last frame showed. */
   #drawn = "";
+  /** The unit of lengths that the picture names. */
+  #unit = "";
   #frame = 0;
   /** Coordinate system, program and hash that the plan is of. */
   #of = "";
@@ -73,19 +74,26 @@ class PathView {
     if (!system) return;
     const { state } = system;
     this.#loader.show(state?.program ?? 0, system.info.number);
-    const of = [system.info.number, state?.program, state?.hash, state?.execution === "READY"].join();
+    const of = [system.info.number, state?.program, state?.hash, state?.execution === "READY", runsProgram(state) && state?.run_id].join();
+    this.#loader.isCurrent = this.#loader.path === null || this.#plan !== null;
     if (of !== this.#of) {
       this.#of = of;
       this.#loader.again();
     }
-    this.#rehearse.render(system, this.#loader.path);
-    const isRun = !!state && RUNS.has(state.execution) && system.place?.number !== 0;
+    this.#rehearse.render(system, this.#plan);
+    const isRun = runsProgram(state);
     const at = point(system.position?.machine);
-    this.#live.take(this.#loader.path, isRun ? (state.run_id ?? "") : null, system.position, at, performance.now());
+    this.#live.take(this.#plan, isRun ? (state?.run_id ?? "") : null, system.position, at, performance.now());
     setAttr(this.#clear, "hidden", system.trail.points.length < 2 || this.#live.onPlan);
     for (const [i, one] of this.#views.entries()) setAttr(one, "aria-pressed", String(VIEW_NAMES[i] === this.#picture.camera.view));
     this.#say(system);
     this.#request();
+  }
+
+  /** The planned path, if it is of the run under way, or of the text that a start would run. */
+  get #plan() {
+    const { path: plan } = this.#loader;
+    return isShown(this.app.model.current?.state, plan) ? plan : null;
   }
 
   /** @param {import("../model.js").CoordinateSystem} system */
@@ -94,14 +102,19 @@ class PathView {
     setText(this.#note, text);
     setAttr(this.#note, "hidden", text === "");
     const letters = Object.keys(system.info.axes).sort().filter((letter) => "XYZ".includes(letter));
-    const where = letters.map((letter) => `${letter} ${position(system.position?.machine[letter])}`).join(", ");
+    const where = letters.map((letter) => {
+      const scale = scaleOf(this.app.model, letter);
+      return `${letter} ${position(system.position?.machine[letter], scale)} ${scale.unit}`;
+    }).join(", ");
     setAttr(this.#canvas, "aria-label", t("path.tool_at", { place: where }));
   }
 
   /** @param {import("../model.js").CoordinateSystem} system */
   #saidOfPlan(system) {
-    const { path: plan, error } = this.#loader;
+    const { error } = this.#loader;
+    const plan = this.#plan;
     const texts = [this.#picture.trouble || error];
+    if (!plan && !error && system.state?.program) texts.push(t("path.not_planned_yet"));
     if (plan && !plan.complete) texts.push(plan.chunks.length ? t("path.planning_drawn") : t("path.planning"));
     if (plan?.cut) texts.push(t("path.the_program_is_longer_than"));
     if (plan && Number.isFinite(plan.dependsAt)) {
@@ -128,16 +141,19 @@ class PathView {
     const shown = this.#see(system, now);
     const { camera } = this.#picture;
     const scene = [
-      this.#loader.revision, this.#preview()?.key, shown.now, ...shown.tool, shown.radius, ...shown.zero, shown.selected, shown.trail?.revision, this.#box.clientWidth, this.#box.clientHeight,
+      this.#loader.revision, this.#plan === null, this.#preview()?.key, shown.now, ...shown.tool, shown.radius, ...shown.zero, shown.selected, shown.trail?.revision, this.#box.clientWidth, this.#box.clientHeight,
       devicePixelRatio, document.documentElement.dataset.theme,
     ].join();
-    if (scene !== this.#drawn && this.#picture.measure()) {
-      const all = this.#drawn === "";
+    const lengths = lengthScale(unitOf(system));
+    const isOtherUnit = lengths.unit !== this.#unit;
+    if ((scene !== this.#drawn || isOtherUnit) && this.#picture.measure()) {
+      const all = this.#drawn === "" || isOtherUnit;
+      this.#unit = lengths.unit;
       this.#drawn = scene;
       this.#shown = shown;
       this.#fitFirst(system, shown);
       if (all) {
-        this.#picture.drawBackdrop();
+        this.#picture.drawBackdrop(lengths);
         this.#picture.tidy(shown.path);
       }
       this.#picture.draw(shown, (chunk) => this.#loader.refine(chunk));
@@ -150,7 +166,7 @@ class PathView {
   /** What is to be shown now. @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").Shown} */
   #see(system, now) {
     const preview = this.#preview();
-    const plan = preview?.path ?? this.#loader.path;
+    const plan = preview?.path ?? this.#plan;
     const at = point(system.position?.machine);
     if (preview) return { ...this.#unmoved(system, at), path: plan, tool: at, trail: null };
     const scrubbed = plan ? this.#rehearse.time : null;
@@ -235,7 +251,7 @@ class PathView {
   /** A line of the path is chosen: the program shows its block. @param {number} x @param {number} y */
   #click(x, y) {
     if (this.#preview()) return;
-    const { path: plan } = this.#loader;
+    const plan = this.#plan;
     const found = this.#picture.pick(plan, x, y);
     this.app.model.chosen = plan && found ? { ...placeOf(found.word, plan.programs), by: "path" } : null;
     this.app.invalidate();

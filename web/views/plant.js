@@ -50,7 +50,7 @@ function entry(app, point) {
     const io = ioOf(app.model, point);
     setText(value, io ? valueText(point, io.value) : "–");
     setText(who, !io ? "" : io.owner === null ? t("plant.nobody_owns_it") : t(io.lost ? "plant.owner_has_gone" : "plant.owner", { handler: io.owner }));
-    setText(mark, io?.forced ? t("plant.forced_by", { user: io.forced.by, value: valueText(point, io.written) }) : "");
+    setText(mark, io?.forced ? t("plant.forced_by", { user: io.forced.by, value: valueText(point, io.written) }) : io?.unknown ? t("plant.unknown") : "");
     setAttr(element, "data-on", io?.value === true);
     setAttr(element, "data-forced", Boolean(io?.forced));
     setAttr(release, "hidden", !io?.forced);

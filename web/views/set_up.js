@@ -1,6 +1,6 @@
 // Setting up a part: work offsets with zero-set and touch-off by hand, probe cycles, the tool table, variables, and the machine's M codes.
 
-import { button, fill, h, setAttr } from "../dom.js";
+import { arrange, button, h, setAttr } from "../dom.js";
 import { t } from "../language.js";
 import { mButtons } from "../set_up/m_buttons.js";
 import { offsets } from "../set_up/offsets.js";
@@ -37,7 +37,7 @@ export const setUp = {
       const key = `${app.model.bootId} ${app.model.selected} ${at} ${app.model.online}`;
       if (section && key !== shown) {
         shown = key;
-        fill(place, section.element);
+        arrange(place, section.element);
         section.read();
       }
       for (const [number, pick] of picks.entries()) setAttr(pick, "aria-checked", String(number === at));

@@ -74,7 +74,7 @@ function switchButton(app, text, says, value, set) {
   const onclick = () => {
     const cs = app.model.selected;
     const next = !isOn();
-    void app.attempt(() => set(cs, next));
+    return app.attempt(() => set(cs, next));
   };
   const element = button({ class: "switch", role: "switch", "aria-label": says, onclick }, text);
   const render = () => {
