@@ -12,7 +12,7 @@ mod sums;
 
 pub(crate) use files::{
     Identity, Lock, UNFINISHED, Unfinished, in_use, make_folder, make_folder_in, open_regular, read_regular,
-    sync_folder, tighten, write_whole,
+    sync_folder, tighten, write_whole, write_whole_by,
 };
 pub(crate) use generations::{Generations, Kind, PartGenerations, Seal, StoredPart};
 pub(crate) use health::{Health, Part};

@@ -1,7 +1,7 @@
 //! Files and folders that the runtime keeps: nobody else may read them, none is written through a link, and what is no
 //! regular file is never waited for.
 
-use std::io::{self, Read, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
@@ -93,6 +93,9 @@ pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 /// Names that are tried for a file that is being written; a start removes what earlier ones have left.
 const UNFINISHED_MAX: u32 = 10_000;
 
+/// Bytes of a file that are written at once.
+const PIECE_BYTES: usize = 64 << 10;
+
 /// A file that is being written under a name of its own; dropped before [`Unfinished::finish`], it is removed.
 #[derive(Debug)]
 pub(crate) struct Unfinished {
@@ -107,6 +110,11 @@ impl Unfinished {
     /// # Errors
     /// The disk refuses; nothing is left then.
     pub fn write(path: &Path, bytes: &[u8]) -> io::Result<Self> {
+        Self::write_by(path, |out| out.write_all(bytes))
+    }
+
+    /// The same with what `write` writes, piece by piece.
+    fn write_by(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let mut number = 0;
         let mut unfinished = loop {
@@ -125,7 +133,10 @@ impl Unfinished {
                 }
             }
         };
-        unfinished.file.write_all(bytes)?;
+        let mut out = BufWriter::with_capacity(PIECE_BYTES, &mut unfinished.file);
+        write(&mut out)?;
+        out.flush()?;
+        drop(out);
         unfinished.file.sync_all()?;
         Ok(unfinished)
     }
@@ -163,6 +174,17 @@ impl Drop for Unfinished {
 /// The disk refuses; the old one is there then.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Unfinished::write(path, bytes)?.finish(path)
+}
+
+/// The same with what `write` writes, piece by piece.
+///
+/// # Errors
+/// As those of [`write_whole`].
+pub(crate) fn write_whole_by(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    Unfinished::write_by(path, write)?.finish(path)
 }
 
 /// Brings the names in a folder to disk.

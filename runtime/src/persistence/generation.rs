@@ -3,7 +3,7 @@
 //! automatically, because it is older than the store.
 
 use std::borrow::Cow;
-use std::io;
+use std::io::{self, Write};
 use std::path::Path;
 
 use plc_api::types::Timestamp;
@@ -14,7 +14,7 @@ use tandem_model::lost::is_lost;
 
 use super::image::{Image, PAGE_VARIABLES, Page, page_name};
 use crate::clock::time_of_day;
-use crate::disk::{SumOfParts, read_regular, sum_of, write_whole};
+use crate::disk::{SumOfParts, read_regular, sum_of, write_whole_by};
 
 /// Name of the last good generation in the data folder.
 pub(crate) const GENERATION_FILE: &str = "state.last-good.json";
@@ -24,9 +24,6 @@ const BYTES_MAX: u64 = 256 << 20;
 
 /// The only form of the document so far.
 const FORM: u32 = 1;
-
-/// Stands for the checksum until all values are known.
-const NO_SUM: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 #[derive(Debug, Deserialize)]
 struct Document {
@@ -57,34 +54,44 @@ fn sum(values: &Map<String, Value>) -> String {
 }
 
 impl Generation {
-    /// The text of what is kept now. One value at a time is converted: all at once would take twenty times the memory of the text.
-    pub fn text(image: &Image) -> String {
+    /// Writes the text of what is kept now. One value at a time is converted and written: a text of thousands of runs is never in
+    /// memory as a whole.
+    ///
+    /// # Errors
+    /// The output refuses.
+    pub fn write_text(image: &Image, out: &mut dyn Write) -> io::Result<()> {
         let pages = image.pages.keys();
         let pages = pages.map(|(area, place)| Cow::from(page_name(*area, *place)));
         let values = image.values.keys().map(|name| Cow::from(name.as_str()));
         let mut names: Vec<Cow<'_, str>> = pages.chain(values).collect();
         names.sort_unstable();
         let written = Timestamp::from_system_time(time_of_day()).0;
-        let mut text = format!("{{\"tandem_store\":{FORM},\"written\":\"{written}\",\"sum\":\"");
-        let place_of_sum = text.len();
-        text.push_str(NO_SUM);
-        text.push_str("\",\"values\":{\n");
+        writeln!(
+            out,
+            "{{\"tandem_store\":{FORM},\"written\":\"{written}\",\"values\":{{"
+        )?;
         let mut sum = SumOfParts::default();
         sum.add(b"{");
         for (number, name) in names.iter().enumerate() {
             let payload = image.values.get(&**name).map_or(&[][..], Vec::as_slice);
             let line = format!("{}:{}", Value::from(&**name), to_json(image, name, payload));
             if number > 0 {
-                text.push_str(",\n");
+                out.write_all(b",\n")?;
                 sum.add(b",");
             }
             sum.add(line.as_bytes());
-            text.push_str(&line);
+            out.write_all(line.as_bytes())?;
         }
         sum.add(b"}");
-        text.push_str("\n}}\n");
-        text.replace_range(place_of_sum..place_of_sum + NO_SUM.len(), &sum.finish());
-        text
+        writeln!(out, "\n}},\"sum\":\"{}\"}}", sum.finish())
+    }
+
+    /// The same as a text.
+    pub fn text(image: &Image) -> String {
+        let mut text = Vec::new();
+        // memory does not refuse
+        let _ = Self::write_text(image, &mut text);
+        String::from_utf8_lossy(&text).into_owned()
     }
 
     /// Writes the last good generation of a folder.
@@ -92,7 +99,7 @@ impl Generation {
     /// # Errors
     /// The disk refuses; the previous generation remains.
     pub fn write(folder: &Path, image: &Image) -> io::Result<()> {
-        write_whole(&folder.join(GENERATION_FILE), Self::text(image).as_bytes())
+        write_whole_by(&folder.join(GENERATION_FILE), |out| Self::write_text(image, out))
     }
 
     /// The last good generation of a folder.

@@ -8,7 +8,7 @@ use plc_api::types::Timestamp;
 use plc_api::types::stored_data::{StoredDataFault, StoredDataFinding, StoredDataPart, StoredDataQuestion};
 
 use super::{HELD_FILE, OpenQuestion, QUESTION_FILE};
-use crate::disk::{Generations, PartGenerations, Seal, StoredPart, Sums, fs, write_whole};
+use crate::disk::{Generations, PartGenerations, Seal, StoredPart, Sums, fs, write_whole_by};
 use crate::persistence::journal_folder::JOURNAL_FOLDER;
 use crate::persistence::{Condition, Generation, Image, Judged, STORE_FILE, anchor_seal, judge_known};
 use crate::program_store::folder::sums as program_sums;
@@ -153,7 +153,7 @@ impl Inspection {
             kept: Some(kept),
         };
         let held = self.held.as_ref().map_or(Ok(()), |held| {
-            write_whole(&folder.join(HELD_FILE), Generation::text(held).as_bytes())
+            write_whole_by(&folder.join(HELD_FILE), |out| Generation::write_text(held, out))
         });
         if let Err(error) = held.and_then(|()| open.write(&self.generations)) {
             tracing::error!("{}: {error}", folder.join(QUESTION_FILE).display());
