@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Served};
-use crate::support::wait::until_within;
+use crate::support::wait::{until, until_within};
 
 const PROGRAM: u16 = 50;
 
@@ -47,7 +47,11 @@ fn text(blocks: usize, last: &str) -> String {
 
 async fn rehearsal(served: &Served) -> Value {
     let path = format!("/programs/{PROGRAM}/rehearsal");
-    served.get(&path).await.expect(200).json()
+    until("a rehearsal, while other programs are planned", async || {
+        let answer = served.get(&path).await;
+        (answer.status != 503).then(|| answer.expect(200).json())
+    })
+    .await
 }
 
 async fn store(served: &Served, number: u16, text: &str) {
