@@ -30,7 +30,7 @@ use crate::coordinate_system::{CoordinateSystem, Mailbox};
 use crate::disk::Health;
 use crate::journal::{Event, Journal};
 use crate::persistence::positions::KeptPositions;
-use crate::persistence::{LastRuns, Restored, cut_short};
+use crate::persistence::{LastRuns, Restored, cut_short, cut_short_between_parts};
 use crate::port::{AccessLines, RuntimePort};
 use crate::preview::Previews;
 use crate::program_store::{HeldBack, PROGRAMS_BYTES_MAX, ProgramStore, Signers};
@@ -191,7 +191,6 @@ impl Runtime {
                 shared,
                 previews,
                 mailboxes: parts.mailboxes,
-                writer: None,
                 last_runs: LastRuns::new(),
                 access: AccessLines::default(),
                 io_turn: tokio::sync::Mutex::default(),
@@ -337,7 +336,7 @@ impl Opened {
         }
         let kept_runs = std::mem::take(&mut restored.runs);
         let lines = data.as_ref().map(|data| data.newest.lines.as_slice());
-        restore_runs(&shared, kept_runs, &restored.last_runs, lines.unwrap_or_default());
+        let ended_runs = restore_runs(&shared, kept_runs, &restored.last_runs, lines.unwrap_or_default());
         let shared = Arc::new(shared);
         let mut parts = Parts::new(&shared, first_state, &restored, self.hardware);
         findings.report(&shared);
@@ -345,7 +344,7 @@ impl Opened {
         let positions = data.as_ref().map(Data::positions).unwrap_or_default();
         let kept = data.map(|data| data.keep(&shared, &parts.mailboxes, last_runs.clone()));
         let kept = kept.transpose()?;
-        report_last_runs(&shared, &last_runs);
+        report_last_runs(&shared, &last_runs, &ended_runs);
         report_positions(&shared, &positions);
         shared.report_question();
         shared.warn_of_faults();
@@ -361,7 +360,6 @@ impl Opened {
                 shared,
                 previews,
                 mailboxes: parts.mailboxes,
-                writer: kept.as_ref().map(|kept| kept.state.writer()),
                 last_runs,
                 access: AccessLines::default(),
                 io_turn: tokio::sync::Mutex::default(),
@@ -503,7 +501,7 @@ async fn publish_presence(shared: Arc<Shared>) {
 }
 
 /// The journal begins anew, and the operator is warned of runs that the end of an earlier start cut short.
-fn report_last_runs(shared: &Shared, last_runs: &LastRuns) {
+fn report_last_runs(shared: &Shared, last_runs: &LastRuns, ended: &[Run]) {
     for system in &shared.machine.coordinate_systems {
         let cs = system.settings.number;
         let boot = Event::Boot {
@@ -515,12 +513,14 @@ fn report_last_runs(shared: &Shared, last_runs: &LastRuns) {
         if let Some(last_run) = last_run.filter(|last_run| last_run.is_under_way()) {
             shared.record(cs, Event::Interrupted(Box::new(last_run.clone())));
             shared.raise_standing(cut_short(cs, last_run));
+        } else if let Some(run) = ended.iter().find(|run| run.cs == cs) {
+            shared.raise_standing(cut_short_between_parts(run));
         }
     }
 }
 
-/// Runs and counters continue where the store and the journal have ended.
-fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[Value]) {
+/// Runs and counters continue where the store and the journal have ended. Returns the runs that the end of the runtime ended.
+fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[Value]) -> Vec<Run> {
     let place_of = |run: &Run| {
         let last = &last_runs.get(&run.cs)?.run;
         let line = Some(last.line).filter(|line| *line > 0 && last.run_id == run.id)?;
@@ -528,7 +528,7 @@ fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[
         Some(PlannedPlace { program, line })
     };
     let now = shared.clock.wall();
-    shared.runs.lock().restore(kept, lines, place_of, now);
+    shared.runs.lock().restore(kept, lines, place_of, now)
 }
 
 /// The operator is warned of motors that stand outside soft limits which have changed.

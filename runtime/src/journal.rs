@@ -3,6 +3,7 @@
 
 mod filter;
 
+use std::collections::BTreeMap;
 use std::io;
 use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -463,6 +464,18 @@ pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
 
     /// Hears of outputs that are closed, without I/O: the next output's line says which are open.
     fn close(&self, line: &Line);
+
+    /// Writes where the axes of a coordinate system rest, by motor number; `None`: they move. `after` is the number of the
+    /// newest line.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    fn rest(
+        &self,
+        cs: CoordinateSystemNumber,
+        after: u64,
+        positions: Option<&BTreeMap<u16, f64>>,
+    ) -> io::Result<()>;
 }
 
 /// The way to the thread that writes to disk. Cloning gives another handle to the same journal.
@@ -560,6 +573,22 @@ impl Journal {
     pub(crate) fn go_on_after(&self, number: u64) {
         if let Some(disk) = &self.disk {
             disk.last.fetch_max(number, Ordering::AcqRel);
+        }
+    }
+
+    /// True if its lines go to disk.
+    pub(crate) fn is_on_disk(&self) -> bool {
+        self.disk.is_some()
+    }
+
+    /// Writes where the axes of a coordinate system rest, by motor number; `None`: they move. A kill after this returns does not
+    /// lose it.
+    pub(crate) fn note_rest(&self, cs: CoordinateSystemNumber, positions: Option<&BTreeMap<u16, f64>>) {
+        let ahead = self.disk.as_ref().and_then(|disk| disk.ahead.as_ref());
+        if let Some(ahead) = ahead
+            && let Err(error) = ahead.rest(cs, self.last_number(), positions)
+        {
+            tracing::debug!("where coordinate system {cs} rests is not written ahead: {error}");
         }
     }
 

@@ -15,6 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
+use futures_util::future::join_all;
 use plc_api::handler_registry::Reach;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
@@ -46,7 +47,7 @@ use sender::Sender;
 
 use crate::coordinate_system::Mailbox;
 use crate::explain::{explain_here, nearest, picture};
-use crate::persistence::{LastRuns, StateWriter};
+use crate::persistence::LastRuns;
 use crate::preview::Previews;
 use crate::shared::Shared;
 
@@ -58,8 +59,6 @@ const WARNING_TEXT_MAX: usize = 500;
 pub(crate) struct RuntimePort {
     pub shared: Arc<Shared>,
     pub mailboxes: Vec<Arc<Mailbox>>,
-    /// Writes what is kept; `None` in simulated time and without a data folder.
-    pub writer: Option<StateWriter>,
     /// Of an earlier start of the runtime.
     pub last_runs: LastRuns,
     /// Lines about who was let in.
@@ -107,12 +106,14 @@ impl RuntimePort {
         })
     }
 
-    /// Each coordinate system does its part.
+    /// Each coordinate system does its part, at the same time: none waits for another.
     async fn pass_to_all(&self, request: CoordinateSystemRequest) -> Result<(), Refusal> {
-        for mailbox in &self.mailboxes {
-            mailbox.ask(request.clone(), false).await?;
-        }
-        Ok(())
+        let asked = self
+            .mailboxes
+            .iter()
+            .map(|mailbox| mailbox.ask(request.clone(), false));
+        let answers = join_all(asked).await;
+        answers.into_iter().try_for_each(|answer| answer.map(drop))
     }
 
     /// A client is heard by the coordinate systems that watch it.
@@ -123,10 +124,8 @@ impl RuntimePort {
             let request = CoordinateSystemRequest::Heartbeat(id, beat);
             return self.mailbox(cs)?.ask(request, false).await;
         }
-        for mailbox in &self.mailboxes {
-            let request = CoordinateSystemRequest::Heartbeat(id.clone(), beat);
-            mailbox.ask(request, false).await?;
-        }
+        self.pass_to_all(CoordinateSystemRequest::Heartbeat(id, beat))
+            .await?;
         Ok(Answer::Done)
     }
 

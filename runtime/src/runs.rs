@@ -85,14 +85,14 @@ struct OpenRun {
 impl RunBook {
     /// Continues with what was kept and what the newest lines of the journal add to it: the store lags behind what was
     /// published, and the journal does not. A run that had not ended was ended by the end of the runtime, in the block of
-    /// `place_of` it.
+    /// `place_of` it; these runs are returned.
     pub fn restore(
         &mut self,
         kept: KeptRuns,
         journal: &[Value],
         place_of: impl Fn(&Run) -> Option<PlannedPlace>,
         time: SystemTime,
-    ) {
+    ) -> Vec<Run> {
         let mut ended = kept.ended;
         ended.sort_by_key(|ended| ended.n);
         self.ended.extend(ended);
@@ -115,10 +115,14 @@ impl RunBook {
         self.lines
             .values_mut()
             .for_each(|included| *included = newest.min(*included));
-        for (_, open) in std::mem::take(&mut self.open) {
+        let cut_short = std::mem::take(&mut self.open).into_values();
+        let close = |open: OpenRun| {
             let end = ended_now(RunEndedHow::Restarted, String::new(), place_of(&open.run), time);
+            let run = open.run.clone();
             self.close(open.run, open.order, end);
-        }
+            run
+        };
+        cut_short.map(close).collect()
     }
 
     /// Learns from a line of an earlier start. Its time of day stands for the monotonic clock.

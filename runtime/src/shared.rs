@@ -4,8 +4,8 @@ mod commands;
 
 use std::collections::BTreeMap;
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use parking_lot::Mutex;
 use plc_api::alarm::USER_ALARM_BASE;
@@ -39,6 +39,7 @@ use crate::declared::{Declared, refused_output};
 use crate::disk::{Health, Part};
 use crate::heartbeat_times::HeartbeatTimes;
 use crate::journal::{Event, Journal};
+use crate::persistence::StateWriter;
 use crate::planned::OnPlan;
 use crate::program_store::ProgramStore;
 use crate::runs::RunBook;
@@ -83,6 +84,8 @@ pub(crate) struct Shared {
     pub runs: Arc<Mutex<RunBook>>,
     /// The question about stored files that do not fit together.
     pub stored_data: Mutex<OpenQuestion>,
+    /// Writes what is kept; empty in simulated time and without a data folder.
+    pub writer: OnceLock<StateWriter>,
     commands: Mutex<CommandMemory>,
     /// When heartbeats were sent.
     heartbeats: Mutex<HeartbeatTimes>,
@@ -123,6 +126,7 @@ impl Shared {
             published_variables: Mutex::default(),
             runs: Arc::default(),
             stored_data: Mutex::default(),
+            writer: OnceLock::new(),
             commands: Mutex::default(),
             heartbeats: Mutex::default(),
             wakes: Mutex::default(),
@@ -249,23 +253,26 @@ impl Shared {
     }
 
     /// Writes a line of the journal.
+    ///
+    /// The runs learn of it while nobody can read them: what is read of a run, or kept of it, is in the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
         let now = self.now();
+        let mut runs = RunBook::learns_from(&event).then(|| self.runs.lock());
         // a block has no line on disk
         let n = if matches!(event, Event::Block { .. }) {
             0
         } else {
             self.journal.reserve()
         };
-        let learned = RunBook::learns_from(&event).then(|| {
-            let mut runs = self.runs.lock();
+        let learned = runs.as_mut().and_then(|runs| {
             runs.note_line(cs, n);
             runs.on(cs, &event, now).then(|| runs.state(cs))
         });
         if self.journal.record(n, now, cs, event) {
             self.sent.fetch_add(1, Ordering::Relaxed);
         }
-        if let Some(run) = learned.flatten() {
+        drop(runs);
+        if let Some(run) = learned {
             self.publish(Topic::cs(cs, CsTopic::Run), Payload::Run(run));
         }
     }

@@ -419,6 +419,8 @@ impl Queue {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicU32;
+
     use futures_util::FutureExt;
     use plc_api::hub::Filter;
     use plc_api::types::BootId;
@@ -436,7 +438,8 @@ mod tests {
     use super::*;
     use crate::Config;
     use crate::clock::Clock;
-    use crate::journal::Journal;
+    use crate::journal::{Event, Journal, RunEnd};
+    use crate::runs::RunBook;
     use crate::tables::Tables;
 
     /// The first coordinate system of the demo machine, with the servo's end of its rings.
@@ -464,6 +467,36 @@ mod tests {
             Some(0),
         );
         (Arc::new(Mailbox::new(shared, system)), servo)
+    }
+
+    #[test]
+    fn a_part_is_read_by_nobody_before_the_journal_has_its_end() {
+        let (of_sink, runs) = std::sync::mpsc::channel::<Arc<parking_lot::Mutex<RunBook>>>();
+        let read = Arc::new(AtomicU32::new(0));
+        let count = Arc::clone(&read);
+        let sink = move |_line: &crate::journal::Line| -> bool {
+            let runs = runs.try_recv().unwrap();
+            let seen = runs.try_lock().and_then(|book| book.state(1).run);
+            count.fetch_add(seen.map_or(0, |run| run.parts_done), Ordering::Relaxed);
+            false
+        };
+        let (mailbox, _servo) = mailbox(Journal::to_sink(Arc::new(std::sync::Mutex::new(sink))));
+        let shared = &mailbox.shared;
+        let start = Event::Start {
+            program: 60,
+            run_id: "1-1".to_owned(),
+            program_hash: None,
+            from_line: None,
+            parts: Some(2),
+            order: None,
+        };
+        let outcome = Execution::ProgramCompleted;
+        for event in [start, Event::End(RunEnd::Completed { outcome })] {
+            of_sink.send(Arc::clone(&shared.runs)).unwrap();
+            shared.record(1, event);
+        }
+        assert_eq!(read.load(Ordering::Relaxed), 0);
+        assert_eq!(shared.runs.lock().state(1).run.unwrap().parts_done, 1);
     }
 
     fn optional_stop(on: bool) -> CoordinateSystemRequest {

@@ -28,6 +28,7 @@ mod preparation;
 mod programs;
 mod publish;
 mod replanning;
+mod rest;
 mod run;
 mod run_state;
 mod servo_link;
@@ -66,6 +67,7 @@ pub(crate) use preparation::rest_refused;
 use publish::Published;
 pub(crate) use publish::published_modal;
 use replanning::Replanning;
+use rest::WrittenRest;
 use run::{Kind, PastRuns, Restores, Run};
 use run_state::{End, RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
@@ -86,6 +88,8 @@ pub(crate) struct CoordinateSystem {
     /// What is restored when the machine rests after a macro.
     restores: Option<Box<Restores>>,
     past: PastRuns,
+    /// Where the axes rest.
+    rest: WrittenRest,
     inputs: InputValues,
     outputs: Outputs,
     commands: Commands,
@@ -165,6 +169,7 @@ impl CoordinateSystem {
             cut_short: None,
             restores: None,
             past: PastRuns::default(),
+            rest: WrittenRest::default(),
             inputs: InputValues {
                 tool,
                 interlock: LockInput::new("interlock", interlock),

@@ -162,6 +162,7 @@ impl CoordinateSystem {
 
     /// Publishes the state if it has changed.
     pub(super) fn publish_changes(&mut self) {
+        self.note_rest();
         if self.published.state().is_some_and(|state| self.is_in(state)) {
             return;
         }

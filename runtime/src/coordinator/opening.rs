@@ -21,7 +21,7 @@ use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
 use crate::journal::Event;
 use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest, newest};
-use crate::persistence::positions::{KeptPositions, POSITION};
+use crate::persistence::positions::{KeptPositions, POSITION, rest_positions};
 use crate::persistence::{
     Condition, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source, StateWriterThread, Store,
     forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
@@ -56,7 +56,7 @@ pub(super) struct Data {
 #[derive(Debug)]
 pub(super) struct Keepers {
     _watch: DataWatch,
-    pub state: StateWriterThread,
+    _state: StateWriterThread,
     _journal: JournalThread,
     _lock: Option<Lock>,
 }
@@ -124,6 +124,9 @@ impl Data {
         let lines = &self.newest.lines;
         let mut change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, lines);
         change.values.extend(forget_outputs(io, &self.image));
+        change
+            .values
+            .extend(rest_positions(&self.image, &self.newest.rests));
         let change = change.beyond(&self.image);
         if let (false, Some(store)) = (change.is_empty(), &mut self.store) {
             let written = store.commit(&change);
@@ -150,7 +153,7 @@ impl Data {
 
     /// Where the motors stood.
     pub fn positions(&self) -> KeptPositions {
-        KeptPositions::new(&self.image)
+        KeptPositions::new(&self.image, &self.newest.rests)
     }
 
     /// Begins to keep what changes.
@@ -185,9 +188,12 @@ impl Data {
             generations: self.held.generations,
         };
         let state = StateWriterThread::start(folder.clone(), self.store, self.image, source);
+        let state = state.map_err(StartError::Thread)?;
+        // nobody else sets it
+        let _ = shared.writer.set(state.writer());
         Ok(Keepers {
             _watch: DataWatch::start(&folder, Arc::clone(shared)).map_err(StartError::Thread)?,
-            state: state.map_err(StartError::Thread)?,
+            _state: state,
             _journal: self.journal,
             _lock: self.lock,
         })

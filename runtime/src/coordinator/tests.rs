@@ -1,5 +1,6 @@
 //! What is written of a run, and when.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicU64;
@@ -31,6 +32,10 @@ impl WriteAhead for Look {
     }
 
     fn close(&self, _: &Line) {}
+
+    fn rest(&self, _: u8, _: u64, _: Option<&BTreeMap<u16, f64>>) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 #[test]

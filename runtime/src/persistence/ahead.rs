@@ -6,6 +6,8 @@
 //! not affect; nothing waits for the disk. At the next start, lines missing from the journal are taken from the ring.
 //!
 //! Resets are not written ahead: each would cost a write. The line of an output says which outputs before it are still open.
+//!
+//! Behind the ring each coordinate system has a slot that says where its axes rest, or that they move.
 
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
@@ -14,10 +16,12 @@ use std::time::SystemTime;
 
 use parking_lot::Mutex;
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
+use serde::Deserialize;
 use serde_json::Value;
 
+use super::positions::MotorPositions;
 use crate::disk::fs::{File, FileExt as _, OpenOptions};
-use crate::disk::{Generations, Kind, number, open_regular, read_regular, read_sealed, seal_in_place};
+use crate::disk::{Generations, Kind, Seal, number, open_regular, read_regular, read_sealed, seal_in_place};
 use crate::journal::{Event, Line, WriteAhead};
 
 /// Its file in the journal's folder.
@@ -54,7 +58,7 @@ impl Ahead {
     pub fn begin(folder: &Path, boot_id: BootId, generations: &Generations) -> io::Result<Self> {
         let path = folder.join(AHEAD_FILE);
         let file = open_regular(&path, OpenOptions::new().write(true).create(true).truncate(false))?;
-        file.set_len(0)?;
+        // the slots behind it stay until the axes rest or move: they are of the start that they name
         file.write_all_at(&vec![b'\n'; SLOT_BYTES * usize::try_from(SLOTS).unwrap_or(0)], 0)?;
         let open = Mutex::default();
         let seal = serde_json::to_string(&generations.plain_seal(Kind::Ahead))?;
@@ -112,15 +116,66 @@ impl WriteAhead for Ahead {
             _ => open.clear(),
         }
     }
+
+    fn rest(
+        &self,
+        cs: CoordinateSystemNumber,
+        after: u64,
+        positions: Option<&MotorPositions>,
+    ) -> io::Result<()> {
+        let mut text = [0; SLOT_BYTES];
+        let mut cursor = Cursor::new(&mut text[..]);
+        let (boot, seal) = (&self.boot_id.0, &self.seal);
+        write!(
+            cursor,
+            "{{\"cs\":{cs},\"boot_id\":\"{boot}\",\"seal\":{seal},\"after\":{after},\"positions\":"
+        )?;
+        serde_json::to_writer(&mut cursor, &positions)?;
+        cursor.write_all(b"}")?;
+        let end = usize::try_from(cursor.position()).unwrap_or(usize::MAX);
+        let end = seal_in_place(&mut text, end).ok_or(io::ErrorKind::WriteZero)?;
+        self.file
+            .write_all_at(&text[..end], (SLOTS + u64::from(cs)) * SLOT_BYTES as u64)
+    }
+}
+
+/// Where the axes of a coordinate system rest.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub(super) struct Rest {
+    pub cs: CoordinateSystemNumber,
+    /// The start of the runtime that wrote it.
+    pub boot_id: BootId,
+    /// Number of the newest line of the journal when it was written.
+    pub after: u64,
+    /// `None`: they move.
+    pub positions: Option<MotorPositions>,
+}
+
+/// Where the axes of each coordinate system of this machine rest, as far as it was written.
+pub(super) fn recover_rests(folder: &Path, machine: &str) -> Vec<Rest> {
+    let slots = slots(folder)
+        .into_iter()
+        .filter(|(_, seal)| seal.machine == machine);
+    slots
+        .filter_map(|(line, _)| Rest::deserialize(line).ok())
+        .collect()
+}
+
+/// All sealed lines of the file.
+fn slots(folder: &Path) -> Vec<(Value, Seal)> {
+    let most = (SLOTS + u64::from(CoordinateSystemNumber::MAX) + 1) * SLOT_BYTES as u64;
+    let bytes = read_regular(&folder.join(AHEAD_FILE), most).unwrap_or_default();
+    bytes
+        .chunks(SLOT_BYTES)
+        .filter_map(|slot| slot.split(|byte| *byte == b'\n').next())
+        .filter_map(|line| read_sealed(Kind::Ahead, line).ok())
+        .collect()
 }
 
 /// The whole lines of a ring of this machine, ascending by number; none where there is no ring.
 pub(crate) fn recover(folder: &Path, machine: &str) -> Vec<Value> {
-    let bytes = read_regular(&folder.join(AHEAD_FILE), SLOTS * SLOT_BYTES as u64).unwrap_or_default();
-    let mut lines: Vec<Value> = bytes
-        .chunks(SLOT_BYTES)
-        .filter_map(|slot| slot.split(|byte| *byte == b'\n').next())
-        .filter_map(|line| read_sealed(Kind::Ahead, line).ok())
+    let mut lines: Vec<Value> = slots(folder)
+        .into_iter()
         .filter(|(line, seal)| number(line) > 0 && seal.machine == machine)
         .map(|(line, _)| line)
         .collect();
@@ -213,6 +268,33 @@ mod tests {
             [json!((6..22).collect::<Vec<u64>>()), none],
             "17 are too many"
         );
+    }
+
+    #[test]
+    fn where_axes_rest_is_found_until_they_move_also_by_the_next_start() {
+        let folder = tempfile::tempdir().unwrap();
+        let begin = |boot: &str| {
+            let boot = BootId(boot.to_owned());
+            Ahead::begin(folder.path(), boot, &Generations::new("mill")).unwrap()
+        };
+        let ahead = begin("b1");
+        let at = MotorPositions::from([(7, 0.1 + 0.2), (1024, -123.456_789)]);
+        ahead.rest(1, 5, Some(&at)).unwrap();
+        ahead.rest(8, 6, Some(&at)).unwrap();
+        ahead.rest(8, 7, None).unwrap();
+        ahead.write(511, &line(511), UNIX_EPOCH).unwrap();
+        let rest = |cs, after, positions| Rest {
+            cs,
+            boot_id: BootId("b1".to_owned()),
+            after,
+            positions,
+        };
+        let both = vec![rest(1, 5, Some(at)), rest(8, 7, None)];
+        assert_eq!(recover_rests(folder.path(), "mill"), both);
+        assert_eq!(recover_rests(folder.path(), "lathe"), []);
+        begin("b2");
+        assert_eq!(recover_rests(folder.path(), "mill"), both);
+        assert_eq!(recover(folder.path(), "mill"), Vec::<Value>::new());
     }
 
     #[test]

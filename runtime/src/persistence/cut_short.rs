@@ -5,6 +5,7 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::output::PendingOutput;
+use plc_api::types::run::Run;
 use serde_json::json;
 use tandem_model::alarm::RESTARTED_IN_RUN;
 
@@ -17,6 +18,22 @@ pub(crate) fn cut_short(cs: CoordinateSystemNumber, last_run: &LastRun) -> Alarm
         cs: Some(cs),
         program: last_run.running.or(last_run.program),
         line: Some(last_run.line),
+        ..AlarmRecord::default()
+    }
+}
+
+/// The warning of a run of several parts that was between two of them.
+pub(crate) fn cut_short_between_parts(run: &Run) -> AlarmRecord {
+    let (id, done, parts) = (&run.id, run.parts_done, run.parts);
+    AlarmRecord {
+        severity: AlarmSeverity::Warning,
+        number: RESTARTED_IN_RUN.number,
+        text: format!(
+            "{}: run {id} was between two parts; {done} of {parts} are done",
+            RESTARTED_IN_RUN.title
+        ),
+        cs: Some(run.cs),
+        program: Some(run.program),
         ..AlarmRecord::default()
     }
 }

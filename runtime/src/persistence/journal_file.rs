@@ -11,8 +11,8 @@ use plc_api::types::{BootId, Timestamp};
 use serde_json::{Value, json};
 use tokio::time::Instant;
 
-use super::ahead::{Ahead, OPEN, recover};
-use super::journal_folder::{FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
+use super::ahead::{Ahead, OPEN, recover, recover_rests};
+use super::journal_folder::{COMMAND_LINE, FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
 use super::replay::REPLAYED_LINES_MAX;
 use crate::clock::time_of_day;
 use crate::disk::{Generations, Health, Part, number, tighten};
@@ -60,6 +60,7 @@ fn begin(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> Begun
     let objects: Vec<Object> = missing.iter().map(as_written).collect();
     newest.lines.extend(missing);
     newest.lines.sort_by_key(number);
+    newest.rests = newest.hold(recover_rests(folder, generations.machine()));
     let last = newest.lines.last().map_or(0, number);
     let own = Own {
         boot_id,
@@ -80,7 +81,7 @@ fn begin(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> Begun
 /// # Errors
 /// The disk refuses.
 pub(crate) fn append_line(folder: &Path, generations: Arc<Generations>, line: &Line) -> io::Result<()> {
-    let Begun { own, files, .. } = begin(folder, BootId("command-line".to_owned()), generations);
+    let Begun { own, files, .. } = begin(folder, BootId(COMMAND_LINE.to_owned()), generations);
     let mut files = files?;
     let n = own.last.fetch_add(1, Ordering::Relaxed) + 1;
     files.append(&[object(&own.boot_id, n, line, time_of_day())])?;

@@ -15,7 +15,9 @@ use plc_api::types::{BootId, Timestamp};
 use serde_json::{Value, json};
 use tokio::time::Instant;
 
+use super::ahead::Rest;
 use super::chain::{LINK_BYTES, Mark, link, place, tidy_up};
+use super::positions::RestPositions;
 use super::resume::{Head, Resumed, resume};
 use crate::clock::time_of_day;
 use crate::disk::fs::{self, File, OpenOptions};
@@ -29,6 +31,9 @@ pub(crate) const JOURNAL_FOLDER: &str = "journal";
 
 /// Bytes of one file of the journal; a new one is begun beyond.
 pub(super) const FILE_BYTES_MAX: u64 = 4 << 20;
+
+/// Stands for the start of the runtime in lines that a command has written.
+pub(super) const COMMAND_LINE: &str = "command-line";
 
 /// Files of the journal, the newest included; the oldest is removed.
 pub(super) const FILES_MAX: usize = 8;
@@ -51,6 +56,8 @@ pub(crate) struct Newest {
     pub unreadable: BTreeMap<PathBuf, String>,
     /// Why the chain begins anew at this start although there was one.
     pub why_anew: Option<String>,
+    /// Where the axes of a coordinate system rested when the last start of the runtime ended, by motor number.
+    pub rests: RestPositions,
 }
 
 impl Newest {
@@ -76,6 +83,25 @@ impl Newest {
         let first = there.first().copied().unwrap_or(0);
         lines.retain(|line| number(line) >= first && !there.contains(&number(line)));
         lines
+    }
+
+    /// Of what was written about axes at rest, what holds: it is of the last start of the runtime, and no run began since.
+    pub(super) fn hold(&self, rests: Vec<Rest>) -> RestPositions {
+        let boots = self.lines.iter().rev().map(|line| &line["boot_id"]);
+        let last = boots.filter(|boot| **boot != COMMAND_LINE).next();
+        let has_begun = |rest: &Rest| {
+            let later = self
+                .lines
+                .iter()
+                .rev()
+                .take_while(|line| number(line) > rest.after);
+            let mut of_cs = later.filter(|line| line["cs"] == rest.cs);
+            of_cs.any(|line| line["event"] == "start")
+        };
+        let hold = rests
+            .into_iter()
+            .filter(|rest| last.is_some_and(|last| *last == rest.boot_id.0) && !has_begun(rest));
+        hold.filter_map(|rest| Some((rest.cs, rest.positions?))).collect()
     }
 
     /// Time of the newest line.
@@ -358,6 +384,37 @@ mod tests {
     fn numbers(lines: &[Value]) -> Vec<u64> {
         let others = lines.iter().filter(|line| line["event"] != "chain");
         others.map(number).collect()
+    }
+
+    #[test]
+    fn where_axes_rested_holds_for_the_last_start_and_until_a_run_began() {
+        let line = |n: u64, boot: &str, cs: u8, event: &str| json!({"n": n, "boot_id": boot, "cs": cs, "event": event});
+        let rest = |boot: &str, after| Rest {
+            cs: 1,
+            boot_id: BootId(boot.to_owned()),
+            after,
+            positions: Some([(7, 1.5)].into()),
+        };
+        let holds = |lines: &[Value], rest: Rest| {
+            let newest = Newest {
+                lines: lines.to_vec(),
+                ..Newest::default()
+            };
+            newest.hold(vec![rest]).contains_key(&1)
+        };
+        let mut lines = vec![
+            line(1, "b1", 1, "boot"),
+            line(2, "b1", 1, "start"),
+            line(3, "b1", 1, "end"),
+        ];
+        assert!(holds(&lines, rest("b1", 2)));
+        assert!(!holds(&lines, rest("b1", 1)), "a run began since");
+        assert!(!holds(&lines, rest("b0", 2)), "of an earlier start");
+        lines.push(line(4, COMMAND_LINE, 0, "request"));
+        lines.push(line(5, "b1", 2, "start"));
+        assert!(holds(&lines, rest("b1", 2)), "of another coordinate system");
+        lines.push(line(6, "b2", 1, "boot"));
+        assert!(!holds(&lines, rest("b1", 2)), "another start came since");
     }
 
     #[test]

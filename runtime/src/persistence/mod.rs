@@ -29,7 +29,7 @@ mod state_writer;
 mod store;
 
 pub(crate) use chain::anchor_seal;
-pub(crate) use cut_short::cut_short;
+pub(crate) use cut_short::{cut_short, cut_short_between_parts};
 pub(crate) use generation::Generation;
 pub(crate) use image::{Image, LastRuns, PAGE_VARIABLES, page_name, pages};
 pub(crate) use judge::{Condition, Judged, STARTED_FILE, STORE_FILE, judge, judge_known};

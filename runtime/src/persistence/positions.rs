@@ -7,13 +7,16 @@ use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Axis, MachinePosition};
 
 use super::image::Image;
-use crate::tables::{LOST_VALUE, value_key};
+use crate::tables::{KeptValues, LOST_VALUE, keep, value_key};
 
 /// Name of the kept positions of a coordinate system.
 pub(crate) const POSITION: &str = "position";
 
 /// Machine position by motor number.
 pub(crate) type MotorPositions = BTreeMap<u16, f64>;
+
+/// Where the axes of coordinate systems rested.
+pub(crate) type RestPositions = BTreeMap<CoordinateSystemNumber, MotorPositions>;
 
 /// Motors of a coordinate system with their axes.
 fn motors(settings: &CoordinateSystemSettings) -> impl Iterator<Item = (Axis, u16)> {
@@ -22,7 +25,7 @@ fn motors(settings: &CoordinateSystemSettings) -> impl Iterator<Item = (Axis, u1
 }
 
 /// The positions to keep, from one servo cycle.
-pub(super) fn positions(settings: &CoordinateSystemSettings, at: MachinePosition) -> MotorPositions {
+pub(crate) fn positions(settings: &CoordinateSystemSettings, at: MachinePosition) -> MotorPositions {
     motors(settings)
         .map(|(axis, motor)| (motor, at.0[axis]))
         .collect()
@@ -36,10 +39,11 @@ pub(crate) struct KeptPositions {
 }
 
 impl KeptPositions {
-    /// The positions in what was kept. A motor may have been in another coordinate system then.
-    pub fn new(image: &Image) -> Self {
+    /// The positions in what was kept, and those at rest that are newer. A motor may have been in another coordinate system then.
+    pub fn new(image: &Image, rests: &RestPositions) -> Self {
         let mut kept = Self::default();
-        for (name, bytes) in &image.values {
+        let newer = rest_positions(image, rests);
+        for (name, bytes) in image.values.iter().chain(&newer) {
             let Some(Ok(cs)) = name.strip_prefix(&format!("{POSITION}/")).map(str::parse) else {
                 continue;
             };
@@ -83,6 +87,18 @@ impl KeptPositions {
     }
 }
 
+/// Where axes rested that the store does not know yet: it lags behind. Lost positions stay lost.
+pub(crate) fn rest_positions(image: &Image, rests: &RestPositions) -> KeptValues {
+    let mut values = KeptValues::new();
+    for (cs, positions) in rests {
+        let key = position_key(*cs);
+        if image.values.get(&key).is_none_or(|kept| kept != LOST_VALUE) {
+            keep(&mut values, key, positions);
+        }
+    }
+    values
+}
+
 /// Name of the kept positions of a coordinate system.
 pub(super) fn position_key(cs: CoordinateSystemNumber) -> String {
     value_key(POSITION, cs)
@@ -94,7 +110,6 @@ mod tests {
     use tandem_model::settings::{MotorKind, MotorSettings};
 
     use super::*;
-    use crate::tables::keep;
 
     fn settings(number: u8, motors: [u16; 2]) -> CoordinateSystemSettings {
         let motor = |place: usize| {
@@ -113,7 +128,7 @@ mod tests {
 
     fn started(image: &Image, number: u8, motors: [u16; 2]) -> Vec<(f64, bool)> {
         let mut settings = settings(number, motors);
-        KeptPositions::new(image).apply(&mut settings);
+        KeptPositions::new(image, &RestPositions::new()).apply(&mut settings);
         let motors = settings.motors.iter().flatten();
         motors
             .map(|motor| (motor.start_at, motor.is_homed_at_start))
@@ -143,7 +158,24 @@ mod tests {
         image.lose(&position_key(1));
         assert_eq!(started(&image, 1, [7, 8]), [(0.0, false); 2]);
         assert_eq!(started(&image, 2, [9, 10]), [(0.0, true); 2]);
-        assert_eq!(KeptPositions::new(&image).lost().collect::<Vec<_>>(), [1]);
+        assert_eq!(
+            KeptPositions::new(&image, &RestPositions::new())
+                .lost()
+                .collect::<Vec<_>>(),
+            [1]
+        );
+    }
+
+    #[test]
+    fn a_position_at_rest_is_newer_than_the_store_but_no_lost_one_returns() {
+        let mut image = Image::default();
+        let at = |x: f64| MotorPositions::from([(7, x)]);
+        keep(&mut image.values, position_key(1), &at(1.0));
+        image.lose(&position_key(2));
+        let rests = RestPositions::from([(1, at(1.5)), (2, at(2.5)), (3, MotorPositions::from([(9, 3.5)]))]);
+        let kept = KeptPositions::new(&image, &rests);
+        assert_eq!(kept.by_motor, MotorPositions::from([(7, 1.5), (9, 3.5)]));
+        assert_eq!(kept.lost().collect::<Vec<_>>(), [2]);
     }
 
     #[test]
@@ -157,7 +189,7 @@ mod tests {
             position_key(1),
             &positions(&settings(1, [7, 8]), at),
         );
-        let outside = KeptPositions::new(&image).outside(&settings(1, [7, 8]));
+        let outside = KeptPositions::new(&image, &RestPositions::new()).outside(&settings(1, [7, 8]));
         assert_eq!(outside.len(), 1);
         assert!(
             outside[0].starts_with("axis X stands at 12, outside"),

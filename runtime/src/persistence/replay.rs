@@ -104,6 +104,11 @@ fn begun(boot_id: BootId, run_id: String, program: Option<u16>, at: Timestamp) -
 
 fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
     match event {
+        // of the first part, or of a further one
+        Event::Start { .. } => {
+            (run.execution, run.line, run.running) = (Execution::Active, 1, run.program);
+            run.outputs.clear();
+        }
         Event::Output(output) => {
             if run.outputs.iter().any(|open| open.output.seq == output.seq) {
                 return;
@@ -269,6 +274,18 @@ mod tests {
         assert_eq!(open(&after(6)), [(2, OutputState::Output)]);
         assert!(!after(7).is_under_way());
         assert_eq!(open(&after(7)), []);
+    }
+
+    #[test]
+    fn a_run_is_under_way_in_each_of_its_parts() {
+        let end = line(7, "end", json!({"outcome": "PROGRAM_COMPLETED"}));
+        let next = line(8, "start", json!({"run_id": "1-1", "program": 60}));
+        let lines = journal(&[output(6, 1), end, next]);
+        let after = |n: usize| replay(1, Some(&kept(5)), &lines[..n]).unwrap();
+        assert!(!after(4).is_under_way());
+        let run = after(5);
+        assert_eq!((run.execution, run.line), (Execution::Active, 1));
+        assert_eq!(open(&run), []);
     }
 
     #[test]

@@ -48,7 +48,7 @@ impl RuntimePort {
         let urgent = command.is_urgent();
         let request = CoordinateSystemRequest::Command { command, meta, wait };
         let answer = mailbox.ask(request, urgent).await?;
-        if let Some(writer) = self.writer.as_ref().filter(|_| wait) {
+        if let Some(writer) = self.shared.writer.get().filter(|_| wait) {
             // a disk that refuses or is late raises an alarm of its own
             let _ = tokio::time::timeout(KEPT_WITHIN, writer.flush()).await;
         }

@@ -402,5 +402,7 @@ async fn parts_that_were_published_are_counted_after_each_kill() {
         let made = |runs: &Value| runs["production"][0]["parts"].as_u64().unwrap_or(0);
         assert!(made(&after) >= made(&before), "{before} {after}");
         assert_eq!(after["production"][0]["cut_short"], round + 1);
+        let warning = alarms(&served).await[0]["text"].clone();
+        assert!(warning.as_str().unwrap().contains(&id), "{id}: {warning}");
     }
 }

@@ -76,6 +76,42 @@ async fn axes_at_rest_stand_exactly_where_they_stood_after_an_end_and_a_kill() {
 }
 
 #[tokio::test]
+async fn a_kill_as_soon_as_axes_are_heard_to_rest_moves_none_of_them() {
+    let machine = machine();
+    let mut served = Served::start(&machine);
+    let motion = json!({"text": "G91 G01 X20 Y10 F6000"});
+    for (command, rests) in [
+        (None, "READY"),
+        (Some("stop"), "STOPPED"),
+        (Some("hold"), "FEED_HOLD"),
+    ] {
+        for round in 0..3 {
+            served.post("/cs/1/mdi", &motion).await.expect(202);
+            let begun = position(&served, 1).await["machine"]["X"].clone();
+            until("a motion", async || {
+                (position(&served, 1).await["machine"]["X"] != begun).then_some(())
+            })
+            .await;
+            if let Some(command) = command {
+                served
+                    .post(&format!("/cs/1/{command}"), &json!({}))
+                    .await
+                    .expect(202);
+            }
+            until("a rest", async || {
+                let state = served.state(1).await;
+                (state["execution"] == rests && state["transition"].is_null()).then_some(())
+            })
+            .await;
+            let stood = position(&served, 1).await["machine"].clone();
+            served = end(served, "KILL", &machine);
+            let stands = position(&served, 1).await["machine"].clone();
+            assert_eq!(stands, stood, "{rests}, round {round}");
+        }
+    }
+}
+
+#[tokio::test]
 async fn an_orderly_end_in_motion_leaves_the_axes_exactly_where_they_came_to_rest() {
     let machine = machine();
     let served = Served::start(&machine);
