@@ -47,7 +47,7 @@ use sender::Sender;
 
 use crate::coordinate_system::Mailbox;
 use crate::explain::{explain_here, nearest, picture};
-use crate::persistence::LastRuns;
+use crate::persistence::{LastRuns, StateWriter};
 use crate::preview::Previews;
 use crate::shared::Shared;
 
@@ -59,6 +59,8 @@ const WARNING_TEXT_MAX: usize = 500;
 pub(crate) struct RuntimePort {
     pub shared: Arc<Shared>,
     pub mailboxes: Vec<Arc<Mailbox>>,
+    /// Writes what is kept; `None` in simulated time and without a data folder.
+    pub writer: Option<StateWriter>,
     /// Of an earlier start of the runtime.
     pub last_runs: LastRuns,
     /// Lines about who was let in.

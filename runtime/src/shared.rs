@@ -4,8 +4,8 @@ mod commands;
 
 use std::collections::BTreeMap;
 use std::io;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
 
 use parking_lot::Mutex;
 use plc_api::alarm::USER_ALARM_BASE;
@@ -39,7 +39,6 @@ use crate::declared::{Declared, refused_output};
 use crate::disk::{Health, Part};
 use crate::heartbeat_times::HeartbeatTimes;
 use crate::journal::{Event, Journal};
-use crate::persistence::StateWriter;
 use crate::planned::OnPlan;
 use crate::program_store::ProgramStore;
 use crate::runs::RunBook;
@@ -84,8 +83,6 @@ pub(crate) struct Shared {
     pub runs: Arc<Mutex<RunBook>>,
     /// The question about stored files that do not fit together.
     pub stored_data: Mutex<OpenQuestion>,
-    /// Writes what is kept; empty in simulated time and without a data folder.
-    pub writer: OnceLock<StateWriter>,
     commands: Mutex<CommandMemory>,
     /// When heartbeats were sent.
     heartbeats: Mutex<HeartbeatTimes>,
@@ -126,7 +123,6 @@ impl Shared {
             published_variables: Mutex::default(),
             runs: Arc::default(),
             stored_data: Mutex::default(),
-            writer: OnceLock::new(),
             commands: Mutex::default(),
             heartbeats: Mutex::default(),
             wakes: Mutex::default(),

@@ -56,7 +56,7 @@ pub(super) struct Data {
 #[derive(Debug)]
 pub(super) struct Keepers {
     _watch: DataWatch,
-    _state: StateWriterThread,
+    pub state: StateWriterThread,
     _journal: JournalThread,
     _lock: Option<Lock>,
 }
@@ -188,12 +188,9 @@ impl Data {
             generations: self.held.generations,
         };
         let state = StateWriterThread::start(folder.clone(), self.store, self.image, source);
-        let state = state.map_err(StartError::Thread)?;
-        // nobody else sets it
-        let _ = shared.writer.set(state.writer());
         Ok(Keepers {
             _watch: DataWatch::start(&folder, Arc::clone(shared)).map_err(StartError::Thread)?,
-            _state: state,
+            state: state.map_err(StartError::Thread)?,
             _journal: self.journal,
             _lock: self.lock,
         })

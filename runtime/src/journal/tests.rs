@@ -1,5 +1,7 @@
 //! The text of each event.
 
+use std::time::SystemTime;
+
 use plc_api::types::Timestamp;
 use plc_api::types::data::JournalFilter;
 use plc_api::types::machine::AlarmSeverity;

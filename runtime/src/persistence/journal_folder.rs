@@ -87,8 +87,8 @@ impl Newest {
 
     /// Of what was written about axes at rest, what holds: it is of the last start of the runtime, and no run began since.
     pub(super) fn hold(&self, rests: Vec<Rest>) -> RestPositions {
-        let boots = self.lines.iter().rev().map(|line| &line["boot_id"]);
-        let last = boots.filter(|boot| **boot != COMMAND_LINE).next();
+        let mut boots = self.lines.iter().rev().map(|line| &line["boot_id"]);
+        let last = boots.find(|boot| **boot != COMMAND_LINE);
         let has_begun = |rest: &Rest| {
             let later = self
                 .lines

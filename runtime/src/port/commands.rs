@@ -15,10 +15,6 @@ use super::RuntimePort;
 use crate::command_memory::{Asked, Recalled, memory_is_full};
 use crate::order_key::OrderKey;
 
-/// How long the answer to a finished command waits until the position at which the axes rest is on disk. Reason: far more than a
-/// commit takes, and the answer to a stop stays within 250 ms.
-const KEPT_WITHIN: Duration = Duration::from_millis(100);
-
 impl RuntimePort {
     pub(super) async fn command(
         &self,
@@ -47,12 +43,7 @@ impl RuntimePort {
         }
         let urgent = command.is_urgent();
         let request = CoordinateSystemRequest::Command { command, meta, wait };
-        let answer = mailbox.ask(request, urgent).await?;
-        if let Some(writer) = self.shared.writer.get().filter(|_| wait) {
-            // a disk that refuses or is late raises an alarm of its own
-            let _ = tokio::time::timeout(KEPT_WITHIN, writer.flush()).await;
-        }
-        Ok(answer)
+        mailbox.ask(request, urgent).await
     }
 
     /// The reply to a command that came before. A jog is remembered when it begins, and its end and its refreshes are not: they

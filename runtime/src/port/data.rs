@@ -60,8 +60,9 @@ impl RuntimePort {
         &self,
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
     ) -> Result<Answer, Refusal> {
+        let writer = self.writer.clone();
         let keep_and_set = move |shared: &Shared| {
-            let keep = |values| match shared.writer.get() {
+            let keep = |values| match &writer {
                 Some(writer) => writer.write(values).map_err(|text| unkept(&text)),
                 None => Ok(()),
             };
@@ -74,7 +75,7 @@ impl RuntimePort {
 
     /// Writes an input or output of the plant. One whose last value outlives the machine is on disk before it takes effect.
     pub(super) async fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
-        let writer = self.shared.writer.get();
+        let writer = self.writer.as_ref();
         let Some(writer) = writer.filter(|_| self.shared.machine.io.keeps_last(&point)) else {
             return self.shared.write_io(&point, set).map(|()| Answer::Done);
         };
@@ -112,7 +113,7 @@ impl RuntimePort {
             .mailbox(cs)?
             .ask_not_after(CoordinateSystemRequest::Tool(id), not_after)
             .await?;
-        if let Some(writer) = self.shared.writer.get() {
+        if let Some(writer) = &self.writer {
             writer.flush().await.map_err(|text| unkept(&text))?;
         }
         Ok(answer)

@@ -77,7 +77,7 @@ impl RuntimePort {
                 self.tool(cs, tool, None).await?;
             }
         }
-        match self.shared.writer.get() {
+        match &self.writer {
             Some(writer) => {
                 let written = writer.flush().await;
                 written.map_err(|text| Refusal::new(RefusalCode::Unavailable, text))

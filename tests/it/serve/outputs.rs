@@ -97,3 +97,54 @@ async fn an_output_of_a_killed_handler_stays_for_the_grace_time_alone() {
     })
     .await;
 }
+
+#[tokio::test]
+async fn a_process_whose_place_another_took_writes_nothing_over_mqtt() {
+    let machine = machine();
+    let served = Served::start(&machine);
+    let old = Bus::connect(&served.broker, "test-1").await;
+    let new = Bus::connect(&served.broker, "test-1").await;
+    for (bus, instance) in [(&old, "a"), (&new, "b")] {
+        let presence = json!({"online": true, "handles": [], "instance": instance, "take_over": true});
+        bus.publish_retained("handler/cell/presence", &presence).await;
+        bus.history
+            .find("handler/cell/result", |said| {
+                said["status"] == "accepted" && said["instance"] == instance
+            })
+            .await;
+    }
+    let of = |instance: &str| json!({"value": true, "handler_id": "cell", "instance": instance});
+    let writes = async |bus: &Bus, instance: &str| {
+        bus.publish("handler/cell/io/out/clamp/set", &of(instance)).await;
+        for input in ["interlock", "start_lock"] {
+            let topic = format!("handler/cell/cs/1/input/{input}/set");
+            let mut lock = of(instance);
+            lock["source"] = json!("door");
+            bus.publish(&topic, &lock).await;
+        }
+    };
+    let is_set = async || {
+        let mut is_set = vec![output(&served, "clamp").await["value"] == true];
+        for input in ["interlock", "start_lock"] {
+            let lock = served.get(&format!("/cs/1/inputs/{input}")).await;
+            is_set.push(lock.expect(200).json()["value"] == true);
+        }
+        is_set
+    };
+    writes(&old, "a").await;
+    // what follows on the same connection has been carried out, and what was before it
+    old.publish("handler/cell/io/out/gate/set", &of("a")).await;
+    let presence = json!({"online": true, "handles": [], "instance": "a"});
+    old.publish("handler/cell/presence", &presence).await;
+    old.history
+        .find("handler/cell/result", |said| {
+            said["status"] == "refused" && said["instance"] == "a"
+        })
+        .await;
+    assert_eq!(is_set().await, [false; 3]);
+    writes(&new, "b").await;
+    until("the writes of the new one", async || {
+        (is_set().await == [true; 3]).then_some(())
+    })
+    .await;
+}
