@@ -1,4 +1,4 @@
-//! Runs an NC program in simulated time, as fast as the computer can, and prints where the machine is.
+//! Runs an NC program in simulated time, as fast as the computer can, and prints the position of the machine.
 //!
 //! ```text
 //! cargo run --example 01_simulate_a_program

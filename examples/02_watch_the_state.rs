@@ -34,7 +34,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
 
     let plc = Plc::in_process(runtime.port());
     plc.port().ask(WriteProgram(500, PROGRAM.to_owned())).await?;
-    // the value of now first, then every change
+    // the current value first, then every change
     let topic = Topic::cs(1, CsTopic::State);
     let mut states = plc.port().subscribe(Filter::Topics(vec![topic]));
     let mill = plc.coordinate_system(1);

@@ -1,6 +1,6 @@
 //! An M code handled in the runtime's own process: `cargo run --example 03_handle_an_m_code`.
 //!
-//! The NC program moves, puts out M12 with a clamping force, and waits until the handler has returned.
+//! The NC program moves, outputs M12 with a clamping force, and waits until the handler has returned.
 
 #![allow(clippy::print_stdout, reason = "it shows what happens")]
 

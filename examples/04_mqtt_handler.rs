@@ -1,6 +1,6 @@
 //! The same M code handled in another process: `cargo run --example 04_mqtt_handler`, until Ctrl-C.
 //!
-//! It serves a machine over MQTT, and goes on by itself when the broker or the machine has been away. To see it work:
+//! It serves a machine over MQTT, and continues after the broker or the machine was offline. To test it:
 //! ```text
 //! tandem serve
 //! printf 'G54 G90\nG01 X10 F3000\nM12 VA5\nM30\n' | curl -T - http://127.0.0.1:8080/api/v1/programs/50

@@ -1,7 +1,7 @@
-//! A tool changer with a magazine, tried out in simulated time: `cargo run --example 05_tool_changer`
+//! A tool changer with a magazine, tested in simulated time: `cargo run --example 05_tool_changer`
 //!
-//! M100 VA turns the magazine to tool VA and swaps. A program with a tool that is not in the magazine
-//! is refused when it is loaded. A stop reaches the magazine in the middle of its turn, and its motor stops.
+//! M100 VA turns the magazine to tool VA and changes the tool. A program with a tool that is not in the magazine is
+//! rejected when it is loaded. A stop during a turn of the magazine stops its motor.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
@@ -15,12 +15,12 @@ const CHANGE_TOOL: MCode = MCode::new(100, "change tool");
 const POCKETS: u16 = 24;
 const POCKET_TIME: Duration = Duration::from_millis(250);
 
-/// The pocket that is at the spindle, shared by all that moves the magazine.
+/// The pocket at the spindle, shared by all handlers that move the magazine.
 type Magazine = Arc<Mutex<u16>>;
 
 #[derive(Params)]
 struct Change {
-    /// It is also the number of its pocket.
+    /// Tool number, also the number of its pocket.
     #[va(1..=POCKETS)]
     tool: u16,
 }
@@ -31,7 +31,7 @@ async fn change_tool(
     output: AuxOutput,
     plc: Plc,
 ) -> Result<(), Alarm> {
-    // dropped with this future when the output is cancelled, and at its end
+    // dropped with this future at its end, and when the output is cancelled
     println!("  magazine motor on");
     let _motor = Motor;
     while *here(&magazine) != tool {
@@ -50,7 +50,7 @@ fn here(magazine: &Magazine) -> MutexGuard<'_, u16> {
     magazine.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The magazine's motor: on while this lives.
+/// The magazine's motor: on while this value exists.
 struct Motor;
 
 impl Drop for Motor {

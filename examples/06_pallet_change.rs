@@ -1,7 +1,7 @@
 //! Two coordinate systems meet at M codes and change pallets: `cargo run --example 06_pallet_change`
 //!
-//! Mill (coordinate system 1) and loader (2) run their own programs. Both put out M70 when they are at the pallet
-//! changer; whoever comes first waits. When both are there the pallets turn, and both programs go on.
+//! Mill (coordinate system 1) and loader (2) run their own programs. Both output M70 at the pallet changer; the first
+//! one waits. When both have arrived, the pallets turn, and both programs continue.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
@@ -15,7 +15,7 @@ use tokio::sync::watch;
 const MILL: u8 = 1;
 const LOADER: u8 = 2;
 
-/// How many times the pallets have turned. Cancelled handlers leave nothing behind in it.
+/// Number of turns of the pallets. Cancelled handlers do not change it.
 type Turns = watch::Sender<u32>;
 
 /// The mill's M70: the mill is clear of the pallet. It waits for the loader, then the pallets turn.

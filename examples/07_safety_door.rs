@@ -1,10 +1,10 @@
 //! A door that holds the machine while it is open: `cargo run --example 07_safety_door`
 //!
-//! This is how a sequence program follows a door contact: by a source of the interlock, which holds motion on its path and
-//! lets nothing that moves begin or go on while the door is open. When it is closed, the operator resumes. The source is
-//! the program's: it is written again when the machine has been started anew, nobody else clears it, and while the program
-//! has gone the interlock is on, since the configuration declares it. It keeps the program in order. It protects nobody:
-//! that is the safety controller's.
+//! A sequence program follows a door contact with a source of the interlock. While the door is open, the source holds
+//! motion on its path and prevents the start of any motion. After the door is closed, the operator resumes. The source
+//! belongs to the program: the program sets it again after a restart of the machine, and no other client clears it.
+//! While the program is offline, the interlock is on, as the configuration declares. The source protects the process,
+//! not people: that is the task of the safety controller.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
@@ -16,7 +16,7 @@ use tokio::sync::watch;
 
 const MILL: u8 = 1;
 
-/// `true`: open.
+/// True while the door is open.
 fn program(contact: watch::Receiver<bool>) -> SequenceProgram {
     SequenceProgram::new().interlock(MILL, "door", contact, "the door is open")
 }

@@ -1,6 +1,6 @@
 //! A sequence program as a PLC scan, every 10 ms: `cargo run --example 08_scan_cycle`
-//! M20 VA runs a conveyor for VA mm, 2 mm in a scan; M21 waits for a part at its end, counts it in P200, and is an alarm
-//! when none comes within 8 s. M codes are flags with parameters, resets are written as flags, what takes time is a timer.
+//! M20 VA runs a conveyor for VA mm, 2 mm per scan. M21 waits for a part at its end, counts it in P200, and raises an
+//! alarm if none comes within 8 s. M codes are flags with parameters, resets are written as flags, delays are timers.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
@@ -12,7 +12,7 @@ use tandem_runtime::test::{Bench, TestError};
 const PERIOD: Duration = Duration::from_millis(10);
 const STEP_MM: f64 = 2.0;
 
-/// What a PLC keeps from scan to scan. `belt_mm` stands for the encoder, `part` for the light barrier.
+/// Values that a PLC keeps from scan to scan. `belt_mm` replaces the encoder, `part` the light barrier.
 struct Conveyor {
     belt_mm: f64,
     moved_mm: f64,

@@ -1,8 +1,8 @@
 //! Unit tests of a handler, without a machine: `cargo run --example 09_test_a_handler`, and
 //! `cargo test --example 09_test_a_handler` as tests.
 //!
-//! The first uses the scripted machine of plc-api, the others a whole runtime in simulated time. In a project of your
-//! own, tandem-runtime is a dev-dependency, and the functions below stand in `tests/`.
+//! The first test uses the scripted machine of plc-api, the others a complete runtime in simulated time. In your own
+//! project, tandem-runtime is a dev-dependency, and the functions below are in `tests/`.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 

@@ -1,7 +1,7 @@
 //! A probe cycle that measures the wear of a tool: `cargo run --example 10_measure_a_tool`
 //!
-//! G31 moves the tool onto a setter and ends where its signal comes; M101 takes the captured position, writes the length
-//! into the tool table, and refuses a tool that is worn too much. G43 behind it goes by the new length.
+//! G31 moves the tool onto a setter and ends at its signal. M101 reads the captured position, writes the length into
+//! the tool table, and rejects a tool that is too worn. The following G43 uses the new length.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
@@ -15,10 +15,10 @@ const Z_MOTOR: u16 = 3;
 /// Machine position of Z at which a tool without length would touch the setter, mm.
 const SETTER: f64 = -200.0;
 
-/// A tool that has lost more is to be changed, mm.
+/// Wear from which a tool must be changed, mm.
 const WEAR_MAX: f64 = 0.2;
 
-/// M101: the G31 before it has touched the setter with the tool in the spindle.
+/// M101: the preceding G31 has touched the setter with the tool in the spindle.
 async fn measure(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let system = plc.coordinate_system(output.coordinate_system());
     let captured = system.captured().await?;

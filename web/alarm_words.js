@@ -1,10 +1,11 @@
-// What an alarm says in the language of the screen, where its machine builder has said it in that language.
+// Text of an alarm in the language of the screen, if the machine builder has provided that language.
 
 import { language } from "./language.js";
 
 /**
  * @param {import("./types.d.ts").AlarmRecord} alarm
- * @returns {{text: string, remedy: string | null, detail: string | null}} `detail`: the text as it was raised, where another one is shown
+ * @returns {{text: string, remedy: string | null, detail: string | null}} `detail`: the original text, if another one
+ * is shown
  */
 export function alarmWords({ text, remedy, languages }) {
   const said = Object.entries(languages ?? {});

@@ -11,7 +11,7 @@ const TONES = { question: [660, 880], alarm: [880, 587, 880, 587, 880, 587] };
 const TONE_S = 0.16;
 const VOLUME = 0.25;
 
-/** What asks for a person now. @param {import("./model.js").Model} model @returns {Event[]} */
+/** Returns the events that need a person now. @param {import("./model.js").Model} model @returns {Event[]} */
 export function eventsOf({ systems, alarms, bootId }) {
   const questions = [...systems].flatMap(([cs, { pending }]) => (pending?.outputs ?? []).flatMap(({ m, seq, question }) => {
     if (!question || question.answer !== undefined) return [];
@@ -22,7 +22,7 @@ export function eventsOf({ systems, alarms, bootId }) {
 }
 
 export class Alerts {
-  /** Keys of what was there before; null: nothing is known yet. @type {Set<string> | null} */
+  /** Keys of the previous events; null before the first state. @type {Set<string> | null} */
   #seen = null;
   /** @type {AudioContext | null} */
   #audio = null;
@@ -63,7 +63,7 @@ export class Alerts {
     if (on && way === "sound") this.#sound("question");
   }
 
-  /** Tells of what has come since the last time. */
+  /** Announces new events. */
   render() {
     const { model } = this.#app;
     if (!model.birth || !model.online) return;

@@ -1,4 +1,5 @@
-// What the HMI asks of its machine: commands, inputs, programs. Refused requests throw a Refusal with the machine's text.
+// Requests of the HMI to its machine: commands, inputs, programs. Refused requests throw a Refusal with the machine's
+// text.
 
 import { forgetFence, keepFence, ownFence, underLease } from "./fences.js";
 import { machine } from "./machine.js";
@@ -70,23 +71,32 @@ export const api = {
     return (await request("POST", `/cs/${cs}/mdi/path`, { text })).arrayBuffer();
   },
 
-  /** What it would do. @param {number} cs @param {string} text @returns {Promise<import("./types.d.ts").Rehearsal>} */
+  /**
+   * Returns the effect that a line would have.
+   * @param {number} cs @param {string} text @returns {Promise<import("./types.d.ts").Rehearsal>}
+   */
   async manualRehearsal(cs, text) {
     return (await request("POST", `/cs/${cs}/mdi/rehearsal`, { text })).json();
   },
 
-  /** What is in force at a line, and what a start from there does. @param {number} cs @param {LineStart} from @returns {Promise<import("./types.d.ts").LineState>} */
+  /**
+   * Returns the modal state at a line, and the steps of a start from there.
+   * @param {number} cs @param {LineStart} from @returns {Promise<import("./types.d.ts").LineState>}
+   */
   async lineState(cs, from) {
     return (await request("POST", `/cs/${cs}/line_state`, from)).json();
   },
 
-  /** Begins or refreshes a jog; the answer says whether it is allowed. @param {number} cs @param {object} args @param {string} [id] of the command, for {@link api.reply} */
+  /**
+   * Begins or refreshes a jog; the reply contains whether it is allowed.
+   * @param {number} cs @param {object} args @param {string} [id] of the command, for {@link api.reply}
+   */
   async jog(cs, args, id) {
     await request("POST", `/cs/${cs}/jog`, args, { ...underLease(cs), ...(id !== undefined && { "Idempotency-Key": id }) }, JOG_TIMEOUT_MS);
   },
 
   /**
-   * Ends a jog at once. Also when the page closes; if it does not arrive, the machine stops by itself.
+   * Ends a jog at once, also when the page closes. If the request is lost, the machine stops automatically.
    * @param {number} cs @param {string} axis @param {string} refresh_id
    */
   async endJog(cs, axis, refresh_id) {
@@ -118,7 +128,7 @@ export const api = {
     await request("PUT", `/cs/${cs}/inputs/${input}`, lock);
   },
 
-  /** Puts a value in the place of an input or output of the plant; null: what is written counts again. @param {import("./plant.js").Point} point @param {boolean | number | null} value */
+  /** Forces an input or output of the plant; null: the written value applies again. @param {import("./plant.js").Point} point @param {boolean | number | null} value */
   async forceIo({ side, name }, value) {
     await request("PUT", `/io/${side}/${encodeURIComponent(name)}/force`, { value, by: "hmi" });
   },
@@ -173,7 +183,10 @@ export const api = {
     await request("DELETE", "/login");
   },
 
-  /** What became of a command, if that is still known. @param {string} id @returns {Promise<import("./types.d.ts").CommandReply>} */
+  /**
+   * Returns the result of a command, if it is still known.
+   * @param {string} id @returns {Promise<import("./types.d.ts").CommandReply>}
+   */
   async reply(id) {
     return (await request("GET", `/commands/${encodeURIComponent(id)}`)).json();
   },
@@ -213,12 +226,12 @@ export const api = {
     await request("DELETE", `/programs/${number}`, undefined, { "If-Match": `"${hash}"` });
   },
 
-  /** What the machine builder has added to this screen. @returns {Promise<import("./types.d.ts").Hmi>} */
+  /** Returns the machine builder's additions to this screen. @returns {Promise<import("./types.d.ts").Hmi>} */
   async hmi() {
     return (await request("GET", "/hmi")).json();
   },
 
-  /** What a name means. @param {string} what @returns {Promise<import("./types.d.ts").Explanation>} */
+  /** Returns the meaning of a name. @param {string} what @returns {Promise<import("./types.d.ts").Explanation>} */
   async explain(what) {
     return (await request("GET", `/explain/${encodeURIComponent(what)}`)).json();
   },
@@ -261,7 +274,7 @@ export const api = {
     return body ?? new Blob().stream();
   },
 
-  /** What is wrong with a text as this program, which is not stored. @param {number} number @param {Blob} text @param {string} dialect @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
+  /** Checks a text as this program without storing it. @param {number} number @param {Blob} text @param {string} dialect @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
   async checkText(number, text, dialect) {
     const query = dialect === "" ? "" : `?dialect=${dialect}`;
     const answer = await request("POST", `/programs/${number}/check_text${query}`, text, {}, TIMEOUT_MS + text.size / STORED_BYTES_PER_MS);

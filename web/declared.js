@@ -1,10 +1,10 @@
-// What the sequence side, or else the configuration, says of an M code: its name, and what its parameters mean.
+// Declaration of an M code, from the sequence program or else from the configuration: its name and parameters.
 
 import { params, plain } from "./format.js";
 
 /** @typedef {import("./types.d.ts").BirthMessage} BirthMessage */
 
-/** What is declared of an M code. @param {BirthMessage | null} birth @param {number} cs @param {number} m */
+/** Returns the declaration of an M code. @param {BirthMessage | null} birth @param {number} cs @param {number} m */
 export function declared(birth, cs, m) {
   const served = birth?.serves?.find((one) => one.m === m && one.cs.includes(cs) && (one.name || one.params));
   return served ?? birth?.m_codes[m];

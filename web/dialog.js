@@ -15,7 +15,7 @@ export function openDialog(name, title, children, closed = () => {}) {
   const before = document.activeElement;
   const id = `${name}-title`;
   const dialog = h("dialog", { class: `dialog ${name}`, "aria-labelledby": id }, h("h2", { id }, title), ...children);
-  // what had the focus may be replaced while the dialog is open: the page has it then
+  // if the focused element is replaced while the dialog is open, the page has the focus
   const onKey = (/** @type {KeyboardEvent} */ event) => {
     const isHere = event.target === document.body || (event.target instanceof Node && dialog.contains(event.target));
     if (event.key === "Escape" && isHere && !event.defaultPrevented) dialog.close("");
@@ -29,7 +29,7 @@ export function openDialog(name, title, children, closed = () => {}) {
   });
   document.body.append(dialog);
   dialog.show();
-  // what has the focus may be at the end of a long one, which is read from its head
+  // the focused element may be at the end of a long dialog, which is read from its top
   dialog.scrollTop = 0;
   return dialog;
 }

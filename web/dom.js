@@ -81,7 +81,7 @@ export function isRemoved() {
 }
 
 /**
- * Makes these the children of an element. Those that stay in their order are not touched, so that the focus and what is typed stay.
+ * Sets the children of an element. Children that keep their order are not touched, so that focus and typed text remain.
  * @param {Element} element @param {...Element} children
  */
 export function arrange(element, ...children) {

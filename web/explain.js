@@ -1,4 +1,4 @@
-// What a name on the screen means: an alarm, a diagnostic, a code, a word of a state.
+// Explanations of names on the screen: alarms, diagnostics, codes, state words.
 
 import { api } from "./api.js";
 import { openDialog } from "./dialog.js";
@@ -31,7 +31,7 @@ export function unfolding(what, place) {
   return one;
 }
 
-/** A title, and what stands below it, or why there is nothing. @param {string} what */
+/** Returns a title with its explanation, or the reason why there is none. @param {string} what */
 export async function meaning(what) {
   try {
     const { text, picture } = await api.explain(what);

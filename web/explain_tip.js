@@ -1,4 +1,4 @@
-// What a word means, shown beside it while the pointer rests on it.
+// Tooltip with the meaning of the word under the pointer.
 
 import { api } from "./api.js";
 import { h, setAttr } from "./dom.js";
@@ -22,7 +22,10 @@ function hasMeaning(word) {
   return asked;
 }
 
-/** What a tip shows; null: nobody knows the word. @param {string} word @returns {Promise<HTMLElement | null>} */
+/**
+ * Returns the content of a tooltip; null for an unknown word.
+ * @param {string} word @returns {Promise<HTMLElement | null>}
+ */
 export async function tipOf(word) {
   if (word === "" || !(await hasMeaning(word))) return null;
   const { title, parts } = await meaning(word);

@@ -19,7 +19,7 @@ export function forgetFence(cs) {
   fences.delete(cs);
 }
 
-/** What a command carries. @param {number} cs @returns {Record<string, string>} */
+/** Returns the lease number to send with a command. @param {number} cs @returns {Record<string, string>} */
 export function underLease(cs) {
   const fence = fences.get(cs);
   return fence === undefined ? {} : { "Lease-Fence": String(fence) };

@@ -30,7 +30,7 @@ export function summary(diagnostics) {
   return counts(errors, diagnostics.length - errors);
 }
 
-/** The same of given numbers; nothing where both are 0. @param {number} errors @param {number} warnings */
+/** Returns this text for given numbers; nothing if both are 0. @param {number} errors @param {number} warnings */
 export function counts(errors, warnings) {
   return listed([errors > 0 && t("findings.errors", { count: errors }), warnings > 0 && t("findings.warnings", { count: warnings })]);
 }

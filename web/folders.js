@@ -9,7 +9,7 @@ import { whyNotNow } from "./why_not.js";
 
 /** @typedef {import("./types.d.ts").ProgramInfo} ProgramInfo */
 
-/** What a dragged program is. */
+/** Data type of a dragged program. */
 const DRAGGED = "application/x-tandem-program";
 
 /** Folders that are closed. @type {Set<string>} */
@@ -36,7 +36,7 @@ export function inFolders(app, programs, entry, all) {
   });
 }
 
-/** What the list depends on beside the programs. */
+/** Returns a key of the list's inputs other than the programs. */
 export function foldersKey() {
   return [...closed].join("\n");
 }

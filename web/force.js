@@ -1,4 +1,4 @@
-// Forcing an input or output of the plant: the operator sees what it does, and says which value.
+// Forcing an input or output of the plant: the operator sees the consequences and chooses the value.
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";

@@ -26,7 +26,7 @@ export function seconds(value, decimals) {
 }
 
 /**
- * A number that somebody has typed, with a point or a comma; NaN where it is none.
+ * Reads a typed number, with a point or a comma; NaN if it is not a number.
  * @param {string} text
  */
 export function readNumber(text) {
@@ -51,7 +51,7 @@ export function plain(value) {
   return decimal(value, 0, 6);
 }
 
-/** The same as a program writes it. @param {number} value */
+/** Formats it as a program writes it. @param {number} value */
 function written(value) {
   return String(Math.round(value * 1e6) / 1e6);
 }

@@ -27,7 +27,10 @@ export function homedSign(axis) {
   return { element, render };
 }
 
-/** What is to be said of the axes that are not homed; empty: nothing. @param {import("./model.js").CoordinateSystem | null} system */
+/**
+ * Returns a text about the axes that are not homed; empty if all are.
+ * @param {import("./model.js").CoordinateSystem | null} system
+ */
 export function notHomed(system) {
   const axes = system ? axesOf(system).filter((axis) => isHomed(system, axis) === false) : [];
   return axes.length === 0 ? "" : t("homed.home_at_the_drive", { axes: listed(axes), count: axes.length });

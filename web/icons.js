@@ -36,7 +36,7 @@ const PATHS = {
 };
 
 /**
- * An icon; hidden from screen readers, since the word beside it says the same.
+ * Returns an icon, hidden from screen readers because the word next to it has the same meaning.
  * @param {string} name
  * @returns {SVGSVGElement}
  */

@@ -1,6 +1,6 @@
-// Motion of one axis by hand. A held jog is refreshed while its button, key or stick is held, and ended on release. If the refreshes
-// end otherwise, the machine stops by itself 200 ms later. A step needs no refresh up to the longest step of the machine, and goes on
-// when the page loses its focus; how it ended is asked, and reported if it was short.
+// Motion of one axis by hand. A held jog is refreshed while its button, key or stick is held, and ended on release. If
+// the refreshes stop without an end, the machine stops the axis 200 ms later. A step needs no refresh up to the longest
+// step of the machine, and continues when the page loses its focus; its end is requested, and reported if it was short.
 
 import { Refusal } from "./api.js";
 import { button, setAttr } from "./dom.js";
@@ -89,7 +89,7 @@ export class Jogger {
     if (this.running && !this.running.isStep) this.cancel();
   }
 
-  /** The screen is left: a held jog ends, a step goes on, and nothing begins after it. */
+  /** Called when the screen loses focus: a held jog ends, a step continues, and none begins afterwards. */
   leave() {
     this.#rejectClicks(this.#clicks.splice(0));
     this.release();
@@ -101,7 +101,7 @@ export class Jogger {
     if (run) void this.app.api.endJog(run.cs, run.axis, run.args.refresh_id);
   }
 
-  /** Looks whether the jog has ended by itself, or nothing is heard of the machine. */
+  /** Checks whether the jog has ended without a request, or the machine has become silent. */
   render() {
     const { running } = this;
     if (!running) return;
@@ -117,7 +117,7 @@ export class Jogger {
     this.#stepMax = jog_step_max ?? STEP_MAX;
   }
 
-  /** A jog has ended by itself: a step that was short is reported. @param {RunningJog} run */
+  /** Handles a jog that was not ended here; reports a step that was too short. @param {RunningJog} run */
   async #end(run) {
     this.#forget();
     if (!run.isStep) return;
@@ -171,8 +171,8 @@ export class Jogger {
   }
 
   /**
-   * Sends the jog, and again while it lasts. One request at a time: on a slow network the machine stops by itself rather
-   * than obeying a queue.
+   * Sends the jog, and repeats it while it lasts. Only one request is pending at a time: on a slow network the machine
+   * stops instead of executing a queue of stale requests.
    * @param {RunningJog} run @param {boolean} first
    */
   async #refresh(run, first) {
@@ -199,7 +199,7 @@ export class Jogger {
  * @param {import("./main.js").App} app
  * @param {string} axis
  * @param {1 | -1} direction
- * @param {(axis: string) => JogChoice} chosen what is chosen for an axis
+ * @param {(axis: string) => JogChoice} chosen the setting for an axis
  */
 export function jogButton(app, axis, direction, chosen) {
   const { jogger } = app;

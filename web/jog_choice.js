@@ -10,7 +10,7 @@ import { degrees, lengthScale } from "./units.js";
 /** @typedef {import("./units.js").Unit | "degrees"} JogUnit */
 
 /**
- * What can be chosen in each unit, per minute and for one step; 0: as long as the button is held. The longest steps are below the
+ * Presets of each unit, per minute and for one step; 0: as long as the button is held. The longest steps are below the
  * default of `jog_step_max`, so that they need no refresh.
  * @type {Record<JogUnit, {velocities: number[], steps: number[]}>}
  */
@@ -54,7 +54,7 @@ export class JogChoices {
     for (const element of this.elements) setAttr(element, "hidden", !isUsed);
   }
 
-  /** What is chosen now, as it is shown. @returns {import("./jog.js").JogChoice} */
+  /** Returns the current choice as shown. @returns {import("./jog.js").JogChoice} */
   chosen() {
     const { value: distance, shown, unit } = this.#step;
     return { velocity: this.#velocity.value, distance, shown, unit, says: t("by_hand.one_step_of", { value: plain(shown), unit }) };
@@ -63,7 +63,7 @@ export class JogChoices {
 
 /** A few values, one of which is chosen, or one's own. */
 class Choice {
-  /** What is chosen, mm or degrees (per minute); null: the first preset of each unit. @type {number | null} */
+  /** The choice in mm or degrees (per minute); null: the first preset of each unit. @type {number | null} */
   #chosen = null;
   /** @type {number[]} */
   #presets = [];
@@ -121,7 +121,7 @@ class Choice {
     setAttr(this.#own, "aria-label", `${this.#ownLabel}, ${unit}`);
     const pick = (/** @type {number} */ value) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(value * scale.size) }, this.#text(value));
     fill(this.#picks, ...presets.map(pick));
-    // what was typed and not taken counted in the unit before
+    // text that was typed but not accepted was in the previous unit
     this.#own.value = this.#preset() === undefined ? plain(this.shown) : "";
     setAttr(this.#own, "aria-invalid", false);
     this.#mark();

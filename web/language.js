@@ -24,8 +24,8 @@ const plurals = new Intl.PluralRules(language);
 const formats = new Map();
 
 /**
- * A text in the language of this page. Values stand in its places, numbers as the locale writes them; of a text with a plural,
- * `count` decides.
+ * Returns a text in the language of this page. Placeholders are replaced by values, numbers in the format of the
+ * locale; in a text with a plural, `count` selects the form.
  * @param {Key} key @param {Record<string, string | number | null | undefined>} [values]
  */
 export function t(key, values = {}) {
@@ -58,7 +58,7 @@ export function decimal(value, least, most) {
   return format.format(value).replace("\u2212", "-");
 }
 
-/** What the operator has chosen; null: what the browser prefers. */
+/** The language chosen by the operator; null: the browser's preference. */
 export function chosenLanguage() {
   try {
     return globalThis.localStorage?.getItem(KEY) ?? null;

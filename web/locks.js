@@ -1,4 +1,4 @@
-// Interlock and start lock: what this screen has set it clears by itself; what a handler watches an operator clears by force.
+// Interlock and start lock: this screen clears its own sources; an operator clears a handler's sources by force.
 
 import { Refusal } from "./api.js";
 import { openDialog } from "./dialog.js";
@@ -17,7 +17,10 @@ const LOCKS = {
 /** The source that a set without a name means. */
 const DEFAULT = "default";
 
-/** What a lock is set by, on or forced. @param {import("./main.js").App} app @param {number} cs @param {Input} input */
+/**
+ * Returns the sources of a lock that are on or forced.
+ * @param {import("./main.js").App} app @param {number} cs @param {Input} input
+ */
 function sourcesOf(app, cs, input) {
   return app.model.systems.get(cs)?.[LOCKS[input].field]?.sources ?? [];
 }
@@ -34,7 +37,7 @@ export async function switchLock(app, cs, input, on) {
     try {
       await app.api.setLock(cs, input, { value: false, text: "", source });
     } catch (error) {
-      // somebody has taken it over since
+      // another client has taken it over in the meantime
       if (!(error instanceof Refusal) || error.problem.status !== 409) throw error;
       return askToForce(app, cs, input);
     }
@@ -64,7 +67,7 @@ function entry(app, cs, input, { source, text, handler_id, lost }) {
   return h("li", { class: "row wrap lock-source" }, h("div", { class: "grow" }, h("strong", {}, source), h("p", {}, text || t("locks.no_reason_is_given")), h("p", { class: "muted" }, who)), button({ class: "button danger", "aria-label": t("locks.clear_source_by_force", { source }), onclick: () => void force() }, t("locks.clear_by_force")));
 }
 
-/** Says which sources are forced, so that nobody forgets. @param {import("./main.js").App} app */
+/** Shows which sources are forced, as a permanent reminder. @param {import("./main.js").App} app */
 export function forcedNote(app) {
   const element = h("p", { class: "forced", role: "status", hidden: true });
   const render = () => {

@@ -1,6 +1,6 @@
-// Several machines on one page: a tile for each. This page only reads; what is commanded is commanded on the machine's own screen.
-// Its machines are this one, those whose addresses its configuration names or somebody has typed in, and those that are heard
-// at the broker which this one shares with them.
+// Several machines on one page, a tile for each. The page only reads; commands are given on the machine's own screen.
+// It shows this machine, the machines at configured or typed addresses, and those found at the broker that this machine
+// shares with them.
 
 import { button, fill, h, setAttr, setText } from "./dom.js";
 import { language, t } from "./language.js";
@@ -47,7 +47,7 @@ function show(address, isTyped) {
   return machine;
 }
 
-/** Tiles of the machines that this one tells of, and of the addresses of its configuration. */
+/** Shows the machines that this one reports, and the addresses of its configuration. */
 function showTold() {
   for (const address of told.addresses) if (!isHere(address) && tiles.length < MACHINES_MAX) show(address, false);
   if ([...toldTiles.keys()].join() === [...told.machines.keys()].join()) return;

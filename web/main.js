@@ -20,7 +20,7 @@ import { views } from "./views/index.js";
 import { tellWhyNot } from "./why_not.js";
 
 /**
- * What views use.
+ * Interface for views.
  * @typedef {object} App
  * @property {Model} model
  * @property {typeof api} api
@@ -30,7 +30,8 @@ import { tellWhyNot } from "./why_not.js";
  * @property {(command: (onAccepted: () => void) => Promise<unknown>) => Promise<void>} accepted attempts a command, and waits until it is accepted or refused
  * @property {(verb: import("./types.d.ts").Verb, args?: object) => Promise<void>} command commands the selected coordinate system, until it is accepted or refused
  * @property {(verb: import("./types.d.ts").Verb, args: object, onAccepted: () => void) => Promise<void>} commandAsSeen commands the selected coordinate system only if its state is the one on the screen
- * @property {(verb: "start" | "resume") => Promise<void>} go the same of what begins a run or lets it go on: only if the state is the one on the screen
+ * @property {(verb: "start" | "resume") => Promise<void>} go begins or resumes a run, only if the state is the one on
+ * the screen
  * @property {(cs: number, program: number) => Promise<void>} load
  * @property {Jogger} jogger
  * @property {Alerts} alerts
@@ -52,7 +53,7 @@ import { tellWhyNot } from "./why_not.js";
 /** Interval at which running times are shown, ms. */
 const TICK_MS = 250;
 
-/** What the refusal of a command says that was meant for another state. */
+/** Refusal text of a command that was meant for another state. */
 const MOVED_ON = t("main.the_state_has_changed_since");
 
 const model = new Model();

@@ -1,4 +1,4 @@
-// What is known of the machine: the last message of each topic, and the recent path.
+// Known data of the machine: the last message of each topic, and the recent path.
 
 import { Trail } from "./trail.js";
 
@@ -52,7 +52,8 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {Trail} trail
  */
 
-/** Without a heartbeat for so long, which comes 10 times a second, what is shown is stale, ms: with the time between two looks, less than a second. */
+/** Time without a heartbeat (10 per second) after which the shown data is stale, ms; with the check interval, less than
+ * a second. */
 export const STALE_MS = 700;
 
 export class Model {
@@ -81,13 +82,13 @@ export class Model {
   systems = new Map();
   /** The coordinate system on the screen. */
   selected = 1;
-  /** A block that somebody has chosen, on the path or in the program. @type {{program: number, line: number, by: "path" | "program"} | null} */
+  /** A block selected on the path or in the program. @type {{program: number, line: number, by: "path" | "program"} | null} */
   chosen = null;
-  /** What is looked at before it runs, drawn in the place of the program. @type {{path: import("./path/bytes.js").Answer, key: string} | null} */
+  /** A preview before a run, drawn instead of the program. @type {{path: import("./path/bytes.js").Answer, key: string} | null} */
   preview = null;
   /** @type {import("./types.d.ts").ProgramInfo[] | null} programs of the store; null: not read yet */
   programs = null;
-  /** @type {import("./types.d.ts").CurrentUser | null} who is logged in */
+  /** @type {import("./types.d.ts").CurrentUser | null} the logged-in user */
   user = null;
   /** View mode: this screen only looks. */
   viewing = false;
@@ -128,7 +129,7 @@ export class Model {
     return restarted;
   }
 
-  /** How old what is shown is, ms; 0: it is of now, or the connection is lost, which is told otherwise. */
+  /** Age of the shown data in ms; 0 if it is current, or if the connection is lost, which is shown separately. */
   get staleMs() {
     const ageMs = this.online && this.#beatAt !== null ? performance.now() - this.#beatAt : 0;
     return ageMs > STALE_MS ? ageMs : 0;

@@ -1,4 +1,4 @@
-// The lines of a program, and their words for highlighting. This is no parser: the runtime decides what is valid.
+// The lines of a program, and their words for highlighting. This is not a parser: the runtime decides about validity.
 
 /** @typedef {{kind: "comment" | "g" | "m" | "n" | "axis" | "", text: string}} Part */
 
@@ -32,7 +32,7 @@ export class NcText {
   #lines = 1;
   /** @type {[number, number][]} comments over more than one line, ascending */
   #blocks = [];
-  /** What the byte before is a part of. @type {"code" | "line" | "block"} */
+  /** Context of the previous byte. @type {"code" | "line" | "block"} */
   #within = "code";
   #before = 0;
   /** Where the comment that is open begins, and its line. */
@@ -88,7 +88,7 @@ export class NcText {
     }
   }
 
-  /** True: a comment begins or ends here. @param {number} byte @param {number} at */
+  /** Returns true if a comment begins or ends here. @param {number} byte @param {number} at */
   #comment(byte, at) {
     if (this.#within === "code" && this.#before === SLASH) {
       this.#within = byte === SLASH ? "line" : "block";
@@ -111,7 +111,7 @@ export class NcText {
     this.#lines += 1;
   }
 
-  /** How many lines there are; what ends by a line end has none behind it. */
+  /** Number of lines; a final line end begins no further line. */
   get lines() {
     return this.#lines > 1 && this.#starts[this.#lines - 1] === this.#length ? this.#lines - 1 : this.#lines;
   }

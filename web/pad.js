@@ -13,7 +13,7 @@ const BUTTONS = [[15, 0, 1], [14, 0, -1], [12, 1, 1], [13, 1, -1], [5, 2, 1], [4
 
 export class Pad {
   on = false;
-  /** What is held: a key, or `pad`. */
+  /** The held input: a key, or `pad`. */
   #held = "";
 
   /**
@@ -39,7 +39,7 @@ export class Pad {
     this.app.invalidate();
   }
 
-  /** Names of the gamepads that are there. */
+  /** Names of the connected gamepads. */
   get names() {
     return pads().map((pad) => pad.id);
   }

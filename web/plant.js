@@ -19,7 +19,7 @@ export function pointsOf({ birth }) {
   return sides.flatMap((side) => Object.entries(birth?.io?.[side] ?? {}).map(([name, declared]) => ({ side, name, topic: /** @type {Point["topic"]} */ (`io/${side}/${name}`), declared })));
 }
 
-/** What is known of one. @param {import("./model.js").Model} model @param {Point} point */
+/** Returns the known state of an input or output. @param {import("./model.js").Model} model @param {Point} point */
 export function ioOf(model, point) {
   return model.io.get(point.topic) ?? null;
 }
@@ -29,7 +29,7 @@ export function forcedOf(model) {
   return pointsOf(model).filter((point) => ioOf(model, point)?.forced);
 }
 
-/** What people call it. @param {Point} point */
+/** Returns its name for people. @param {Point} point */
 export function nameOf({ name, declared }) {
   return declared.text || name;
 }

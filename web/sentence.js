@@ -1,4 +1,4 @@
-// The state in the operator's words: one sentence that says what the machine waits for, or what to do next.
+// The state in the operator's words: one sentence with the reason of a wait, or the next action.
 
 import { alarmWords } from "./alarm_words.js";
 import { declared, inWords } from "./declared.js";
@@ -38,7 +38,7 @@ export function look(state, open = []) {
 }
 
 /**
- * Whether a wait goes on by nothing but a person: a question, a lost handler, an M code that no handler has taken.
+ * Returns whether only a person can end a wait: a question, a lost handler, an M code without a handler.
  * @param {import("./types.d.ts").StateMessage} state @param {import("./types.d.ts").PendingOutput[]} open
  */
 function isOperatorsTurn(state, open) {
@@ -63,7 +63,7 @@ export function brief(text, chars = BRIEF_CHARS) {
   return `${text.slice(0, end > 0 ? end : chars).replace(/[.,;:\s]+$/, "")} …`;
 }
 
-/** How long an output may be unclaimed before the sentence says so, ms. */
+/** Time after which the sentence mentions an unclaimed output, ms. */
 const UNTAKEN_MS = 2000;
 
 /** Names of states. @type {Record<string, import("./language.js").Key>} */
@@ -72,7 +72,7 @@ const STATES = {
   INTERRUPTED: "state.INTERRUPTED", PROGRAM_COMPLETED: "state.PROGRAM_COMPLETED", STOPPED: "state.STOPPED",
 };
 
-/** What holds and ends a run. @type {Record<string, import("./language.js").Key>} */
+/** Reasons of holds and ends of a run. @type {Record<string, import("./language.js").Key>} */
 const REASONS = {
   HOLD: "reason.HOLD", HANDLER_LOST: "reason.HANDLER_LOST", SINGLE_BLOCK: "reason.SINGLE_BLOCK", INTERLOCK: "reason.INTERLOCK", BUS_LOST: "reason.BUS_LOST", SERVO_LATE: "reason.SERVO_LATE",
   CLIENT_LOST: "reason.CLIENT_LOST", BACK_TRACE: "reason.BACK_TRACE", BACK_TRACE_END: "reason.BACK_TRACE_END", OVERRIDE_ZERO: "reason.OVERRIDE_ZERO", ALARM: "reason.ALARM", STOP: "reason.STOP", ABORTED: "reason.ABORTED",
@@ -104,7 +104,7 @@ const TRANSITIONS = {
  * The sentence.
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").AlarmRecord[]} alarms active ones of the machine
- * @param {((timestamp: string) => number) | null} ageMs how long ago that was; null: no time is told
+ * @param {((timestamp: string) => number) | null} ageMs converts a timestamp to its age; null: no times are shown
  * @param {import("./types.d.ts").BirthMessage | null} [birth] which declares what parameters of M codes mean
  * @returns {string}
  */
@@ -151,7 +151,7 @@ export function sentence(system, alarms, ageMs, birth = null) {
 }
 
 /**
- * What is to be removed before a start; null: nothing is.
+ * Returns the obstacle to remove before a start; null if there is none.
  * @param {import("./model.js").CoordinateSystem} system @param {string} where what the program is like
  */
 function prevented(system, where) {
@@ -159,7 +159,10 @@ function prevented(system, where) {
   return first ? sentences(where, brief(obstacleWords(first, system))) : null;
 }
 
-/** What moves without a program. @param {import("./model.js").CoordinateSystem} system @param {"mdi" | "home" | "jog"} kind */
+/**
+ * Returns a text about motion without a program.
+ * @param {import("./model.js").CoordinateSystem} system @param {"mdi" | "home" | "jog"} kind
+ */
 function byHand({ place, position }, kind) {
   if (kind === "home") return t("sentence.axes_move_to_their_reference");
   if (kind === "mdi") return place?.block ? t("sentence.mdi_block", { block: brief(place.block) }) : t("sentence.mdi");

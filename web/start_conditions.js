@@ -1,4 +1,4 @@
-// What prevents a start: one list of the machine for the sentence, the tiles of other machines, and the Start button.
+// Obstacles to a start: one list of the machine for the sentence, other machines' tiles, and the Start button.
 
 import { ownFence } from "./fences.js";
 import { programName } from "./format.js";
@@ -7,7 +7,10 @@ import { listed, t } from "./language.js";
 /** @typedef {import("./types.d.ts").StartObstacle} StartObstacle */
 /** @typedef {import("./model.js").CoordinateSystem} CoordinateSystem */
 
-/** What prevents a start, the first to be removed first. A lease of this page prevents nothing. @param {CoordinateSystem | null} system @returns {StartObstacle[]} */
+/**
+ * Returns the obstacles to a start, the first to be removed first. A lease of this page is no obstacle.
+ * @param {CoordinateSystem | null} system @returns {StartObstacle[]}
+ */
 export function startObstacles(system) {
   const all = system?.startConditions?.obstacles ?? [];
   return all.filter(({ kind }) => kind !== "lease" || ownFence(system?.info.number ?? 0) === undefined);
@@ -47,7 +50,10 @@ export function whyNoStart(system) {
   return refusing ? obstacleWords(refusing, system) : null;
 }
 
-/** What a run would end in, though Start is accepted. @param {CoordinateSystem | null} system @returns {string[]} */
+/**
+ * Returns the problems that would end a run although Start is accepted.
+ * @param {CoordinateSystem | null} system @returns {string[]}
+ */
 export function risksOfStart(system) {
   return startObstacles(system).filter(({ refuses }) => !refuses).map((one) => obstacleWords(one, system));
 }

@@ -1,5 +1,5 @@
-// Start from a line: what is in force there, what the start does before it, and the order of the axes; nothing happens before the
-// operator has confirmed it.
+// Start from a line: modal state there, the steps before the start, and the order of the axes. The start requires the
+// operator's confirmation.
 
 import { button, fill, h, setAttr } from "./dom.js";
 import { openDialog } from "./dialog.js";

@@ -21,7 +21,7 @@ const HEARTBEATS_MAX = 30;
 const TOKEN_KEY = "tandem-token";
 
 /**
- * What the operator has seen: if it is no longer so, the machine refuses.
+ * The state that the operator has seen; if it has changed, the machine refuses.
  * @typedef {{boot_id?: string | null, state_rev?: number | undefined}} Expected
  */
 
@@ -172,7 +172,7 @@ export class Tandem {
     return limit;
   }
 
-  /** What a route of JSON says. @param {string} path below `/api/v1` @returns {Promise<any>} */
+  /** Returns the JSON of a route. @param {string} path below `/api/v1` @returns {Promise<any>} */
   async get(path) {
     return (await this.request("GET", path)).json();
   }
@@ -183,7 +183,7 @@ export class Tandem {
   }
 
   /**
-   * Commands a coordinate system, and waits until it is done. Its id prevents that it is carried out twice.
+   * Commands a coordinate system, and waits until it is done. Its id prevents a second execution.
    * @param {number} cs @param {import("./types.d.ts").Verb} verb @param {object} [args] @param {CommandOptions} [options]
    * @returns {Promise<Partial<import("./types.d.ts").CommandReply>>}
    */
@@ -205,8 +205,8 @@ export class Tandem {
   }
 
   /**
-   * Sends a command, and waits until the machine has accepted it. Where no answer comes, its fate is looked up: an age limit has
-   * passed then, so what has not happened will not happen.
+   * Sends a command, and waits until the machine has accepted it. If no answer arrives, its result is looked up: the
+   * age limit has passed by then, so a command without effect can no longer take effect.
    * @param {string} path @param {AskedWithAge} asked @param {string} id
    */
   async #untilAccepted(path, asked, id) {

@@ -2,7 +2,7 @@
 
 const KEY = "tandem-theme";
 const dark = matchMedia("(prefers-color-scheme: dark)");
-/** What the system chooses: read where its change is told, since a browser does not tell a change that has been read before. */
+/** The system's choice, read in its change event, because a browser reports no change that has already been read. */
 let isDark = dark.matches;
 
 /** @type {string | null} the operator's choice */

@@ -6,7 +6,7 @@ import { t } from "./language.js";
 import { machine } from "./machine.js";
 import { Refusal, storedToken, storeToken } from "./tandem.js";
 
-/** The next request is one of nobody. */
+/** Sends the next request without a token. */
 export function forgetToken() {
   storeToken(null);
 }

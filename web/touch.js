@@ -1,4 +1,4 @@
-// How large what is pressed is: 60 px where the screen is touched, unless the operator chooses, which this browser remembers.
+// Size of touch targets: 60 px on a touched screen, unless the operator chooses; this browser stores the choice.
 
 const KEY = "tandem-touch";
 const coarse = matchMedia("(pointer: coarse)");

@@ -30,7 +30,7 @@ export class Trail {
   }
 
   /**
-   * A step with a rapid at one of its ends counts as rapid: in a tenth of a second a rapid moves far, a feed does not.
+   * A step with a rapid at one end is classified as rapid: in 0.1 s a rapid moves far, a feed does not.
    * @param {Record<string, number>} at machine positions
    * @param {boolean} isRapid whether G00 is in force now
    */

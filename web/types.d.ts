@@ -20,27 +20,27 @@ export interface AlarmRecordMessage {
   raised_at: Timestamp; remedy?: string; rev?: number; severity: AlarmSeverity; text: string; ts: string; v: 1;
 }
 
-/** How much an alarm weighs. */
+/** Severity of an alarm. */
 export type AlarmSeverity = "warning" | "alarm";
 
-/** What is said of an alarm of a sequence program. An alarm that is raised shows the remedy, and panels show the text of
- * their language. */
+/** Texts of an alarm of a sequence program. A raised alarm shows the remedy, and panels show the text in their
+ * language. */
 export interface AlarmText { code: number; languages?: Record<string, AlarmWords>; remedy?: string; text: string; }
 
-/** What happened and what to do, in one language. */
+/** Text and remedy of an alarm in one language. */
 export interface AlarmWords { remedy?: string; text: string; }
 
 /** All inputs and outputs of the plant, each with the message of its state. */
 export interface AllIo { in: Record<string, IoStateMessage>; out: Record<string, IoStateMessage>; }
 
-/** Payload of `birth`: what the machine is. Only `serves` changes while the runtime runs. */
+/** Payload of `birth`: description of the machine. Only `serves` changes while the runtime runs. */
 export interface BirthMessage {
   boot_id: BootId; coordinate_systems: CoordinateSystemInfo[]; identification: Identification; io: IoDeclarations;
   limits: Limits; m_codes: Record<string, MCodeInfo>; machine: string; motors: MotorInfo[]; rev?: number;
   serves: ServedMCode[]; servo_period_us: number; ts: string; v: 1;
 }
 
-/** Names one start of the runtime. Outputs, claims and resets of another boot are stale. */
+/** Identifies one start of the runtime. Outputs, claims and resets of another boot are stale. */
 export type BootId = string;
 
 /** An external MQTT broker to which the runtime is connected. */
@@ -61,7 +61,7 @@ export interface CapturedMessage {
   run_id: string | null; ts: string; v: 1;
 }
 
-/** A command is accepted. */
+/** The answer to an accepted command. */
 export interface CommandAccepted { command_id: string; hash?: string; }
 
 /** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
@@ -77,7 +77,7 @@ export interface CommandReplyMessage {
   variables?: VariableValues;
 }
 
-/** How far a command is. */
+/** Status of a command. */
 export type CommandStatus = "accepted" | "rejected" | "done" | "failed";
 
 /** What follows a fault in a task or a thread. */
@@ -99,7 +99,7 @@ export interface CoordinateSystemSeen {
   state: State | null; waiting_on: PendingOutput | null;
 }
 
-/** Who asks, and what the asker may do. */
+/** The current user and the user's role. */
 export interface CurrentUser { is_login: boolean; role: string; user: string | null; }
 
 /** Error or warning. */
@@ -108,13 +108,13 @@ export type DiagnosticSeverity = "error" | "warning";
 /** State words, after MTConnect Execution. */
 export type Execution = "READY" | "ACTIVE" | "WAIT" | "FEED_HOLD" | "PROGRAM_STOPPED" | "OPTIONAL_STOP" | "INTERRUPTED" | "STOPPED" | "PROGRAM_COMPLETED";
 
-/** What a name means. */
+/** Meaning of a name. */
 export interface Explanation { picture?: string; text: string; what: string; }
 
 /** One M code that a handler serves. */
 export interface HandledCode { cs: number; m: number; }
 
-/** What a `handler/{id}/result` answers. */
+/** Message that a `handler/{id}/result` answers. */
 export type HandlerAct = "presence";
 
 export interface HandlerList { handlers: Record<string, HandlerPresence>; }
@@ -126,14 +126,14 @@ export interface HandlerPresence {
   take_over?: boolean; validates: boolean;
 }
 
-/** Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was
- * taken. */
+/** Payload of `handler/{id}/result`: the answer to an `online` presence, a request to confirm that the instance is
+ * still online, or the notice that another instance has replaced it. */
 export interface HandlerResultMessage {
   boot_id: BootId; code?: RefusalCode; instance: string | null; of: HandlerAct; rev?: number; status: HandlerStatus;
   text?: string; ts: string; v: 1;
 }
 
-/** What became of a presence. */
+/** Result of a presence. */
 export type HandlerStatus = "accepted" | "refused" | "confirm" | "taken_over";
 
 /** Payload of `m_code/{m}/result`. */
@@ -148,10 +148,10 @@ export interface HandshakeResultMessage {
   status: HandshakeStatus; text?: string; ts: string; v: 1;
 }
 
-/** What became of a claim or a reset. */
+/** Result of a claim or a reset. */
 export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner" | "withheld" | "refused";
 
-/** Whether the server answers, has its MQTT broker, and all tasks of the runtime work. */
+/** Health of the server, its MQTT broker, and all tasks of the runtime. */
 export interface Health {
   broker?: BrokerInUse; faults?: TaskFault[]; status: HealthStatus; stop_without_login?: boolean;
 }
@@ -162,7 +162,7 @@ export type HealthStatus = "ok" | "degraded" | "failed";
 /** Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still. */
 export interface HeartbeatMessage { boot_id: BootId; cycle: number; rev?: number; ts: string; v: 1; }
 
-/** What a machine builder has added to the HMI, and what its jog buttons need to know. */
+/** Additions of a machine builder to the HMI, and the limits of its jog buttons. */
 export interface Hmi { buttons: HmiButton[]; cards: HmiCard[]; jog_step_max: number; }
 
 /** A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input. */
@@ -171,13 +171,15 @@ export interface HmiButton {
   text: string; value?: number; variable?: string;
 }
 
-/** A card of the panel Machine: it shows an M code while it is open, a variable, an input, or what a module of the folder `dir` draws. */
+/** A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of a module
+ * of the folder `dir`. */
 export interface HmiCard {
   cs?: number; icon?: string; input?: string; m_code?: number; module?: string; text: string; unit?: string;
   variable?: string;
 }
 
-/** What the nameplate of a machine says: the table `[identification]` of its configuration. What is not written there is absent. */
+/** Data of a machine's nameplate: the table `[identification]` of its configuration. Entries that are not configured
+ * are absent. */
 export interface Identification {
   location?: string; manufacturer?: string; model?: string; product_instance_uri?: string; serial_number?: string;
   year_of_construction?: number;
@@ -188,7 +190,7 @@ export interface Inputs {
   single_block?: SwitchMessage; start_lock?: LockMessage;
 }
 
-/** What the configuration says of an input or output. */
+/** Configuration of an input or output. */
 export interface IoDeclaration {
   at_start?: IoStart; kind: IoKind; max?: number; min?: number; on_loss: IoLoss; text?: string; unit?: string;
 }
@@ -196,10 +198,10 @@ export interface IoDeclaration {
 /** All inputs and outputs of a plant, as the configuration declares them. */
 export interface IoDeclarations { in: Record<string, IoDeclaration>; out: Record<string, IoDeclaration>; }
 
-/** A value in the place of the written one. */
+/** A forced value that replaces the written one. */
 export interface IoForced { by: string; value: IoValue; }
 
-/** What kind of value it has. */
+/** Kind of a value. */
 export type IoKind = "bool" | "number";
 
 /** The value of an input or output whose owner is lost. */
@@ -224,8 +226,8 @@ export interface JournalAnswer {
 /** The word `keep`. */
 export type KeepWord = "keep";
 
-/** How the last run of a coordinate system stood when an earlier start of the runtime ended, at most 100 ms before that:
- * of `GET /cs/{n}/last_run`. */
+/** State of the last run of a coordinate system when an earlier start of the runtime ended, recorded at most 100 ms
+ * before that: of `GET /cs/{n}/last_run`. */
 export interface LastRun {
   at: Timestamp; boot_id: BootId; execution: Execution; line: number; outputs: PendingOutput[]; program: number | null;
   run_id: string; running: number | null;
@@ -239,7 +241,7 @@ export type LastWord = "last";
 /** A lease that is held. */
 export interface Lease { expires_at: Timestamp; fence: number; holder: string; }
 
-/** Payload of `cs/{cs}/lease/state`: all fields are null while nobody holds the lease. */
+/** Payload of `cs/{cs}/lease/state`: all fields are null while the lease is free. */
 export interface LeaseStateMessage {
   boot_id: BootId; expires_at: Timestamp | null; fence: number | null; holder: string | null; rev?: number; ts: string;
   v: 1;
@@ -248,14 +250,14 @@ export interface LeaseStateMessage {
 /** Limits of the interface. */
 export interface Limits { open_outputs_max: number; program_bytes_max: number; }
 
-/** What is in force where a run from a line begins, and what such a start does before it. */
+/** State in force at the line where a run begins, and the actions of such a start before that line. */
 export interface LineState {
   approach: (Record<string, number>)[]; block: string; line: number; machine: Record<string, number>; modal: Modal;
   not_restored: RestoredOutput[]; occurrence: number; program: number; restore: RestoredOutput[]; stack: CallSite[];
   variables: Record<string, number>; work: Record<string, number>;
 }
 
-/** Payload of `input/interlock/state` and `input/start_lock/state`: an input that says why it is on. */
+/** Payload of `input/interlock/state` and `input/start_lock/state`: an input with the reasons why it is on. */
 export interface LockMessage {
   boot_id: BootId; rev?: number; sources: LockSource[]; text: string; ts: string; v: 1; value: boolean;
 }
@@ -265,10 +267,10 @@ export interface LockSource {
   forced_by?: string; handler_id: string | null; lost: boolean; source: string; text: string; value: boolean;
 }
 
-/** A token for some hours. */
+/** A token that is valid for some hours. */
 export interface Login { expires_s: number; role: string; token: string; user: string; }
 
-/** What a handler says of an M code that it serves: its name, and what its parameters mean. */
+/** Declaration of an M code by the handler that serves it: its name, and the meaning of its parameters. */
 export interface MCodeDeclaration {
   cs?: number; m: number; name?: string;
   params?: { A?: ParamDeclaration; B?: ParamDeclaration; C?: ParamDeclaration; D?: ParamDeclaration; E?: ParamDeclaration; F?: ParamDeclaration; G?: ParamDeclaration; H?: ParamDeclaration };
@@ -282,13 +284,13 @@ export interface MCodeInfo {
   timeout_ms: number | null; timing: Timing; wait_state: string | null;
 }
 
-/** Whether a machine is there. */
+/** Whether a machine is online. */
 export type MachineLink = "online" | "silent" | "offline";
 
-/** Machines beside this one. */
+/** The other machines. */
 export interface MachineList { addresses: string[]; broker: SharedBroker; machines: MachineSeen[]; }
 
-/** A machine as its messages tell. */
+/** A machine according to its messages. */
 export interface MachineSeen {
   age_ms: number | null; alarm_count: number; alarms: AlarmRecord[]; coordinate_systems: CoordinateSystemSeen[];
   link: MachineLink; machine: string; url: string | null;
@@ -317,16 +319,16 @@ export interface OptionalSkipMessage {
   v: 1;
 }
 
-/** What a `result` answers. */
+/** Message that a `result` answers. */
 export type OutputAct = "claim" | "reset" | "progress" | "checkpoint" | "ask" | "redeliver" | "answer";
 
-/** One output as `m_code/{m}/output` says it. */
+/** One output, as in `m_code/{m}/output`. */
 export interface OutputNoticeMessage {
   attempt: number; boot_id: BootId; id: string; line: number; m: number; params: Params; program: number;
   redelivered: boolean; rev?: number; run_id: string; seq: number; timing: Timing; ts: string; v: 1;
 }
 
-/** The stage of an open output. */
+/** State of an open output. */
 export type OutputState = "QUEUED" | "OUTPUT" | "CLAIMED";
 
 /** Payload of `override/state`, percent. */
@@ -334,13 +336,13 @@ export interface OverridesMessage {
   boot_id: BootId; feed: number; rapid: number; rev?: number; spindle: number; ts: string; v: 1;
 }
 
-/** What one parameter means, and which numbers it takes. */
+/** Meaning of one parameter, and the numbers that it accepts. */
 export interface ParamDeclaration {
   max?: number; min?: number; name?: string; optional?: boolean; unit?: string; whole?: boolean;
 }
 
 /** VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21 do not
- * change them); `None`: not programmed. */
+ * change them); `None` if not programmed. */
 export interface Params {
   A?: number; B?: number; C?: number; D?: number; E?: number; F?: number; G?: number; H?: number;
 }
@@ -348,7 +350,7 @@ export interface Params {
 /** Payload of `m_code/pending`: all open outputs, ascending by `seq`. */
 export interface PendingMessage { boot_id: BootId; outputs: PendingOutput[]; rev?: number; ts: string; v: 1; }
 
-/** One open output as `m_code/pending` says it. */
+/** One open output, as in `m_code/pending`. */
 export interface PendingOutput {
   attempt: number; checkpoint?: unknown; handler_id: string | null; how?: Redelivery; id: string; instance?: string;
   line: number; lost: boolean; lost_instance?: string; m: number; params: Params; program: number; progress?: Progress;
@@ -356,13 +358,13 @@ export interface PendingOutput {
   state: OutputState; timing: Timing;
 }
 
-/** What a plan was made with. Two plans with the same identity are the same. */
+/** Inputs of a plan. Two plans with the same identity are equal. */
 export interface PlanIdentity { called: string | null; hash: string; inputs: string; }
 
 /** A block of a program. */
 export interface PlannedPlace { line: number; program: number; }
 
-/** Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says. */
+/** Payload of `position`. Lengths are mm and angles degrees, regardless of G20 and G21. */
 export interface PositionMessage {
   actual: Record<string, number>; boot_id: BootId; distance_to_go: Record<string, number>; feedrate: number;
   following_error: Record<string, number>; homed: Record<string, boolean>; machine: Record<string, number>;
@@ -375,24 +377,24 @@ export interface PresenceMessage {
   ts: string; url?: string; v: 1; version: string;
 }
 
-/** A refusal as HTTP says it. */
+/** A refusal over HTTP. */
 export interface Problem {
   allowed?: Verb[]; code: string; detail: string; diagnostics?: ProgramDiagnostic[]; reply?: CommandReply;
   run_id?: string; state?: Execution; status: number; title: string; type: string;
 }
 
-/** What one program has produced in one coordinate system. */
+/** Production of one program in one coordinate system. */
 export interface Production {
   cs: number; cut_short: number; last: Timestamp | null; parts: number; parts_s: number; program: number;
 }
 
-/** What checking says of a program. */
+/** Result of a check of a program. */
 export interface ProgramCheck {
   diagnostics: ProgramDiagnostic[]; dialect: string; hash: string; m_codes: number[]; o_number: number | null;
   programs: number[]; signature: SignatureState | null; unchanged?: boolean;
 }
 
-/** One finding. */
+/** One finding of a check. */
 export interface ProgramDiagnostic {
   code: string; column: number; end_column: number; end_line: number; help: string; line: number; message: string;
   severity: DiagnosticSeverity;
@@ -415,27 +417,27 @@ export interface ProgramPlaceMessage {
 /** Progress of a handler, shown while the program waits. */
 export interface Progress { percent?: number; text: string; }
 
-/** The variables that the configuration names in `[[variables.published]]`, as they were at one moment: of the topics `variables` and
- * `cs/{cs}/variables`. */
+/** The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the topics
+ * `variables` and `cs/{cs}/variables`. */
 export interface PublishedVariablesMessage {
   boot_id: BootId; rev?: number; ts: string; v: 1; variables: VariableValues[];
 }
 
-/** A question that a handler asks the operator, as it stands with its output in `m_code/pending`, and in `state` while
+/** A question that a handler asks the operator. It is shown with its output in `m_code/pending`, and in `state` while
  * the program waits for that output and the question has no answer. */
 export interface Question { answer?: string; choices: string[]; id: string; since: Timestamp; text: string; }
 
-/** Why a state is as it is. */
+/** Reason of a state. */
 export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "CLIENT_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "OVERRIDE_ZERO" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
 
-/** What a handler does with an output that it may already have worked on. The later is the stricter. */
+/** Treatment of an output on which a lost handler may already have worked. Later variants are stricter. */
 export type Redelivery = "redo" | "verify" | "ask";
 
 /** Machine-readable reason of a refusal. */
 export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_locked" | "forbidden" | "busy" | "lease_lost" | "handler_taken" | "no_answer" | "command_id_reused" | "precondition_failed" | "program_has_errors" | "wrong_dialect" | "not_signed" | "line_refused" | "invalid" | "too_large" | "not_supported" | "retained" | "expired" | "unavailable";
 
-/** What a run of a program does: planned with the conditions with which the run under way began, else with those of now. Times
- * are those at 100 percent overrides. */
+/** Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise with the
+ * current ones. Times are those at 100 percent overrides. */
 export interface Rehearsal {
   at: PlannedPlace | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
   depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string; lines: RehearsedLine[];
@@ -443,7 +445,7 @@ export interface Rehearsal {
   rapid_s: number; revision: string; run: RehearsedRun | null; run_id: string | null; text: string; wait_s: number;
 }
 
-/** How far planning is. */
+/** State of the planning. */
 export type RehearsalOutcome = "planning" | "completed" | "alarm" | "too_long";
 
 /** An axis of a planned run. */
@@ -452,7 +454,7 @@ export interface RehearsedAxis {
   velocity: RehearsedPeak;
 }
 
-/** When a block begins. */
+/** Start time of a block. */
 export interface RehearsedLine { at_s: number; line: number; program: number; }
 
 /** An M code of a planned run. */
@@ -460,13 +462,13 @@ export interface RehearsedMCode {
   at_s: number; line: number; m: number; program: number; wait_s: number | null; waits: boolean;
 }
 
-/** The most of something, its limit, and the block that causes it. */
+/** A highest value, its limit, and the block that causes it. */
 export interface RehearsedPeak { limit: number; line: number; program: number; value: number; }
 
-/** How far a run is. */
+/** Progress of a run. */
 export interface RehearsedRun { at_s: number; left_s: number | null; progress: number; }
 
-/** An M code that a program puts out before the line that a run begins at. */
+/** An M code that a program issues before the line at which a run begins. */
 export interface RestoredOutput { line: number; m: number; params: Params; program: number; }
 
 /** A run of the loaded program: of `cs/{n}/run`, `GET /runs/{id}` and `GET /runs`. */
@@ -479,40 +481,40 @@ export interface Run {
 /** An alarm of a run. */
 export interface RunAlarm { line: number | null; number: number; text: string; }
 
-/** How a run has ended. */
+/** End of a run. */
 export interface RunEnded { at: Timestamp; how: RunEndedHow; place: PlannedPlace | null; text: string; }
 
-/** How a run has ended. */
+/** Kind of the end of a run. */
 export type RunEndedHow = "completed" | "stopped" | "aborted" | "reset" | "alarm" | "lease_lost" | "replaced" | "refused" | "restarted";
 
-/** What runs. */
+/** Kind of a run. */
 export type RunKind = "program" | "mdi" | "home" | "jog";
 
-/** Runs that have ended, the newest first, and what was produced: of `GET /runs`. */
+/** Runs that have ended, newest first, and production counters: of `GET /runs`. */
 export interface RunList { production: Production[]; runs: Run[]; }
 
 /** Payload of `cs/{n}/run`. */
 export interface RunStateMessage { boot_id: BootId; rev?: number; run: Run | null; ts: string; v: 1; }
 
-/** From where on a path depends on what happens while the program runs. */
+/** Place from which a path depends on events while the program runs. */
 export interface RunTimeDependence { at_s: number; line: number; program: number; why: string; }
 
 /** The waits of a run for one M code. */
 export interface RunWait { count: number; longest_s: number; m: number; total_s: number; }
 
-/** An M code that is served, and by whom. */
+/** An M code that is served, and its handler. */
 export interface ServedMCode {
   cs: number[]; handler_id: string | null; m: number; name?: string;
   params?: { A?: ParamDeclaration; B?: ParamDeclaration; C?: ParamDeclaration; D?: ParamDeclaration; E?: ParamDeclaration; F?: ParamDeclaration; G?: ParamDeclaration; H?: ParamDeclaration };
 }
 
-/** The broker at which other machines are heard. */
+/** State of the broker that connects the machines. */
 export type SharedBroker = "none" | "connecting" | "connected";
 
-/** What is known of the signature of a program. */
+/** State of a program's signature. */
 export type SignatureState = "valid" | "missing" | "wrong";
 
-/** How a spindle turns. */
+/** Rotation of a spindle. */
 export type SpindleDirection = "cw" | "ccw" | "stop" | "orient";
 
 /** Payload of `spindle/state`. */
@@ -532,7 +534,7 @@ export interface StartObstacle {
   at: PlannedPlace | null; detail: string; kind: StartObstacleKind; m_codes: number[]; refuses: boolean; text: string;
 }
 
-/** What an obstacle of a start is. */
+/** Kind of an obstacle of a start. */
 export type StartObstacleKind = "running" | "alarm" | "no_program" | "reset" | "interlock" | "start_lock" | "lease" | "program" | "m_code" | "prediction";
 
 /** Payload of `state`. */
@@ -578,7 +580,7 @@ export interface SwitchMessage { boot_id: BootId; rev?: number; ts: string; v: 1
 /** Faults of a task or a thread since the start of the runtime. */
 export interface TaskFault { consequence: Consequence; count: number; task: string; }
 
-/** Payload of `cs/{n}/time_left`: of the run of a program that is under way. */
+/** Payload of `cs/{n}/time_left`: remaining time of the program run in progress. */
 export interface TimeLeftMessage {
   boot_id: BootId; left_s: number | null; plan: PlanIdentity | null; progress: number | null; rev?: number;
   run_id: string | null; ts: string; v: 1;
@@ -590,7 +592,7 @@ export type Timestamp = string;
 /** When an output is made (D30). */
 export type Timing = "after_motion" | "with_motion";
 
-/** A tool of the table: what G41 to G44 take (D17). */
+/** A tool of the table: values used by G41 to G44 (D17). */
 export interface ToolData { id: number; length: number; radius: number; }
 
 /** Payload of `tool/state`. */
@@ -602,33 +604,33 @@ export interface ToolTable { tools: ToolData[]; }
 /** The tool table, ascending by number: of `GET /tools`. */
 export interface ToolTableMessage { boot_id: BootId; rev?: number; tools: ToolData[]; ts: string; v: 1; }
 
-/** Samples of the last minute, in the order of time: of `GET /cs/{n}/trace`. */
+/** Samples of the last minute, in time order: of `GET /cs/{n}/trace`. */
 export interface Trace {
   axes: Record<string, TraceAxis>; cs: number; feedrate: number[]; first: number; interval_s: number; next: number;
   now: Timestamp; now_s: number; spindle_rpm: number[]; time_s: number[];
 }
 
-/** What one axis did: a value for each sample, mm or degrees. */
+/** Motion of one axis: a value for each sample, mm or degrees. */
 export interface TraceAxis {
   acceleration: number[]; following_error: number[]; position: number[]; velocity: number[];
 }
 
-/** On the way to another state. */
+/** Transition to another state. */
 export type Transition = "STARTING" | "HOLDING" | "STOPPING" | "RESUMING" | "RESETTING";
 
-/** Payload of `m_code/{m}/validate`: may this M code be put out with these parameters? Asked when a program is loaded. */
+/** Payload of `m_code/{m}/validate`: asks, when a program is loaded, whether this M code may be issued with these
+ * parameters. */
 export interface ValidateMessage {
   boot_id: BootId; line: number; params: Params; program: number; request_id: string; rev?: number; ts: string; v: 1;
 }
 
-/** Letter of the variables that outlive a program (manual 4-3). */
+/** Letter of the variables that are kept after the end of a program (manual 4-3). */
 export type VariableKind = "P" | "Q";
 
-/** Values of variables in a row, as they were at one moment: in the reply to `variable/get`, and of
- * `GET /variables/p`. */
+/** Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET /variables/p`. */
 export interface VariableValues { from: number; kind: VariableKind; values: Number[]; }
 
-/** A verb, for lists of what is allowed. */
+/** A verb, for lists of allowed commands. */
 export type Verb = "load" | "start" | "run" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "alarm_acknowledge" | "mdi" | "jog" | "home";
 
 /** The output that a program waits for. */
@@ -642,8 +644,8 @@ export interface WebSocketMessage {
   boot_id: BootId; rev?: number; topic: string; ts: string; v: 1; [name: string]: unknown;
 }
 
-/** Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As a change, the body of `PUT`
- * there, offsets and axes that it does not name stay, and it is carried out as a whole or not at all. */
+/** Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` there it is
+ * a change: offsets and axes that it does not name do not change, and it is applied completely or not at all. */
 export interface WorkOffsetTable { work_offsets: Record<string, Record<string, number>>; }
 
 /** Work offsets of a coordinate system, mm or degrees: of the topic `cs/{cs}/work_offsets`. */

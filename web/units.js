@@ -1,5 +1,5 @@
-// Millimetres or inches: those that the operator has chosen. Without a choice positions and what is set beside them are shown as the
-// program has them in force (G20, G21), and motion by hand keeps the unit of the machine, which no program changes.
+// Millimetres or inches, as chosen by the operator. Without a choice, positions and related inputs use the program's
+// unit (G20, G21), and motion by hand uses the machine's unit, which no program changes.
 
 import { t } from "./language.js";
 
@@ -27,7 +27,7 @@ export function nextUnits() {
   }
 }
 
-/** What is chosen. */
+/** The operator's choice. */
 export function chosenUnits() {
   return chosen;
 }
@@ -72,7 +72,7 @@ export function degrees() {
   return { unit: t("unit.deg"), size: 1, decimals: 3 };
 }
 
-/** The same of any length. @param {Unit} unit @returns {Scale} */
+/** Returns the scale of any length. @param {Unit} unit @returns {Scale} */
 export function lengthScale(unit) {
   return unit === "inch" ? { unit: t("unit.in"), size: MM_PER_INCH, decimals: 4 } : { unit: "mm", size: 1, decimals: 3 };
 }

@@ -1,4 +1,4 @@
-// Who is logged in at this screen, and as what; log-out, and the view mode.
+// The logged-in user and role at this screen; log-out, and the view mode.
 
 import { openDialog } from "./dialog.js";
 import { button, h, setAttr, setText } from "./dom.js";
@@ -8,10 +8,10 @@ import { forgetToken } from "./token.js";
 import { chooseLarge, isLarge } from "./touch.js";
 import { disableFor } from "./why_not.js";
 
-/** How often the machine is told that this screen is in use, ms. It ends a login that is not used. */
+/** Interval of activity reports to the machine, which ends an unused login, ms. */
 const ACTIVITY_INTERVAL_MS = 60_000;
 
-/** Tells the machine that a person uses this screen. @param {import("./main.js").App} app */
+/** Reports to the machine that a person uses this screen. @param {import("./main.js").App} app */
 function reportActivity(app) {
   let reported = performance.now();
   const report = () => {
@@ -59,7 +59,7 @@ function showUser(app) {
   ]);
 }
 
-/** What this browser remembers. @param {import("./main.js").App} app */
+/** Shows the settings stored in this browser. @param {import("./main.js").App} app */
 function settings(app) {
   const { alerts } = app;
   /** @param {string} says @param {string} about @param {() => boolean} isOn @param {(on: boolean) => unknown} set @param {() => string | null} [why] */

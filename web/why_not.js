@@ -22,13 +22,13 @@ const STATES = {
   back_trace: ["FEED_HOLD"],
   reset: [...AT_REST, ...PAUSED, "WAIT"],
 };
-/** What the interlock forbids, and what the start lock does. */
+/** Commands forbidden by the interlock and by the start lock. */
 const MOVES = new Set(["start", "run", "resume", "back_trace", "mdi", "jog", "home"]);
 const BEGINS = new Set(["start", "run", "mdi"]);
-/** What the holder of a control lease alone may command. */
+/** Commands permitted only to the holder of a control lease. */
 const NEEDS_LEASE = new Set([...MOVES, "load"]);
 
-/** What each role lacks. @type {Record<string, Set<string>>} */
+/** Commands forbidden to each role. @type {Record<string, Set<string>>} */
 const FORBIDDEN = {
   view: new Set(["operate", "set", "reset", "administrate"]),
   handler: new Set(["operate", "administrate"]),
@@ -108,7 +108,10 @@ function locked({ current }, verb) {
   return null;
 }
 
-/** What Start commands: it begins, and goes on after a pause. @param {import("./model.js").Model} model @returns {"start" | "resume"} */
+/**
+ * Returns the command of the Start button: a start, or a resume after a pause.
+ * @param {import("./model.js").Model} model @returns {"start" | "resume"}
+ */
 export function startVerb(model) {
   return PAUSED.includes(model.current?.state?.execution ?? "") ? "resume" : "start";
 }

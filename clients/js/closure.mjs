@@ -1,4 +1,4 @@
-// The modules of web/ that a package consists of.
+// // Finds the modules of web/ that belong to a package.
 
 import { cp, mkdir, readFile } from "node:fs/promises";
 import { dirname, join, relative } from "node:path";
@@ -6,10 +6,10 @@ import { fileURLToPath } from "node:url";
 
 export const WEB = fileURLToPath(new URL("../../web", import.meta.url));
 
-/** What a module imports, and the modules that it starts as workers. */
+/** Matches the imports of a module, and the modules that it starts as workers. */
 const NEEDED = /^(?:import|export) .*from "(\..*)";$|new URL\("(\..*?)", import\.meta\.url\)/gm;
 
-/** All modules that these need, and they themselves, below WEB. @param {string[]} entries */
+/** Returns these modules and all modules that they need, below WEB. @param {string[]} entries */
 async function closure(entries) {
   const found = new Set();
   const open = [...entries];
@@ -22,7 +22,10 @@ async function closure(entries) {
   return [...found].sort();
 }
 
-/** Copies these modules, what they need, and the types of messages. @param {string[]} entries @param {string} folder */
+/**
+ * Copies these modules, their dependencies, and the types of messages.
+ * @param {string[]} entries @param {string} folder
+ */
 export async function copyModules(entries, folder) {
   for (const file of [...(await closure(entries)), "types.d.ts"]) {
     await mkdir(join(folder, dirname(file)), { recursive: true });

@@ -25,7 +25,7 @@ const program = ts.createProgram(["index.js", "testing.js"].map((file) => join(S
 const { diagnostics } = program.emit(undefined, undefined, undefined, true, { afterDeclarations: [withoutInternals] });
 if (diagnostics.length > 0) throw new Error(ts.formatDiagnostics(diagnostics, ts.createCompilerHost({})));
 
-/** Leaves out the members that the modules of the package alone use. @type {import("typescript").TransformerFactory<any>} */
+/** Removes the members that only the modules of the package use. @type {import("typescript").TransformerFactory<any>} */
 function withoutInternals(context) {
   const isInternal = (/** @type {import("typescript").Node} */ node) => ts.getJSDocTags(ts.getOriginalNode(node)).some(({ tagName }) => tagName.text === "internal");
   const visit = (/** @type {import("typescript").Node} */ node) =>

@@ -6,7 +6,7 @@ const assert = require("node:assert");
 const Module = require("node:module");
 const { after, test } = require("node:test");
 
-/** What listens to an event. */
+/** An event that records its listeners. */
 function event() {
   const listeners = new Set();
   const subscribe = (/** @type {(value: unknown) => void} */ listener) => {

@@ -7,7 +7,7 @@ const { LanguageClient } = require("vscode-languageclient/node");
 /** @type {LanguageClient | undefined} */
 let client;
 
-/** What is started, by the settings. */
+/** Returns the command to start, by the settings. */
 function server() {
   const settings = vscode.workspace.getConfiguration("tandem");
   const args = ["lsp"];
@@ -36,7 +36,7 @@ async function stop() {
   try {
     if (running?.isRunning()) await running.stop();
   } catch (error) {
-    // it has ended by itself; the next one starts anyway
+    // it has already ended; the next one starts anyway
     console.error(`tandem lsp did not end in order: ${error}`);
   }
 }

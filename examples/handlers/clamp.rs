@@ -1,4 +1,4 @@
-//! A handler, the same for every transport: M12 VA closes a clamp with a force of VA kN.
+//! A handler that is independent of the transport: M12 VA closes a clamp with a force of VA kN.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-// A card of the panel Machine: strokes of the oil pump, which the sequence program counts in P100, and what is left of 500.
+// A card of the panel Machine: strokes of the oil pump, counted by the sequence program in P100, and the rest of 500.
 
 const STROKES_MAX = 500;
 
@@ -20,6 +20,6 @@ export default function oil(element, { tandem }) {
     text.textContent = `${left} strokes left`;
   };
   void read();
-  // the program that counts them resets an M code whenever the pump has worked
+  // the program that counts them resets an M code after each stroke of the pump
   tandem.on("cs/+/m_code/pending", () => void read());
 }

@@ -1,4 +1,4 @@
-// A page of one's own: commands by tandem.js, and what the machine says to them. What shows the machine are elements.
+// A page of your own: tandem.js sends the commands and shows the answers; elements show the machine.
 
 import { Refusal, Tandem } from "/tandem.js";
 

@@ -109,8 +109,8 @@ calls! {
     /// Starts the loaded program from its beginning: ACTIVE.
     start() => command(Command::Start), "Not allowed now, or a start lock is on.";
 
-    /// Starts the loaded program from a line, in the state in force there: M codes that are to be restored are put out, the
-    /// axes go there, ACTIVE. [`line_state`](Self::line_state) tells all of it before.
+    /// Starts the loaded program from a line, with the state in force there: M codes to be restored are issued, the
+    /// axes approach the start position, then ACTIVE. [`line_state`](Self::line_state) returns all of this in advance.
     start_from(from: LineStart) => command(Command::StartFrom(from)),
         "Not allowed now, a start lock is on, or the state at the line cannot be known.";
 
@@ -139,8 +139,9 @@ calls! {
     mdi(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: false }),
         "Not allowed now, the text has errors, it was ended early, or a G31 of it ended without a touch.";
 
-    /// The same as a macro, for text that a program generates. Its numbers count in the configured unit and as positions. At its
-    /// end, however it ends, the machine restores the modal state, the feedrate and the selected offsets that were in force before.
+    /// Runs a text as a macro, for text that a program generates. Its numbers are in the configured unit and are
+    /// positions. At its end, however it ends, the machine restores the modal state, the feedrate and the selected
+    /// offsets that were in force before.
     mdi_macro(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: true }),
         "As [`mdi`](Self::mdi).";
 
@@ -178,12 +179,12 @@ calls! {
     set_dry_run(value: bool) => set(Input::DryRun(value));
 
     /// Sets source `default` of the interlock: while any source is on, motion is held and none starts; `text` is the
-    /// reason. While a [`SequenceProgram`](crate::SequenceProgram) serves this machine, the source is that program's: it is
-    /// written again on every connection and at every boot, nobody else clears it, and the machine is waited for if it
-    /// cannot be reached.
+    /// reason. While a [`SequenceProgram`](crate::SequenceProgram) serves this machine, the source belongs to that
+    /// program: it is written again on every connection and at every boot, no other sender clears it, and the call
+    /// waits for a machine that cannot be reached.
     set_interlock(value: bool, text: impl Into<String>) => set_lock((LockKind::Interlock, LockSet::new(value, text)));
 
-    /// The same for a source by its name, such as one of `[input.interlock.source.NAME]`.
+    /// Sets a source of the interlock by its name, such as one of `[input.interlock.source.NAME]`.
     set_interlock_source(source: &str, value: bool, text: impl Into<String>) =>
         set_lock((LockKind::Interlock, LockSet::new(value, text).of_source(source))), "The source is another handler's.";
 
@@ -191,7 +192,7 @@ calls! {
     /// owned as [`set_interlock`](Self::set_interlock) says.
     set_start_lock(value: bool, text: impl Into<String>) => set_lock((LockKind::StartLock, LockSet::new(value, text)));
 
-    /// The same for a source by its name, such as one of `[input.start_lock.source.NAME]`.
+    /// Sets a source of the start lock by its name, such as one of `[input.start_lock.source.NAME]`.
     set_start_lock_source(source: &str, value: bool, text: impl Into<String>) =>
         set_lock((LockKind::StartLock, LockSet::new(value, text).of_source(source))), "The source is another handler's.";
 
@@ -237,7 +238,7 @@ impl CoordinateSystem {
         self.plc.raise(Some(self.number), alarm).await
     }
 
-    /// Carries out a command, and returns when it has had its effect.
+    /// Executes a command, and returns when its effect has been reached.
     ///
     /// # Errors
     /// [`Error::Refused`] if nothing has changed, [`Error::CommandFailed`] if something prevented its effect,
@@ -340,7 +341,8 @@ impl CoordinateSystem {
         self.plc.request(typed::Tool(self.number, id)).await
     }
 
-    /// What is in force at a line of the loaded program, and what [`start_from`](Self::start_from) does; nothing changes.
+    /// Returns the state in force at a line of the loaded program, and the actions of [`start_from`](Self::start_from);
+    /// nothing changes.
     ///
     /// # Errors
     /// No program is loaded, it does not come to the line, or the state there cannot be known; the text says why.

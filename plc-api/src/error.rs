@@ -45,7 +45,7 @@ pub enum Error {
         /// Who did not answer, and within which time.
         text: String,
     },
-    /// What was to be done within a time on the machine's clock was not: [`Plc::timeout`](crate::Plc::timeout).
+    /// Work was not finished within a time on the machine's clock: [`Plc::timeout`](crate::Plc::timeout).
     #[error("it was not done within {limit:?}")]
     TimedOut {
         /// The time.

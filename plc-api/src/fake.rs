@@ -1,8 +1,8 @@
 //! A scripted machine for unit tests of handlers: a [`Port`] with the real handshake and its own clock.
 //!
-//! The test puts out outputs ([`FakePort::put_out`]), and looks at how each ended ([`FakePort::closed`]) and at other
-//! requests ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. In a current-thread tokio runtime,
-//! the default of `#[tokio::test]`, each run is the same.
+//! The test issues outputs ([`FakePort::put_out`]), and reads how each ended ([`FakePort::closed`]) and which other
+//! requests were made ([`FakePort::requests`]). Time stops until [`FakePort::advance`]. In a current-thread tokio
+//! runtime, the default of `#[tokio::test]`, each run is identical.
 //!
 //! The state follows: READY with program 1 at first, WAIT while an output is open, ACTIVE after its reset, STOPPED with
 //! an alarm if it fails, `PROGRAM_COMPLETED` after [`FakePort::put_end`]. Commands are allowed by the same
@@ -122,8 +122,8 @@ impl FakePort {
         Plc::in_process(Arc::new(self.clone()))
     }
 
-    /// Puts out an output without a time limit, for which the program waits, and returns its `seq`. Starts a run if
-    /// there is none; in a hold the output is put out at the resume.
+    /// Issues an output without a time limit, for which the program waits, and returns its `seq`. Starts a run if there
+    /// is none; in a hold the output is issued at the resume.
     ///
     /// # Panics
     /// There is no such coordinate system, or 64 outputs are open in it: mistakes of the test.
@@ -131,7 +131,7 @@ impl FakePort {
         self.put_out_within(cs, m, params, None)
     }
 
-    /// Puts out an output with a time limit, and returns its `seq`.
+    /// Issues an output with a time limit, and returns its `seq`.
     ///
     /// # Panics
     /// As [`FakePort::put_out`].

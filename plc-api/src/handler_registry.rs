@@ -1,9 +1,9 @@
 //! The handlers that are present, and the instance of each. Pure; the runtime and the scripted machine share it.
 //!
-//! Only one instance of a `handler_id` can be present. A second one is refused unless it takes over, or unless the present one fails to
-//! confirm within [`CONFIRM_MAX_S`] that it is alive: its last will may never arrive. An instance that has gone takes nothing from a
-//! later one, because its last will may arrive late. A handler that leaves keeps its M codes, outputs and levels for a while: for the
-//! time that it announced, otherwise for the grace time.
+//! Only one instance of a `handler_id` can be present. A second one is refused unless it takes over, or unless the
+//! present one fails to confirm within [`CONFIRM_MAX_S`] that it is alive: its last will may never arrive. The loss of
+//! an instance does not affect a later one, because its last will may arrive late. A handler that leaves keeps its M
+//! codes, outputs and levels for the time that it announced, otherwise for the grace time.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -16,44 +16,44 @@ use crate::types::ids::check_client_id;
 use crate::types::output::{HandledCode, HandlerPresence};
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// Handlers that are or were there. A further one is refused.
+/// Largest number of handlers that are or were online. A further one is refused.
 pub const HANDLERS_MAX: usize = 256;
 
-/// Time in which an instance that is there confirms it, when another comes, s.
+/// Time within which an online instance confirms its presence when another one arrives, s.
 pub const CONFIRM_MAX_S: f64 = 2.0;
 
-/// M codes that one handler may say it serves: all of them in every coordinate system.
+/// Largest number of M codes of one handler: all of them in every coordinate system.
 const HANDLED_CODES_MAX: usize = 8 * 192;
 
-/// An instance that lost its place to another.
+/// An instance that was replaced by another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Displaced {
     /// Its presence.
     pub presence: HandlerPresence,
-    /// What it is told.
+    /// Text of its notification.
     pub text: String,
-    /// Taken over if the other asked for it, unannounced if this one did not confirm that it is alive.
+    /// Taken over if the other instance requested it, unannounced if this one did not confirm that it is alive.
     pub departure: Departure,
 }
 
-/// What a presence has changed.
+/// Effect of a presence.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Registered {
-    /// The handler is there.
+    /// The handler is online.
     Online {
-        /// The instance whose place it has taken.
+        /// The instance that it replaced.
         took_over: Option<Box<Displaced>>,
-        /// A handler that had gone, and was forgotten for it.
+        /// An offline handler that was removed to make room for it.
         forgotten: Option<String>,
-        /// The same instance was offline before: it is asked to announce itself once more, so that it writes its levels again
-        /// although it may not have noticed.
+        /// The same instance was offline before: it is asked to announce itself once more, so that it writes its levels
+        /// again even if it has not noticed the loss.
         has_returned: bool,
     },
-    /// It was there already, and says so again before its presence is too old.
+    /// It was already online, and renewed its presence before it expired.
     Refreshed,
-    /// It has gone; of a handler that had gone before, how it did so.
+    /// It went offline; if it was offline already, the original departure.
     Offline(Departure),
-    /// Nothing: it is said of an instance that is not there any more.
+    /// No effect: the presence concerns an instance that is no longer online.
     Nothing,
 }
 
@@ -61,43 +61,43 @@ pub enum Registered {
 #[derive(Debug, Default)]
 pub struct HandlerRegistry {
     handlers: BTreeMap<String, Entry>,
-    /// Time in which a handler may come back that left without an announcement, s.
+    /// Time within which a handler that left without an announcement may return, s.
     grace_s: f64,
 }
 
-/// A handler that is or was there.
+/// A handler that is or was online.
 #[derive(Debug)]
 struct Entry {
     presence: HandlerPresence,
-    /// Since when it is there.
+    /// Time when it came online.
     since: SystemTime,
-    /// When it was asked whether it still is, and has not confirmed it, seconds since the start.
+    /// Time when it was asked to confirm its presence and has not yet done so, seconds since the start.
     asked_s: Option<f64>,
     /// How it left.
     absence: Option<Absence>,
     reach: Reach,
 }
 
-/// Whether a question reaches a handler, whether it is still there.
+/// How a handler receives the request to confirm its presence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
     /// It subscribes to `handler/{id}/result`.
     Subscribed,
-    /// It registered by a request of HTTP: the age of its presence alone shows whether it is there.
+    /// It registered by an HTTP request: only the age of its presence shows whether it is online.
     Polling,
 }
 
 /// A handler that has left.
 #[derive(Debug, Clone)]
 struct Absence {
-    /// What it serves when it is back.
+    /// M codes that it serves when it returns.
     handles: Vec<HandledCode>,
     departure: Departure,
 }
 
 impl HandlerRegistry {
-    /// No handlers. `grace_s`: time in which a handler may come back that left without an announcement; 0 without a registry of its
-    /// own.
+    /// Creates an empty registry. `grace_s` is the time within which a handler that left without an announcement may
+    /// return; 0 without a registry of its own.
     pub fn with_grace(grace_s: f64) -> Self {
         Self {
             grace_s,
@@ -105,10 +105,10 @@ impl HandlerRegistry {
         }
     }
 
-    /// Notes a presence of a handler that subscribes to its results.
+    /// Records a presence of a handler that subscribes to its results.
     ///
     /// # Errors
-    /// As of [`set_over`](Self::set_over).
+    /// Fails like [`set_over`](Self::set_over).
     pub fn set(
         &mut self,
         id: &str,
@@ -119,11 +119,12 @@ impl HandlerRegistry {
         self.set_over(Reach::Subscribed, id, presence, (now, now_s))
     }
 
-    /// Notes a presence. The time is that of day, and seconds since the start.
+    /// Records a presence. The time is the time of day, and seconds since the start.
     ///
     /// # Errors
-    /// Id or instance are none, it serves too many M codes, another instance is there (`handler_taken`; [`asked`](Self::asked)
-    /// says whether that one is to confirm it), or there are too many handlers.
+    /// Fails if the id or the instance is not valid, it serves too many M codes, another instance is online
+    /// (`handler_taken`; [`asked`](Self::asked) returns that instance if it is to confirm its presence), or there are
+    /// too many handlers.
     pub fn set_over(
         &mut self,
         reach: Reach,
@@ -189,10 +190,10 @@ impl HandlerRegistry {
         })
     }
 
-    /// Forgets a handler that is offline if there is no room for a new one. Returns its id.
+    /// Removes a handler that is offline if there is no room for a new one. Returns its id.
     ///
     /// # Errors
-    /// All are online.
+    /// Fails if all are online.
     fn make_room(&mut self, id: &str) -> Result<Option<String>, Refusal> {
         if self.handlers.len() < HANDLERS_MAX || self.handlers.contains_key(id) {
             return Ok(None);
@@ -206,7 +207,7 @@ impl HandlerRegistry {
         Ok(Some(offline))
     }
 
-    /// True when an instance comes that was there before, and was offline since.
+    /// Returns true if the arriving instance was online before and is offline now.
     fn has_returned(&self, id: &str, presence: &HandlerPresence) -> bool {
         let before = self.handlers.get(id).map(|entry| &entry.presence);
         presence.online
@@ -214,20 +215,20 @@ impl HandlerRegistry {
             && before.is_some_and(|before| !before.online && before.instance == presence.instance)
     }
 
-    /// The instance of a handler that is to confirm that it is still there.
+    /// Returns the instance of a handler that is asked to confirm its presence.
     pub fn asked(&self, id: &str) -> Option<&str> {
         let entry = self.handlers.get(id).filter(|entry| entry.asked_s.is_some())?;
         entry.presence.instance.as_deref()
     }
 
-    /// All that are or were there.
+    /// Returns all handlers that are or were online.
     pub fn all(&self) -> BTreeMap<String, HandlerPresence> {
         let all = self.handlers.iter();
         all.map(|(id, entry)| (id.clone(), entry.presence.clone()))
             .collect()
     }
 
-    /// What a handler that is there says of an alarm.
+    /// Returns the text of an online handler for an alarm.
     pub fn alarm_text(&self, code: u16) -> Option<AlarmText> {
         let there = self.handlers.values().map(|entry| &entry.presence);
         let mut said = there
@@ -236,16 +237,16 @@ impl HandlerRegistry {
         said.find(|said| said.code == code).cloned()
     }
 
-    /// True while a handler is there.
+    /// Returns true while a handler is online.
     pub fn is_online(&self, id: &str) -> bool {
         self.handlers.get(id).is_some_and(|entry| entry.presence.online)
     }
 
-    /// Validates who writes a level or an output for a handler: the instance that is online.
+    /// Validates that the writer of a level or an output is the online instance of the handler.
     ///
     /// # Errors
-    /// `unavailable`: the handler is offline; `not_allowed`: another instance of it is online, or the write does not name its instance
-    /// although the presence does.
+    /// `unavailable` if the handler is offline; `not_allowed` if another instance of it is online, or the write does
+    /// not name its instance although the presence does.
     pub fn judge_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
         let Some(entry) = self.handlers.get(id).filter(|entry| entry.presence.online) else {
             let text = format!("handler {id} is not online: announce its presence before it writes");
@@ -264,7 +265,8 @@ impl HandlerRegistry {
         }
     }
 
-    /// How a handler is absent after this presence; `None`: it is online. A last will that follows an announcement changes nothing.
+    /// Returns the absence of a handler after this presence, or `None` if it is online. A last will that follows an
+    /// announcement changes nothing.
     fn absence_after(&self, id: &str, presence: &HandlerPresence, now_s: f64) -> Option<Absence> {
         if presence.online {
             return None;
@@ -288,7 +290,7 @@ impl HandlerRegistry {
         })
     }
 
-    /// When the last handler comes back that serves this M code and has left, seconds since the start.
+    /// Returns the latest time at which an absent handler of this M code returns, seconds since the start.
     pub fn back_s(&self, cs: CoordinateSystemNumber, m: u16, now_s: f64) -> Option<f64> {
         let absent = self.handlers.values().filter_map(|entry| entry.absence.as_ref());
         let serve = absent.filter(|absence| absence.handles.contains(&HandledCode { cs, m }));
@@ -296,7 +298,7 @@ impl HandlerRegistry {
         ends.filter(|until_s| *until_s > now_s).reduce(f64::max)
     }
 
-    /// True when a handler that is there serves this M code.
+    /// Returns true if an online handler serves this M code.
     pub fn serve(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         let mut there = self.handlers.values().map(|entry| &entry.presence);
         there.any(|handler| handler.online && handler.handles.contains(&HandledCode { cs, m }))
@@ -304,7 +306,7 @@ impl HandlerRegistry {
 }
 
 impl Entry {
-    /// Gives its place to another instance; what it is told then.
+    /// Replaces an instance by another; returns the text of its notification.
     fn place_for(&mut self, id: &str, other: &HandlerPresence, now_s: f64) -> Result<String, Refusal> {
         let there = self.presence.instance.as_deref();
         let by = other.instance.as_deref().unwrap_or("that names none");
@@ -313,7 +315,7 @@ impl Entry {
                 "instance {by} has taken over handler_id {id}: this program is at its end"
             ));
         }
-        // a server end knows when the connection of one that it has named itself ends
+        // a server end detects the end of the connection of an instance that it has named itself
         let may_be_asked = self.reach == Reach::Subscribed && there.is_some_and(is_own_instance);
         let asked_s = may_be_asked.then(|| *self.asked_s.get_or_insert(now_s));
         if asked_s.is_some_and(|asked_s| now_s - asked_s >= CONFIRM_MAX_S) {

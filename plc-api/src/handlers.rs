@@ -170,9 +170,10 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// What happens to an output of these M codes whose handler was lost; overrides
-    /// [`on_redelivery`](SequenceProgram::on_redelivery), which covers all M codes. Work that counts by [`AuxOutput::id`] can be repeated;
-    /// where a part is marked, the handler must check first; where something moves, an operator should decide.
+    /// Sets the treatment of an output of these M codes after the loss of its handler; overrides
+    /// [`on_redelivery`](SequenceProgram::on_redelivery), which covers all M codes. Work that is counted by
+    /// [`AuxOutput::id`] can be repeated; if a part is marked, the handler must check first; if something moves, an
+    /// operator should decide.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
@@ -257,10 +258,10 @@ impl SequenceProgram {
         build(self.within(Some(number))).within(None)
     }
 
-    /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its path and none
-    /// starts, with `text` as the reason. The level belongs to this program, which writes it again on every connection and
-    /// at every boot of the machine; nobody else can clear it. When the program or the sender of the level has gone, the source
-    /// takes the value of `on_loss` in `[input.interlock]`, by default on.
+    /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its path and
+    /// none starts, with `text` as the reason. The level belongs to this program, which writes it again on every
+    /// connection and at every boot of the machine; no other sender can clear it. When the program or the sender of the
+    /// level is lost, the source takes the value of `on_loss` in `[input.interlock]`, by default on.
     ///
     /// ```
     /// # use plc_api::{SequenceProgram, fake::FakePort};
@@ -319,9 +320,10 @@ impl SequenceProgram {
         self.beside(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
-    /// What happens to an output whose handler died or lost its connection before the reset. The configuration of the M code may
-    /// have a `redelivery` as well; the stricter of the two applies ([`Redelivery::Ask`], then [`Redelivery::Verify`], then
-    /// [`Redelivery::Redo`]). Without either, nothing happens until an operator decides.
+    /// Sets the treatment of an output after its handler failed or lost its connection before the reset. The
+    /// configuration of the M code may have a `redelivery` as well; the stricter of the two applies
+    /// ([`Redelivery::Ask`], then [`Redelivery::Verify`], then [`Redelivery::Redo`]). Without either, nothing happens
+    /// until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.how.on_redelivery = Some(on_redelivery);
@@ -361,9 +363,10 @@ impl SequenceProgram {
         self
     }
 
-    /// How long the machine waits for this program to return after [`run_until`](SequenceProgram::run_until) has stopped it, such as for
-    /// an update: 1 ms to 1 h, by default one minute. Until then its M codes count as served, and NC programs wait at them. Zero: it
-    /// does not return.
+    /// Sets the time for which the machine waits for this program to return after
+    /// [`run_until`](SequenceProgram::run_until) has stopped it, such as for an update: 1 ms to 1 h, by default one
+    /// minute. Until then its M codes are treated as served, and NC programs wait for them. Zero means that it does not
+    /// return.
     #[must_use]
     pub fn returns_within(mut self, time: Duration) -> Self {
         self.how.returns_within = time;

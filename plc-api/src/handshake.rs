@@ -41,7 +41,7 @@ use result::{check_code, fault_alarm, result_of, status_of};
 pub struct Ledger {
     boot_id: BootId,
     cs: CoordinateSystemNumber,
-    /// `boot_id.cs.`: with `seq` it names an output for ever, since boots are never the same again.
+    /// `boot_id.cs.`: together with `seq` it identifies an output permanently, because boot ids are never reused.
     id_prefix: String,
     open_outputs_max: usize,
     next_seq: u64,
@@ -53,7 +53,7 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// An empty ledger; its first output has `seq` 1. `open_outputs_max` of 0 counts as 1.
+    /// Creates an empty ledger; its first output has `seq` 1. `open_outputs_max` of 0 is treated as 1.
     pub fn new(boot_id: BootId, cs: CoordinateSystemNumber, open_outputs_max: usize) -> Self {
         Self {
             id_prefix: format!("{}.{cs}.", boot_id.0),
@@ -68,10 +68,10 @@ impl Ledger {
         }
     }
 
-    /// Adds an output as QUEUED, and returns its `seq`, greater than all before.
+    /// Adds an output as QUEUED, and returns its `seq`, which is greater than all before.
     ///
     /// # Errors
-    /// [`Full`] if `open_outputs_max` outputs are open: the caller waits and tries again; nothing is dropped.
+    /// Returns [`Full`] if `open_outputs_max` outputs are open: the caller waits and tries again; nothing is dropped.
     pub fn enqueue(&mut self, now: Now, spec: OutputSpec) -> Result<u64, Full> {
         if self.open.len() >= self.open_outputs_max {
             return Err(Full);
@@ -109,8 +109,8 @@ impl Ledger {
         Ok(seq)
     }
 
-    /// QUEUED to OUTPUT, and on to CLAIMED where one exclusive handler serves it (H20): publishes it, and starts its time limit.
-    /// No effect in any other state.
+    /// Changes QUEUED to OUTPUT, or to CLAIMED if one exclusive handler serves it (H20): publishes it, and starts its
+    /// time limit. Has no effect in any other state.
     pub fn put_out(&mut self, now: Now, seq: u64) {
         let Some(place) = self.place(seq) else { return };
         let output = &mut self.open[place];
@@ -131,10 +131,10 @@ impl Ledger {
         self.effects.push(Effect::Output(notice));
     }
 
-    /// Carries out a request about an output. `m` is the M number of the request, if it has one.
+    /// Executes a request about an output. `m` is the M number of the request, if it has one.
     ///
     /// # Errors
-    /// The code of a fault, or text or choices of a question, are out of range.
+    /// Fails if the code of a fault, or the text or choices of a question, are out of range.
     pub fn carry_out(
         &mut self,
         now: Now,
@@ -244,13 +244,13 @@ impl Ledger {
         };
         let cancel = foreign.then_some(CancelReason::Operator);
         self.close(place, how, cancel);
-        // the answer comes after `pending` without the output, and after the end of the output
+        // the answer follows `pending` without the output, and the end of the output
         let result = result_of(OutputAct::Reset, who, &Ok(()));
         self.tell(m.or(Some(output_m)), &result);
         result
     }
 
-    /// The place of the output that a reset ends, and whether it is another's.
+    /// Returns the index of the output that a reset ends, and whether another handler owns it.
     fn judge_reset(&self, m: Option<u16>, reset: &Reset) -> Result<(usize, bool), Denied> {
         let place = self.find(&reset.boot_id, reset.seq, m)?;
         let (force, output) = (reset.force == Some(true), &self.open[place]);
@@ -271,8 +271,8 @@ impl Ledger {
         }
     }
 
-    /// An operator decides about an output that nobody owns: it is published again with `how`; `ask` withdraws an
-    /// earlier decision. `not_owner` while a handler owns it.
+    /// Applies an operator's decision about an output without an owner: the output is published again with `how`; `ask`
+    /// withdraws an earlier decision. `not_owner` while a handler owns it.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
         status_of(&self.decide(m, redeliver))
     }
@@ -292,8 +292,7 @@ impl Ledger {
         Ok(())
     }
 
-    /// A handler is there: its instance speaks for it from now on, and the unclaimed outputs that it may take up are published
-    /// again (H12).
+    /// Registers the online instance of a handler, and publishes again the unclaimed outputs that it may claim (H12).
     pub fn handler_online(&mut self, now: Now, handler_id: &str, presence: &HandlerPresence) {
         let cs = self.cs;
         self.handlers.come(cs, handler_id, presence, now.time);
@@ -306,8 +305,8 @@ impl Ledger {
         });
     }
 
-    /// A handler was lost: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11). `instance`: only that of
-    /// this one; `None`: of any.
+    /// Handles the loss of a handler: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11). With
+    /// `instance` only the outputs of that instance; with `None` those of any.
     pub fn handler_lost(&mut self, now: Now, handler_id: &str, instance: Option<&str>) {
         let is_its = |output: &&mut OpenOutput| output.is_owned_by(handler_id, instance);
         let mut any = false;
@@ -330,8 +329,8 @@ impl Ledger {
         }
     }
 
-    /// Publishes again the unclaimed outputs whose M number is in `handles`, as `redelivered` with `attempt` one
-    /// higher, but for those that are withheld: the connection to the broker is new.
+    /// Publishes again, after a new connection to the broker, the unclaimed outputs whose M number is in `handles`, as
+    /// `redelivered` with `attempt` one higher, except those that are withheld.
     pub fn republish(&mut self, _now: Now, handles: impl Fn(u16) -> bool) {
         self.publish_again(|handlers, output| {
             handles(output.notice.m) && handlers.take_up(output, "", None).is_ok()

@@ -75,15 +75,16 @@ impl Io {
         &self.point
     }
 
-    /// What it is now: the forced value, else what its owner has written, else its safe value.
+    /// Returns the current value: the forced value, otherwise the value that its owner has written, otherwise its safe
+    /// value.
     ///
     /// # Errors
-    /// The configuration does not declare it, or the machine has not told of it yet.
+    /// Fails if the configuration does not declare it, or the machine has not published it yet.
     pub async fn value(&self) -> Result<IoValue> {
         Ok(self.state().await?.value)
     }
 
-    /// The same with its owner, and whether it is forced.
+    /// Returns the current state: the value with its owner, and whether it is forced.
     ///
     /// # Errors
     /// As [`value`](Self::value).
@@ -121,9 +122,10 @@ impl Io {
         Err(Error::Closed)
     }
 
-    /// Writes it. Within a sequence program that runs it is the program's from now on: it is written again on every connection and
-    /// after every start of the machine, nobody else writes it while the program is there, and it has its safe value when the
-    /// program has gone. A client without handlers owns nothing: it writes what no handler owns.
+    /// Writes a value. While a sequence program runs, the output then belongs to that program: it is written again on
+    /// every connection and after every start of the machine, no other sender writes it while the program is online,
+    /// and it takes its safe value after the program has ended. A client without handlers owns nothing: it may write
+    /// outputs that no handler owns.
     ///
     /// # Errors
     /// The configuration does not declare it, the value is not of its kind or out of its range, or it is another handler's. While
@@ -143,7 +145,7 @@ impl Io {
         self.plc.set_io(self.point.clone(), value).await
     }
 
-    /// Over a broker nobody answers a write that is refused: what the machine has said tells it before.
+    /// Validates a write against `birth` before it is sent, because a broker returns no answer to a refused write.
     async fn judge(&self, value: Option<IoValue>) -> Result<()> {
         let birth = self.plc.port().read(&Topic::Birth).await;
         match birth.as_deref().map(|message| &message.payload) {
@@ -152,8 +154,9 @@ impl Io {
         }
     }
 
-    /// Puts a value in the place of the written one, as an operator does: readers see it until [`release`](Self::release),
-    /// whatever its owner writes. State and journal tell who has forced it. A restart of the machine ends it.
+    /// Forces a value that replaces the written one, as an operator does: readers receive it until
+    /// [`release`](Self::release), regardless of the owner's writes. State and journal name the user who forced it. A
+    /// restart of the machine ends the forcing.
     ///
     /// # Errors
     /// The configuration does not declare it, the value is not of its kind or out of its range, or the user may not do it.

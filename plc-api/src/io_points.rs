@@ -1,10 +1,11 @@
 //! Inputs and outputs of the plant. Pure; the runtime and the scripted machine share it.
 //!
-//! A point that a handler has written belongs to that handler: nobody else can write it while the handler is present. If the handler
-//! leaves, its outputs keep their values for the time that it announced, otherwise for the grace time; then they take the value of
-//! their `on_loss`. An input has no grace time: what nobody reads any more is unknown. Clients without a presence own nothing: any of them may write
-//! a point that no handler owns. An operator can force a value; the program keeps writing underneath, and its value counts again when
-//! an operator removes the force.
+//! A point that a handler has written belongs to that handler: no other sender can write it while the handler is
+//! present. If the handler leaves, its outputs keep their values for the time that it announced, otherwise for the
+//! grace time; then they take the value of their `on_loss`. An input has no grace time: its value is unknown once it is
+//! no longer read. Clients without a presence own nothing: any of them may write a point that no handler owns. An
+//! operator can force a value; the program continues to write, and its value is in force again when an operator removes
+//! the force.
 
 use std::collections::BTreeMap;
 
@@ -14,10 +15,10 @@ use crate::types::io::{
 };
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// Names in the text of a refusal. Reason: it is one line of a panel.
+/// Largest number of names in the text of a refusal. Reason: it is one line of a panel.
 const NAMED_MAX: usize = 20;
 
-/// All of a machine.
+/// All inputs and outputs of a machine.
 #[derive(Debug, Default)]
 pub struct IoPoints {
     points: BTreeMap<IoPoint, (IoDeclaration, IoState)>,
@@ -28,16 +29,16 @@ pub struct IoPoints {
 /// A point whose owner is lost: its owner, and its state since then.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LostPoint {
-    /// Which.
+    /// The point.
     pub point: IoPoint,
     /// Its owner.
     pub handler_id: String,
-    /// What it is now.
+    /// State of the point after the loss.
     pub state: IoState,
 }
 
 impl IoPoints {
-    /// At a start: each has its first value, and no owner yet.
+    /// Creates the points at a start: each has its first value, and no owner yet.
     pub fn new(declared: &IoDeclarations) -> Self {
         let all = declared.points().map(|(point, declaration)| {
             let first = declaration.first_value();
@@ -54,8 +55,8 @@ impl IoPoints {
         }
     }
 
-    /// Gives an output the value that was written last before the start; `None`: it is damaged. One that its declaration does not
-    /// allow any more is left out.
+    /// Restores the value of an output that was written last before the start; `None` if it is damaged. A value that
+    /// the declaration no longer allows is ignored.
     pub fn restore(&mut self, point: &IoPoint, last: Option<IoValue>) {
         let Some((declaration, state)) = self.points.get_mut(point) else {
             return;
@@ -67,15 +68,15 @@ impl IoPoints {
         }
     }
 
-    /// All of them as they are now.
+    /// Returns all points with their current states.
     pub fn states(&self) -> impl Iterator<Item = (&IoPoint, &IoState)> {
         self.points.iter().map(|(point, (_, state))| (point, state))
     }
 
-    /// Validates a write, and changes nothing. `judge_writer` says whether an instance writes for a handler.
+    /// Validates a write without changing anything. `judge_writer` validates the instance that writes for a handler.
     ///
     /// # Errors
-    /// As of [`write`](Self::write).
+    /// Fails like [`write`](Self::write).
     pub fn check(
         &self,
         point: &IoPoint,
@@ -93,11 +94,13 @@ impl IoPoints {
         judge_owner(point, state, set.handler_id.as_deref())
     }
 
-    /// Writes a value. `judge_writer` says whether an instance writes for a handler. The second value is true if the value or the owner has changed.
+    /// Writes a value. `judge_writer` validates the instance that writes for a handler. The second value is true if the
+    /// value or the owner has changed.
     ///
     /// # Errors
-    /// `not_found`: none is declared by this name; `invalid`: a value or an id that is none; `unavailable`: the handler is not
-    /// there; `not_allowed`: it is another's, or another instance of the handler is there.
+    /// `not_found` if the point is not declared; `invalid` if a value or an id is not valid; `unavailable` if the
+    /// handler is offline; `not_allowed` if another handler owns the point, or another instance of the handler is
+    /// online.
     pub fn write(
         &mut self,
         point: &IoPoint,
@@ -114,10 +117,10 @@ impl IoPoints {
         Ok((state, is_news))
     }
 
-    /// Puts a value in the place of the written one, or takes it back.
+    /// Forces a value that replaces the written one, or ends the forcing.
     ///
     /// # Errors
-    /// `not_found`: none is declared by this name; `invalid`: a value or a name that is none.
+    /// `not_found` if the point is not declared; `invalid` if a value or a name is not valid.
     pub fn force(&mut self, point: &IoPoint, force: IoForce) -> Result<&IoState, Refusal> {
         force.check()?;
         let (declaration, state) = self.find(point)?;
@@ -132,7 +135,7 @@ impl IoPoints {
         Ok(state)
     }
 
-    /// A handler has left. Returns the points that have changed by that.
+    /// Handles the departure of a handler. Returns the points that it changed.
     pub fn leave(&mut self, handler_id: &str, departure: Departure) -> Vec<LostPoint> {
         let Some(until_s) = departure.until_s() else {
             return Vec::new();
@@ -146,25 +149,25 @@ impl IoPoints {
         }
     }
 
-    /// A handler is online: what it left waits no longer.
+    /// Handles the return of a handler: its points no longer wait for it.
     pub fn come(&mut self, handler_id: &str) {
         self.absent.remove(handler_id);
     }
 
-    /// Ends the time of handlers that left and did not come back. `is_there` says whether a handler is online. Returns the points that
-    /// have changed by that.
+    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler is online.
+    /// Returns the points that changed.
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> Vec<LostPoint> {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
         due.iter().flat_map(|id| self.lose(id, |_| true)).collect()
     }
 
-    /// When the time of the next handler that left ends, seconds since the start.
+    /// Returns the end of the next waiting time of a handler that left, seconds since the start.
     pub fn next_deadline_s(&self) -> Option<f64> {
         self.absent.values().copied().reduce(f64::min)
     }
 
-    /// What a handler owns and has not lost.
+    /// Returns the points that a handler owns and has not lost.
     fn owned(&mut self, handler_id: &str) -> impl Iterator<Item = (&IoPoint, &IoDeclaration, &mut IoState)> {
         let all = self.points.iter_mut();
         let all = all.map(|(point, (declaration, state))| (point, &*declaration, state));
@@ -199,10 +202,10 @@ impl IoPoints {
     }
 }
 
-/// Whether a handler, or a client without presence, may write what is in this state.
+/// Checks that a handler, or a client without presence, may write a point in this state.
 ///
 /// # Errors
-/// `not_allowed`: it is another's.
+/// Returns `not_allowed` if another handler owns it.
 pub(crate) fn judge_owner(point: &IoPoint, state: &IoState, handler_id: Option<&str>) -> Result<(), Refusal> {
     let Some(owner) = state.owner.as_deref().filter(|owner| handler_id != Some(owner)) else {
         return Ok(());
@@ -216,10 +219,10 @@ pub(crate) fn judge_owner(point: &IoPoint, state: &IoState, handler_id: Option<&
     Err(refused(RefusalCode::NotAllowed, point, why))
 }
 
-/// Whether a machine has such an input or output, and whether that can have a value.
+/// Checks that a machine has such an input or output, and that it can have this value.
 ///
 /// # Errors
-/// `not_found`: the configuration does not declare it; `invalid`: it cannot have the value.
+/// `not_found` if the configuration does not declare it; `invalid` if it cannot have the value.
 pub(crate) fn judge_declared(
     io: &IoDeclarations,
     point: &IoPoint,
@@ -233,7 +236,7 @@ pub(crate) fn judge_declared(
     checked.map_err(|why| refused(RefusalCode::Invalid, point, why))
 }
 
-/// `not_found`: it is none of these.
+/// Creates the refusal `not_found` for a point that is not declared.
 fn not_declared<'a>(point: &IoPoint, all: impl IntoIterator<Item = &'a IoPoint>) -> Refusal {
     let of_side = all.into_iter().filter(|known| known.side == point.side);
     let names: Vec<_> = of_side.take(NAMED_MAX).map(|known| known.name.as_str()).collect();

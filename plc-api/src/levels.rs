@@ -1,5 +1,5 @@
-//! Interlocks, start locks, and inputs and outputs of the plant that a program has set. While the program serves the machine, they
-//! belong to its handler, and are written again whenever its presence is announced anew.
+//! Interlocks, start locks, and inputs and outputs of the plant that a program has set. While the program serves the
+//! machine, its handler owns them, and they are written again after each new announcement of its presence.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -15,7 +15,7 @@ use crate::types::lock::LockSet;
 use crate::types::request::{Input, Request};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// Which of the two inputs.
+/// Kind of the input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum LockKind {
     Interlock,
@@ -31,24 +31,24 @@ impl LockKind {
     }
 }
 
-/// The machine, and in whose name it is asked.
+/// The machine, and the name in which requests are sent to it.
 type Asking<'a> = (&'a dyn Port, &'a str);
 
-/// What is set: one source of an input of a coordinate system, or an input or output of the plant.
+/// The target of a level: one source of an input of a coordinate system, or an input or output of the plant.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Place {
     Lock(CoordinateSystemNumber, LockKind, String),
     Io(IoPoint),
 }
 
-/// As what it is set.
+/// The value of a level.
 #[derive(Debug, Clone)]
 enum Level {
     Lock(LockSet),
     Io(IoValue),
 }
 
-/// What sets it, as this handler.
+/// Returns the request that sets a level in the name of this handler.
 fn request(place: &Place, level: Level, owner: Option<&Identity>) -> Option<Request> {
     let handler_id = owner.map(Identity::id);
     let instance = owner.map(Identity::instance);
@@ -77,28 +77,28 @@ fn request(place: &Place, level: Level, owner: Option<&Identity>) -> Option<Requ
 #[derive(Debug, Clone)]
 struct Owner {
     by: Identity,
-    /// The start of the machine that knows it.
+    /// The start of the machine that knows the handler.
     known_in: Option<BootId>,
 }
 
-/// What a program has set.
+/// Levels that a program has set.
 #[derive(Debug, Default)]
 pub(crate) struct Levels {
     set: Mutex<BTreeMap<Place, Level>>,
-    /// How many guards hold a source.
+    /// Number of guards that hold each source.
     held: Mutex<BTreeMap<Place, usize>>,
     owner: watch::Sender<Option<Owner>>,
-    /// One is written at a time, with the value that counts then.
+    /// Serializes the writes, so that each writes the value in force at that time.
     turn: tokio::sync::Mutex<()>,
 }
 
 impl Levels {
-    /// True while a program serves the machine.
+    /// Returns true while a program serves the machine.
     pub(crate) fn has_owner(&self) -> bool {
         self.owner.borrow().is_some()
     }
 
-    /// A handler begins to serve the machine, and owns what is set from now on.
+    /// Makes a handler that begins to serve the machine the owner of the levels that are set from now on.
     pub(crate) fn begin(&self, by: &Identity) {
         self.owner.send_replace(Some(Owner {
             by: by.clone(),
@@ -106,7 +106,7 @@ impl Levels {
         }));
     }
 
-    /// It has ended.
+    /// Removes the owner when it has ended.
     pub(crate) fn end(&self) {
         self.owner.send_replace(None);
     }
@@ -119,18 +119,18 @@ impl Levels {
                 .as_ref()
                 .is_some_and(|owner| owner.known_in.as_ref() == Some(boot))
         });
-        // the sender is this value itself, which is there
+        // never closed, because `self` owns the sender
         let _is_there = known.await.is_ok();
     }
 
-    /// The handler that owns a source, once the machine knows it.
+    /// Returns the handler that owns a source, once the machine knows it.
     pub(crate) fn owner(&self) -> Option<Identity> {
         let owner = self.owner.borrow();
         let known = owner.as_ref().filter(|owner| owner.known_in.is_some());
         known.map(|owner| owner.by.clone())
     }
 
-    /// This start of the machine has been told who is there: it is told the levels, too.
+    /// Writes all levels to this start of the machine, after it has received the presence.
     pub(crate) async fn write_all(&self, asking: Asking<'_>, boot: &BootId) {
         self.owner.send_modify(|owner| {
             if let Some(owner) = owner {
@@ -145,12 +145,12 @@ impl Levels {
         }
     }
 
-    /// One more guard holds a source.
+    /// Counts one more guard of a source.
     pub(crate) fn begin_hold(&self, place: Place) {
         *lock(&self.held).entry(place).or_default() += 1;
     }
 
-    /// A guard has gone; true for the last one of its source.
+    /// Removes a guard; returns true for the last one of its source.
     pub(crate) fn end_hold(&self, place: &Place) -> bool {
         let mut held = lock(&self.held);
         let left = held.get(place).map_or(0, |count| count - 1);
@@ -165,7 +165,7 @@ impl Levels {
     /// Sets a source.
     ///
     /// # Errors
-    /// The machine refuses it. While a program serves the machine, one that cannot be reached is waited for.
+    /// Fails if the machine refuses it. While a program serves the machine, waits for a machine that cannot be reached.
     pub(crate) async fn set(
         &self,
         asking: Asking<'_>,
@@ -180,7 +180,7 @@ impl Levels {
     /// Writes an input or output of the plant.
     ///
     /// # Errors
-    /// As [`set`](Self::set).
+    /// Fails like [`set`](Self::set).
     pub(crate) async fn set_io(&self, asking: Asking<'_>, point: IoPoint, value: IoValue) -> Result<()> {
         self.set_level(asking, Place::Io(point), Level::Io(value)).await
     }
@@ -197,7 +197,7 @@ impl Levels {
     async fn write(&self, (port, name): Asking<'_>, place: &Place) -> Result<()> {
         loop {
             let mut owner = self.owner.subscribe();
-            // the sender is this value itself, which is there
+            // never closed, because `self` owns the sender
             let ready = owner.wait_for(|owner| owner.as_ref().is_none_or(|owner| owner.known_in.is_some()));
             let owner = ready.await.ok().and_then(|owner| owner.clone());
             let turn = self.turn.lock().await;

@@ -39,8 +39,8 @@
 //!
 //! # Parameters and shared state
 //! A handler of an M code with a name, [`MCode`], takes its parameters as [typed arguments](extract): `Va<KiloNewton<1, 20>>`, or
-//! a struct with `#[derive(Params)]`. What they declare is checked when a program is loaded and before the handler is begun, and
-//! is told to panels.
+//! a struct with `#[derive(Params)]`. Their declarations are checked when a program is loaded and before the handler is
+//! started, and are shown on panels.
 //!
 //! Otherwise [`Params`](struct@Params) holds VA to VH; a parameter that is not programmed is `None`. With
 //! [`validate`](SequenceProgram::validate) a program with wrong parameters is refused when it is loaded. Handlers share
@@ -135,7 +135,7 @@
 //!
 //! # Redelivery
 //! When the process of a handler dies, its output is open again, and the NC program waits with reason `HANDLER_LOST`.
-//! Nothing is done twice by itself: [`on_redelivery`](SequenceProgram::on_redelivery) defines what the restarted
+//! No work is repeated automatically: [`on_redelivery`](SequenceProgram::on_redelivery) defines what the restarted
 //! sequence program does; by default it waits for an operator. With [`Redelivery::Verify`] the handler runs again with
 //! [`AuxOutput::redelivered`] true, and checks the machine first.
 //! ```
@@ -158,18 +158,18 @@
 //! ```
 //!
 //! # Beside the handlers
-//! What is no M code belongs to the program, too: levels that hold the machine ([`SequenceProgram::interlock`]), refuse a start
-//! ([`SequenceProgram::start_lock`]) or are an alarm ([`SequenceProgram::alarm_while`]), and tasks ([`SequenceProgram::task`]). They
-//! outlive every loss of the connection, and begin anew with each start of the machine. Programs of several parts of a machine
-//! become one by [`SequenceProgram::merge`].
+//! A program also contains parts that are not M codes: levels that hold the machine ([`SequenceProgram::interlock`]),
+//! refuse a start ([`SequenceProgram::start_lock`]) or raise an alarm ([`SequenceProgram::alarm_while`]), and tasks
+//! ([`SequenceProgram::task`]). They continue after every loss of the connection, and start again with each start of
+//! the machine. Programs of several parts of a machine are combined by [`SequenceProgram::merge`].
 //!
 //! # Several commanding programs
 //! A program that starts and stops a machine which others command as well takes its control lease first
-//! ([`CoordinateSystem::take_lease`]): until the lease is released or dropped, nobody else can start motion there.
+//! ([`CoordinateSystem::take_lease`]): until the lease is released or dropped, no other client can start motion there.
 //!
 //! # Watching each other
-//! A program without which the machine must not go on asks to be watched ([`Plc::heartbeat`]): when it is not heard any
-//! more, runs are held. One that moves something by itself watches the machine ([`Plc::until_silent`]).
+//! If the machine must not continue without a program, that program asks to be watched ([`Plc::heartbeat`]): if its
+//! heartbeats stop, runs are held. A program that moves something itself watches the machine ([`Plc::until_silent`]).
 //!
 //! # Scan style
 //! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states, inputs and
@@ -182,14 +182,14 @@
 //! of [`CoordinateSystem`].
 //!
 //! # Testing
-//! [`fake::FakePort`] is a scripted machine: the test puts out outputs and advances the time, as in the example of
+//! [`fake::FakePort`] is a scripted machine: the test issues outputs and advances the time, as in the example of
 //! [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs with motion
 //! in simulated time.
 //!
 //! # Layers
 //! [`port::Port`] is the whole interface as one trait; [`types`] are all messages and requests; [`handshake`] is the
-//! state machine of outputs and resets, the same for every transport; [`execution`] says which command is allowed in
-//! which state; [`hub`] distributes messages. Numbers such as D16 are decisions of the runtime on how it reads the NC
+//! state machine of outputs and resets for all transports; [`execution`] defines the commands that are allowed in each
+//! state; [`hub`] distributes messages. Numbers such as D16 are decisions of the runtime on how it reads the NC
 //! language, H4 rules of the [handshake](handshake::rules).
 //!
 //! # What may grow

@@ -1,9 +1,10 @@
 //! An interlock or start lock of one coordinate system. Pure; the runtime and the scripted machine share it.
 //!
-//! The input is on while any of its sources is on. A source that a handler has set belongs to that handler: nobody else can clear it.
-//! If the handler leaves, its sources keep their values for the time that it announced, otherwise for the grace time; then they take
-//! the value of their `on_loss`. A source with `on_loss` on has no grace time: an unannounced loss sets it at once. Clients without a presence own nothing: any of them may
-//! clear what another has set. An operator can force a source; the force is shown until the owner writes the source again.
+//! The input is on while any of its sources is on. A source that a handler has set belongs to that handler: no other
+//! sender can clear it. If the handler leaves, its sources keep their values for the time that it announced, otherwise
+//! for the grace time; then they take the value of their `on_loss`. A source with `on_loss` on has no grace time: an
+//! unannounced loss sets it at once. Clients without a presence own nothing: any of them may clear what another has
+//! set. An operator can force a source; the force is shown until the owner writes the source again.
 
 use std::collections::BTreeMap;
 
@@ -11,32 +12,32 @@ use crate::types::handler::Departure;
 use crate::types::lock::{Lock, LockSet, LockSource, OnLoss};
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// Sources of one input of a coordinate system. A further one is refused.
+/// Largest number of sources of one input of a coordinate system. A further one is refused.
 pub const SOURCES_MAX: usize = 64;
 
-/// What an input does while owners of its sources are not there.
+/// Behavior of an input while owners of its sources are lost.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct LockRules {
-    /// Of sources that are not declared.
+    /// `on_loss` of sources that are not declared.
     pub on_loss: OnLoss,
-    /// Declared sources: each begins at its value at a start, and is always shown.
+    /// Declared sources: each has its value of `on_loss` at a start, and is always shown.
     pub sources: BTreeMap<String, OnLoss>,
 }
 
 /// An interlock or a start lock with its sources.
 #[derive(Debug, Default)]
 pub struct LockInput {
-    /// What it is, for people.
+    /// Name of the input for people.
     name: &'static str,
     rules: LockRules,
     // by name, each with at most one entry without an owner
     sources: Vec<LockSource>,
-    /// Owners that left, and until when their sources wait for them, seconds since the start.
+    /// Owners that left, with the time until which their sources wait for them, seconds since the start.
     absent: BTreeMap<String, f64>,
 }
 
 impl LockInput {
-    /// At a start: declared sources have no owner yet.
+    /// Creates the input at a start: declared sources have no owner yet.
     pub fn new(name: &'static str, rules: LockRules) -> Self {
         let sources = rules.sources.iter().map(|(source, on_loss)| LockSource {
             source: source.clone(),
@@ -56,12 +57,12 @@ impl LockInput {
         }
     }
 
-    /// True while any of its sources is on.
+    /// Returns true while any of its sources is on.
     pub fn is_on(&self) -> bool {
         self.sources.iter().any(|source| source.value)
     }
 
-    /// Why it is on; empty while it is off.
+    /// Returns the reasons why it is on; empty while it is off.
     pub fn text(&self) -> String {
         let on = self.sources.iter().filter(|source| source.value);
         let texts = on.map(|source| match source.text.as_str() {
@@ -71,7 +72,7 @@ impl LockInput {
         texts.collect::<Vec<_>>().join("; ")
     }
 
-    /// What is published of it.
+    /// Returns the payload of its topic.
     pub fn state(&self) -> Lock {
         Lock {
             value: self.is_on(),
@@ -80,11 +81,11 @@ impl LockInput {
         }
     }
 
-    /// Sets a source. `judge_writer` says whether an instance writes for a handler.
+    /// Sets a source. `judge_writer` validates the instance that writes for a handler.
     ///
     /// # Errors
-    /// A name or a text that is none; `unavailable`: the handler is not there; `not_allowed`: another instance of it is there, or
-    /// the source stays on, since it is another's; there are too many sources.
+    /// Fails if a name or a text is not valid or there are too many sources; `unavailable` if the handler is offline;
+    /// `not_allowed` if another instance of it is online, or the source stays on because another sender owns it.
     pub fn set(
         &mut self,
         set: LockSet,
@@ -118,7 +119,7 @@ impl LockInput {
         Ok(())
     }
 
-    /// A handler has left. True if a source has changed.
+    /// Handles the departure of a handler. Returns true if a source has changed.
     pub fn leave(&mut self, handler_id: &str, departure: Departure) -> bool {
         if let Some(until_s) = departure.until_s().filter(|_| self.owns(handler_id)) {
             self.absent.insert(handler_id.to_owned(), until_s);
@@ -127,20 +128,20 @@ impl LockInput {
         is_sudden && self.lose(handler_id, |on_loss| on_loss == OnLoss::On)
     }
 
-    /// A handler is online: what it left waits no longer.
+    /// Handles the return of a handler: its sources no longer wait for it.
     pub fn come(&mut self, handler_id: &str) {
         self.absent.remove(handler_id);
     }
 
-    /// Ends the time of handlers that left and did not come back. `is_there` says whether a handler is online. True if a source has
-    /// changed.
+    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler is online.
+    /// Returns true if a source has changed.
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> bool {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
         due.iter().fold(false, |any, id| self.lose(id, |_| true) | any)
     }
 
-    /// When the time of the next handler that left ends, seconds since the start.
+    /// Returns the end of the next waiting time of a handler that left, seconds since the start.
     pub fn next_deadline_s(&self) -> Option<f64> {
         self.absent.values().copied().reduce(f64::min)
     }
@@ -150,7 +151,7 @@ impl LockInput {
         owned.any(|source| source.handler_id.as_deref() == Some(handler_id))
     }
 
-    /// The sources of a handler whose `on_loss` is named take its value. True if there are any.
+    /// Sets the sources of a handler with such an `on_loss` to its value. Returns true if there are any.
     fn lose(&mut self, handler_id: &str, which: impl Fn(OnLoss) -> bool) -> bool {
         let Self { sources, rules, .. } = self;
         let mut any = false;
@@ -177,7 +178,8 @@ impl LockInput {
         any
     }
 
-    /// The entry that a set replaces: its owner's own, else one that waits for an owner or has none.
+    /// Returns the index of the entry that a set replaces: that of its owner, otherwise one that waits for an owner or
+    /// has none.
     fn place_of(&self, set: &LockSet) -> Option<usize> {
         let of_source = |source: &LockSource| source.source == set.source();
         let is_own =
@@ -189,7 +191,7 @@ impl LockInput {
         own.or_else(|| self.sources.iter().position(is_free))
     }
 
-    /// A client without presence clears a source that it has not set.
+    /// Rejects a client without presence that clears the source of a handler.
     fn judge_clear(&self, name: &str) -> Result<(), Refusal> {
         let mut on = self
             .sources
@@ -248,7 +250,7 @@ impl LockInput {
         Ok(())
     }
 
-    /// Forgets what is off and of which nobody is told anything: neither declared, nor owned by a handler that is there.
+    /// Removes entries that are off and that are neither declared nor owned by an online handler.
     fn tidy(&mut self) {
         let declared = &self.rules.sources;
         let mut seen = Vec::new();
@@ -299,12 +301,12 @@ mod tests {
         Err(Refusal::new(RefusalCode::Unavailable, "it is not online"))
     }
 
-    /// A handler is lost, and its grace time has ended.
+    /// Loses a handler, and ends its grace time.
     fn lose(lock: &mut LockInput, handler_id: &str) -> bool {
         lock.leave(handler_id, Departure::Unannounced { until_s: 0.0 }) | lock.expire(0.0, |_| false)
     }
 
-    /// A source of handler `a` for each `on_loss`: on where its loss clears it, and off elsewhere.
+    /// Creates a source of handler `a` for each `on_loss`: on if its loss clears it, otherwise off.
     fn of_each_on_loss() -> LockInput {
         let declared = [("door", OnLoss::On), ("air", OnLoss::Off), ("oil", OnLoss::Keep)];
         let mut lock = input(OnLoss::Keep, &declared);
@@ -314,7 +316,7 @@ mod tests {
         lock
     }
 
-    /// Value and loss of `air`, `door` and `oil`.
+    /// Returns value and loss of `air`, `door` and `oil`.
     fn shown(lock: &LockInput) -> Vec<(bool, bool)> {
         let sources = lock.state().sources;
         sources.iter().map(|source| (source.value, source.lost)).collect()

@@ -82,8 +82,8 @@ impl Outputs {
         }
     }
 
-    /// Takes these M codes only, and tells the machine that they are handled. Otherwise the queue takes all that nobody
-    /// owns, and the machine knows no handler for them: their `unhandled` setting must be `wait`.
+    /// Limits the queue to these M codes, and registers them with the machine. Otherwise the queue receives all outputs
+    /// without an owner, and the machine knows no handler for them: their `unhandled` setting must be `wait`.
     #[must_use]
     pub fn on<By>(mut self, codes: impl MCodes<By>) -> Self {
         let within = codes.m_codes().into_iter().flatten();
@@ -100,24 +100,24 @@ impl Outputs {
         self
     }
 
-    /// What happens with an output whose handler was lost before the reset. The strictest counts of this and of the
-    /// configuration of the M code; where neither says anything, the queue does not return it until an operator decides.
+    /// Sets the treatment of an output whose handler was lost before the reset. The stricter of this and the
+    /// configuration of the M code applies; if neither is set, the queue does not return it until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.on_redelivery = Some(on_redelivery);
         self
     }
 
-    /// Takes the place of a queue or program of the same name that is there, which is told so. Otherwise the machine refuses
-    /// the second.
+    /// Replaces an online queue or program of the same name, which is notified. Without this call the machine refuses
+    /// the second one.
     #[must_use]
     pub fn take_over(mut self) -> Self {
         self.takes_over = true;
         self
     }
 
-    /// The next output that nobody owns. One that was dropped without a claim is returned again when it is published
-    /// again. Cancellation safe.
+    /// Returns the next output without an owner. An output that was dropped without a claim is returned again when it
+    /// is published again. Cancellation safe.
     ///
     /// # Errors
     /// [`Error::Closed`] if the machine's side has ended; [`Error::TakenOver`] if another queue or program of this name has taken

@@ -171,7 +171,7 @@ impl Plc {
         self.within(Duration::from_millis(NOT_AFTER_MS)).await
     }
 
-    /// The same with another time limit, at most 60 s.
+    /// Like the method above, with another time limit of at most 60 s.
     ///
     /// # Errors
     /// As [`Plc::for_person`].
@@ -291,8 +291,9 @@ impl Plc {
         self.request(SkipInput(motor, value)).await
     }
 
-    /// Whether the runtime is online. Over a broker it counts as offline when its last will arrives, or when it has not repeated its
-    /// presence within the age of a presence. Without a connection to the broker, the answer is the last known one.
+    /// Returns whether the runtime is online. Over a broker it is treated as offline after its last will, or if it has
+    /// not repeated its presence before the presence expires. Without a connection to the broker, the answer is the
+    /// last known one.
     pub async fn is_online(&self) -> bool {
         let presence = self.port.read(&Topic::Presence).await;
         presence.is_some_and(|message| matches!(&message.payload, Payload::Presence(said) if said.online))
@@ -312,7 +313,8 @@ impl Plc {
         self.user.as_deref()
     }
 
-    /// The same machine, in the name of a handler. The first one owns the locks that this program has set beside it.
+    /// Returns the same machine, in the name of a handler. The first handler also owns the locks that this program has
+    /// set.
     pub(crate) fn of_handler(&self, handler_id: &str) -> Self {
         let levels = if self.levels.has_owner() {
             Arc::default()

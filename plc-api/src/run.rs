@@ -51,7 +51,7 @@ impl CoordinateSystem {
         })
     }
 
-    /// The run of the loaded program that goes on, or the last one that ended; `None`: there was none.
+    /// Returns the run of the loaded program in progress, or the last one that ended; `None` if there was none.
     ///
     /// # Errors
     /// The machine cannot be reached.

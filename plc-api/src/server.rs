@@ -12,46 +12,46 @@ use crate::wire::right::Right;
 
 /// The port of a machine for its servers.
 pub trait ServedPort: Port {
-    /// Sends a request on behalf of a user whom the server has identified and judged.
+    /// Sends a request on behalf of a user whom the server has authenticated and authorized.
     fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
     /// Receives an event of a server; does not block.
     fn notice(&self, notice: ServerNotice);
 
-    /// The connection to the broker is new, and notices may be lost: open outputs that nobody owns are published again, as redelivered.
-    /// Ends when that is done.
+    /// Publishes open outputs without an owner again, as redelivered, after a new connection to the broker, because
+    /// notices may have been lost. Returns when that is done.
     fn republish(&self) -> BoxFuture<'_, ()>;
 
-    /// The time of day, as the machine's own messages have it.
+    /// Returns the time of day, as in the machine's own messages.
     fn time(&self) -> SystemTime {
         SystemTime::now()
     }
 
-    /// Timing of the servo thread; `None` in simulated time, which has none.
+    /// Returns the timing of the servo thread, or `None` in simulated time, which has no servo thread.
     fn servo_timing(&self) -> Option<ServoTiming>;
 
-    /// Supervises the tasks of a server of this machine.
+    /// Returns the supervisor of the tasks of this machine's servers.
     fn supervisor(&self) -> Supervisor {
         Supervisor::default()
     }
 }
 
-/// Who has made a request, and how it came in.
+/// Sender of a request, and its transport.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin {
-    /// Name of the token; `None`: the server asks for no tokens, or an external broker has let the user in.
+    /// Name of the token; `None` if the server requires no tokens, or an external broker has authenticated the user.
     pub user: Option<String>,
-    /// Address of the host that it came from, where the server knows it: not behind an external broker.
+    /// Address of the sending host, if the server knows it; unknown with an external broker.
     pub from: Option<IpAddr>,
-    /// How it came in.
+    /// Transport of the request.
     pub over: ServerTransport,
-    /// The right that it needed.
+    /// The right that the request required.
     pub right: Right,
-    /// Its age limit.
+    /// Age limit of the request.
     pub not_after: Option<NotAfter>,
 }
 
-/// How a request came in.
+/// Transport of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ServerTransport {
@@ -67,48 +67,48 @@ pub enum ServerTransport {
     CommandLine,
 }
 
-/// Somebody was let in, or was not.
+/// A login or an access that was accepted or refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AccessNote {
-    /// What it was.
+    /// Kind of the event.
     pub what: AccessKind,
-    /// Who: of a refused login the name that was typed.
+    /// The user; for a refused login, the name that was typed.
     pub user: Option<String>,
-    /// Address of its host, where it is known.
+    /// Address of the host, if it is known.
     pub from: Option<IpAddr>,
-    /// How it came in.
+    /// Transport.
     pub over: ServerTransport,
     /// Method and route, or the topic.
     pub request: String,
 }
 
-/// How somebody was let in, or was not.
+/// Kind of a login or access event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AccessKind {
     /// A person has logged in.
     Login,
-    /// A login or a token was wrong.
+    /// A login was refused, or a token was not valid.
     LoginRefused,
-    /// A user may not do what it asked for.
+    /// A user requested an action without the right for it.
     Forbidden,
 }
 
 /// An event of a server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ServerNotice {
-    /// State of its connection to the MQTT broker, which counts as connected until the first such event.
+    /// State of its connection to the MQTT broker, which is assumed to be connected until the first such event.
     BusLink {
         /// True while it is connected.
         connected: bool,
-        /// To which external broker.
+        /// The external broker.
         broker: Option<BrokerInUse>,
     },
-    /// It refused something, which is raised as a warning for the operator. At most 500 characters.
+    /// A refusal of the server, which is raised as a warning for the operator. At most 500 characters.
     Warning(String),
-    /// Somebody was let in, or was not; the journal tells a bounded number of them.
+    /// A login or an access that was accepted or refused; the journal records a limited number of them.
     Access(AccessNote),
-    /// It does not keep retained messages of clients, for this reason; `None`: it has room again.
+    /// The server does not store retained messages of clients, for this reason; `None` if it has room again.
     NotKept(Option<String>),
 }
 
@@ -117,9 +117,9 @@ pub enum ServerNotice {
 pub struct ServoTiming {
     /// Servo period, s.
     pub period_s: f64,
-    /// Servo cycles that were not finished when the next one was due; those that were left out are among them.
+    /// Servo cycles that were not finished when the next one was due, including the omitted ones.
     pub overruns: u64,
-    /// Servo cycles that were left out, since the servo was late by more than two periods.
+    /// Servo cycles that were omitted because the servo was late by more than two periods.
     pub missed: u64,
     /// Exchanges with the drives that ended late.
     pub late_exchanges: u64,

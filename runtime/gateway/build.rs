@@ -1,4 +1,4 @@
-//! Embeds the HMI anew when a file of `web/` or a picture comes, goes or changes.
+//! Embeds the HMI again when a file of `web/` or a picture is added, removed or changed.
 #![allow(clippy::print_stdout, reason = "this is how a build script talks to cargo")]
 
 fn main() {

@@ -6,14 +6,14 @@ use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::{ALARMS, After, AlarmEntry};
 
-/// Alarms kept after they were cleared. The oldest are forgotten.
+/// Maximum number of cleared alarms in the history. The oldest are forgotten.
 pub const ALARM_HISTORY_MAX: usize = 1000;
 
-/// Maximum number of active alarms of one coordinate system, and of the whole machine. Further ones are only published as
-/// events and entered in the history. Reason: all active alarms are one message.
+/// Maximum number of active alarms of one coordinate system, and of the whole machine. Further ones are only published
+/// as events and entered in the history. Reason: all active alarms are one message.
 pub const ALARMS_ACTIVE_MAX: usize = 24;
 
-/// The alarms of a machine.
+/// Alarms of a machine.
 #[derive(Debug, Default)]
 pub(crate) struct Alarms {
     last_id: u64,
@@ -23,18 +23,18 @@ pub(crate) struct Alarms {
     history: VecDeque<AlarmRecord>,
 }
 
-/// What became of an alarm that was to be raised.
+/// Result of raising an alarm.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Raised {
-    /// It is a new one.
+    /// The alarm is new.
     New(AlarmRecord),
     /// The same alarm is active already.
     Active(AlarmRecord),
 }
 
 impl Alarms {
-    /// Raises an alarm or a warning, unless the same one is active. `is_active`: it is active until it is cleared; else
-    /// it is in the history only.
+    /// Raises an alarm or a warning, unless the same one is active. With `is_active` it is active until it is cleared;
+    /// otherwise it appears only in the history.
     pub fn raise(&mut self, record: AlarmRecord, is_active: bool, at: Timestamp) -> Raised {
         if let Some(same) = self.active.iter().find(|active| says_the_same(active, &record)) {
             return Raised::Active(same.clone());
@@ -58,7 +58,7 @@ impl Alarms {
         Raised::New(record)
     }
 
-    /// A warning of the whole machine that stands as long as there is a text. Returns the records that have changed.
+    /// Keeps a warning of the whole machine active as long as there is a text. Returns the records that have changed.
     pub fn stand(&mut self, entry: &AlarmEntry, text: Option<&str>, at: &Timestamp) -> Vec<AlarmRecord> {
         let text = text.map(|text| format!("{}: {text}", entry.title));
         let standing = self.conditions.get(&entry.number).copied();
@@ -93,8 +93,8 @@ impl Alarms {
         changed
     }
 
-    /// Clears the alarms of a coordinate system and those of the whole machine, and returns them. Those that only a restart
-    /// of the runtime clears stay.
+    /// Clears the alarms of a coordinate system and those of the whole machine, and returns them. Alarms that only a
+    /// restart of the runtime clears stay active.
     pub fn clear(&mut self, cs: CoordinateSystemNumber, at: &Timestamp) -> Vec<AlarmRecord> {
         let stands = |id| self.conditions.values().any(|standing| *standing == id);
         let is_cleared = |alarm: &mut AlarmRecord| {
@@ -108,7 +108,7 @@ impl Alarms {
         cleared
     }
 
-    /// Notes who has acknowledged an active alarm; `None` if there is none.
+    /// Notes the user that has acknowledged an active alarm; returns `None` if there is no such alarm.
     pub fn acknowledge(&mut self, id: u64, by: &str) -> Option<AlarmRecord> {
         let record = self.active.iter_mut().find(|alarm| alarm.id == id)?;
         record.acknowledged_by = Some(by.to_owned());
@@ -117,20 +117,20 @@ impl Alarms {
         Some(record)
     }
 
-    /// The payload of `alarm/active`.
+    /// Returns the payload of `alarm/active`.
     pub fn active(&self) -> ActiveAlarms {
         ActiveAlarms {
             alarms: self.active.clone(),
         }
     }
 
-    /// True while an alarm of this number is active in a coordinate system.
+    /// Returns true while an alarm with this number is active in a coordinate system.
     pub fn is_active(&self, number: u16, cs: CoordinateSystemNumber) -> bool {
         let mut active = self.active.iter();
         active.any(|alarm| alarm.number == number && alarm.cs == Some(cs))
     }
 
-    /// Active alarms of a coordinate system and of the whole machine; warnings do not count.
+    /// Returns the number of active alarms of a coordinate system and of the whole machine, without warnings.
     pub fn count(&self, cs: CoordinateSystemNumber) -> u32 {
         let of_cs = |alarm: &&AlarmRecord| {
             alarm.severity == AlarmSeverity::Alarm && alarm.cs.is_none_or(|number| number == cs)
@@ -138,7 +138,7 @@ impl Alarms {
         u32::try_from(self.active.iter().filter(of_cs).count()).unwrap_or(u32::MAX)
     }
 
-    /// The last alarms and warnings, the oldest first.
+    /// Returns the last alarms and warnings, the oldest first.
     pub fn history(&self) -> Vec<AlarmRecord> {
         self.history.iter().cloned().collect()
     }
@@ -150,7 +150,7 @@ impl Alarms {
     }
 }
 
-/// True for an alarm that only a restart of the runtime clears.
+/// Returns true for an alarm that only a restart of the runtime clears.
 fn is_until_restart(record: &AlarmRecord) -> bool {
     let mut entries = ALARMS.iter();
     entries.any(|entry| entry.number == record.number && entry.after == After::Restart)

@@ -1,4 +1,5 @@
-//! The journal of a machine as an audit trail: verified and searched, while the machine runs, and in a copy of its folder.
+//! The journal of a machine as an audit trail: verified and searched while the machine runs, or in a copy of its
+//! folder.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +9,8 @@ use crate::persistence::journal_folder::JOURNAL_FOLDER;
 pub use crate::persistence::journal_query::{LeftOut, search};
 pub use crate::persistence::journal_verify::{Break, Verified, verify};
 
-/// The folder of the journal in a data folder; a folder without one is that of the journal itself.
+/// Returns the folder of the journal in a data folder; a folder without a journal in it is taken as the journal's
+/// folder itself.
 pub fn journal_folder(folder: &Path) -> PathBuf {
     let below = folder.join(JOURNAL_FOLDER);
     if below.is_dir() { below } else { folder.to_owned() }

@@ -1,4 +1,4 @@
-//! What a machine publishes of itself: its birth message.
+//! The birth message, with which a machine describes itself.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use tandem_model::settings::{MotorKind, Unit};
 use crate::config::{CoordinateSystem, Machine};
 use crate::sequence::stock;
 
-/// What the machine is, with who serves its M codes.
+/// Returns the description of the machine, with the handlers of its M codes.
 pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresence>) -> Birth {
     let systems = machine.coordinate_systems.iter().map(|system| {
         let axes = system.settings.axes();
@@ -79,10 +79,11 @@ pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresen
     }
 }
 
-/// M codes with who serves them in `birth`; further ones are left out. Reason: it is one message.
+/// Maximum number of M codes listed with their handlers in `birth`; further ones are left out. Reason: it is one
+/// message.
 const SERVES_MAX: usize = 1000;
 
-/// Who serves which M codes: the stock sequence program, and the handlers that are there.
+/// Returns the handlers of each M code: the stock sequence program and the online handlers.
 fn serves(machine: &Machine, handlers: &BTreeMap<String, HandlerPresence>) -> Vec<ServedMCode> {
     let mut all: Vec<ServedMCode> = Vec::new();
     for m in 0..=M_CODE_MAX {

@@ -1,4 +1,4 @@
-//! The clock: the only place of the runtime that reads time. Real time, or time that a simulation counts.
+//! The clock: the only place of the runtime that reads time. It gives real time, or the time of a simulation.
 
 use std::collections::BTreeMap;
 use std::future::Future;
@@ -25,13 +25,13 @@ enum Kind {
         wall: SystemTime,
     },
     Simulated(Arc<SimulatedTime>),
-    /// That of an executor whose time is paused.
+    /// The clock of an executor whose time is paused.
     #[cfg(test)]
     Paused(Arc<PausedTime>),
 }
 
-/// Time that passes when nobody has anything to do, and a little with each reading, as it does for whoever reads it twice:
-/// up to the next millisecond, in which the executor counts.
+/// Time that advances when all tasks are idle. Each reading also advances it a little, up to the next millisecond, the
+/// resolution of the executor, so that two readings differ.
 #[cfg(test)]
 #[derive(Debug)]
 struct PausedTime {
@@ -53,12 +53,12 @@ impl PausedTime {
     }
 }
 
-/// What each servo cycle reads is outside the lock.
+/// State of simulated time. Values read in each servo cycle are outside the lock.
 #[derive(Debug)]
 struct SimulatedTime {
     started: Instant,
     now_ns: AtomicU64,
-    /// When the first timer is due; [`NEVER_NS`]: there is none.
+    /// Due time of the first timer; [`NEVER_NS`] if there is none.
     next_due_ns: AtomicU64,
     timers: Mutex<Timers>,
 }
@@ -76,7 +76,7 @@ impl Timers {
     }
 }
 
-/// Later than any sleeper is due.
+/// Later than the due time of any sleeper.
 const NEVER_NS: u64 = u64::MAX;
 
 impl SimulatedTime {
@@ -90,7 +90,8 @@ impl SimulatedTime {
 
     /// Changes the timers.
     fn change<T>(&self, change: impl FnOnce(&mut Timers) -> T) -> T {
-        // A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
+        // A poisoned lock means that another thread panicked while a value was being stored; the values themselves are
+        // whole.
         let mut timers = self.timers.lock();
         let changed = change(&mut timers);
         let first = timers.by_time.keys().next();
@@ -100,7 +101,7 @@ impl SimulatedTime {
     }
 }
 
-/// The time of day, which a person may change at any moment; what happened is ordered by numbers.
+/// Returns the time of day. A person may change it at any moment, so events are ordered by numbers.
 pub(crate) fn time_of_day() -> SystemTime {
     #[cfg(test)]
     if let Some(simulated) = crate::disk::simulated::memory::time_of_day() {
@@ -110,7 +111,7 @@ pub(crate) fn time_of_day() -> SystemTime {
 }
 
 impl Clock {
-    /// Real time, from now.
+    /// Creates a clock of real time that starts now.
     pub fn real() -> Self {
         Self(Kind::Real {
             start: Instant::now(),
@@ -118,7 +119,7 @@ impl Clock {
         })
     }
 
-    /// The time of an executor that is paused, from now, which is so late in the day.
+    /// Creates the clock of a paused executor that starts now, at this time of day.
     #[cfg(test)]
     pub fn paused(wall: SystemTime) -> Self {
         Self(Kind::Paused(Arc::new(PausedTime {
@@ -128,7 +129,7 @@ impl Clock {
         })))
     }
 
-    /// Simulated time, at 0.
+    /// Creates a clock of simulated time that starts at 0.
     pub fn simulated() -> Self {
         Self(Kind::Simulated(Arc::new(SimulatedTime {
             started: Instant::now(),
@@ -138,22 +139,22 @@ impl Clock {
         })))
     }
 
-    /// True for simulated time.
+    /// Returns true for simulated time.
     pub fn is_simulated(&self) -> bool {
         !matches!(self.0, Kind::Real { .. })
     }
 
-    /// Seconds since the start.
+    /// Returns the seconds since the start.
     pub fn now_s(&self) -> f64 {
         self.now().monotonic_s
     }
 
-    /// Wall time.
+    /// Returns the wall time.
     pub fn wall(&self) -> SystemTime {
         self.now().time
     }
 
-    /// Both, of one moment.
+    /// Returns the time since the start and the wall time of the same moment.
     pub fn now(&self) -> Now {
         let real = |since_start: Duration, wall: SystemTime| Now {
             monotonic_s: since_start.as_secs_f64(),
@@ -174,7 +175,7 @@ impl Clock {
         }
     }
 
-    /// Real time since the start, also where time is simulated: it never stands still and never jumps.
+    /// Returns the real time since the start, even in simulated time: it never stands still and never jumps.
     pub fn real_time(&self) -> Duration {
         match &self.0 {
             Kind::Real { start, .. } => start.elapsed(),
@@ -184,7 +185,7 @@ impl Clock {
         }
     }
 
-    /// Sleeps for a time of this clock.
+    /// Sleeps for this duration of the clock.
     pub async fn sleep(&self, duration: Duration) {
         match &self.0 {
             Kind::Real { .. } => tokio::time::sleep(duration).await,
@@ -203,8 +204,8 @@ impl Clock {
         }
     }
 
-    /// Waits so long at most, in real time also where time is simulated: for what may not come although nothing else happens.
-    /// `None`: it has not come.
+    /// Waits for the result at most this long, in real time even if time is simulated, because the result may never
+    /// arrive. Returns `None` if it does not arrive within the limit.
     pub async fn within_real<T>(&self, limit: Duration, work: impl Future<Output = T>) -> Option<T> {
         if !matches!(self.0, Kind::Simulated(_)) {
             return tokio::time::timeout(limit, work).await.ok();
@@ -238,7 +239,7 @@ impl Clock {
         }
     }
 
-    /// Simulated time only: wakes every sleeper that is due. True when there was one.
+    /// Simulated time only: wakes every sleeper that is due. Returns true if there was one.
     pub(crate) fn wake_due(&self) -> bool {
         let Kind::Simulated(time) = &self.0 else {
             return false;
@@ -254,7 +255,7 @@ impl Clock {
         woken
     }
 
-    /// Simulated time only: when the next sleeper is due, ns.
+    /// Simulated time only: returns the due time of the next sleeper, ns.
     pub(crate) fn next_due_ns(&self) -> Option<u64> {
         let Kind::Simulated(time) = &self.0 else {
             return None;

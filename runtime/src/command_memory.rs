@@ -1,7 +1,7 @@
-//! Memory of the commands of the last minutes: a repeated command gets its stored reply, and nothing is done twice.
+//! Memory of the commands of the last minutes: a repeated command gets its stored reply, and is not executed twice.
 //!
-//! Each user has memory of its own, so that none evicts what another has commanded. What can move the machine is never
-//! forgotten early: if it does not fit, a new command is rejected.
+//! Each user has separate memory, so that no user evicts the commands of another. Commands that can move the machine
+//! are never forgotten early: if a new one does not fit, it is rejected.
 
 use std::collections::hash_map::DefaultHasher;
 use std::collections::{BTreeMap, VecDeque};
@@ -14,22 +14,23 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandReply, CommandStatus, MemoryKey, Verb};
 use plc_api::types::request::{Refusal, RefusalCode};
 
-/// How long a command's reply is kept: a command with the same id gets it again instead of being carried out twice.
+/// Validity of a command's reply: a command with the same id gets it again instead of being executed twice.
 pub const COMMAND_MEMORY: Duration = Duration::from_mins(10);
 
-/// Bytes of one kind of commands of one user. Reason: 9,000 commands, which is 15 per second for 10 minutes.
+/// Memory for one kind of commands of one user, in bytes. Reason: 9,000 commands, which is 15 per second for 10
+/// minutes.
 pub const USER_BYTES_MAX: usize = 4 << 20;
 
-/// Bytes of all commands of all users. Reason: eight users at their limits of motion commands.
+/// Memory for all commands of all users, in bytes. Reason: eight users at their limits of motion commands.
 pub const MEMORY_BYTES_MAX: usize = 32 << 20;
 
-/// Bytes of one command at most, which are set aside until its last reply.
+/// Maximum size of one command in bytes, reserved until its last reply.
 const ENTRY_BYTES_MAX: usize = 2048;
 
-/// Bytes of a command besides its texts: its nodes in two collections.
+/// Size of a command without its texts, in bytes: its nodes in two collections.
 const ENTRY_BYTES: usize = 256;
 
-/// Bytes of a reply's text that are kept. Reason: with them, every command fits in [`ENTRY_BYTES_MAX`].
+/// Maximum stored length of a reply's text in bytes. Reason: with it, every command fits in [`ENTRY_BYTES_MAX`].
 const TEXT_BYTES_MAX: usize = 512;
 
 /// Commands by users and ids.
@@ -46,7 +47,7 @@ struct UserMemory {
     lanes: BTreeMap<CommandKind, Lane>,
 }
 
-/// Commands of one kind, in the order in which they came.
+/// Commands of one kind, in the order of their arrival.
 #[derive(Debug, Default)]
 struct Lane {
     order: VecDeque<String>,
@@ -58,34 +59,34 @@ struct Known {
     at: SystemTime,
     asked: Asked,
     bytes: usize,
-    /// `None` until it has been answered.
+    /// `None` until the command is answered.
     reply: Option<CommandReply>,
 }
 
-/// What happens when the memory of a user is full.
+/// Behaviour when the memory of a user is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum CommandKind {
     /// Start, run, resume, back trace, MDI, jog, home, load and reset: a new one is rejected.
     Motion,
     /// The user's oldest of these is forgotten.
     Other,
-    /// Hold, stop and abort: the same. They are executed in any case.
+    /// Hold, stop and abort: also the user's oldest of these is forgotten. They are executed in any case.
     Urgent,
 }
 
-/// What a command asks for, to tell the same command sent again from another one with its id.
+/// Content of a command, which distinguishes a repeated command from another one with the same id.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Asked {
-    /// For people.
+    /// Text for the user.
     words: String,
     content: u64,
     kind: CommandKind,
-    /// Of hold, stop and abort: they are carried out whatever their id was used for before.
+    /// Set for hold, stop and abort: they are executed even if their id was used before.
     urgent_of: Option<String>,
 }
 
 impl Asked {
-    /// A request that moves nothing.
+    /// Creates the content of a request that moves nothing.
     pub fn new(words: String, content: &impl Debug) -> Self {
         let mut hasher = DefaultHasher::new();
         format!("{content:?}").hash(&mut hasher);
@@ -112,7 +113,7 @@ impl Asked {
         }
     }
 
-    /// Where it is remembered: hold, stop and abort replace no command of the same id.
+    /// Returns its key in the memory: hold, stop and abort replace no command of the same id.
     pub fn key(&self, user: impl Into<String>, command_id: &str) -> MemoryKey {
         let client_id = self.urgent_of.as_deref().unwrap_or_default();
         MemoryKey {
@@ -122,24 +123,24 @@ impl Asked {
     }
 }
 
-/// What is known of a command.
+/// Result of looking up a command.
 #[expect(
     clippy::large_enum_variant,
     reason = "it lives while one command is looked up"
 )]
 #[derive(Debug, PartialEq)]
 pub(crate) enum Recalled {
-    /// Nothing.
+    /// The command is unknown.
     New,
-    /// It came before, and was answered, or is not yet.
+    /// The command is repeated; its reply, if there is one already.
     Again(Option<CommandReply>),
-    /// Its id is that of another command: of which.
+    /// Another command, described here, has this id.
     OtherCommand(String),
-    /// Nothing, and it cannot be remembered.
+    /// The command is unknown and cannot be remembered.
     Full,
 }
 
-/// The refusal of a command that cannot be remembered.
+/// Returns the refusal of a command that cannot be remembered.
 pub(crate) fn memory_is_full() -> Refusal {
     let text = format!(
         "this user has sent as many commands in the last {} minutes as are remembered ({} MiB), so a repetition could not be \
@@ -161,7 +162,7 @@ impl CommandMemory {
         }
     }
 
-    /// The same, and remembers it when it is new.
+    /// Looks a command up, and remembers it if it is new.
     pub fn recall(&mut self, key: &MemoryKey, asked: Asked, now: SystemTime) -> Recalled {
         match self.look_up(key, &asked, now) {
             Recalled::New => self.remember(key, asked, now),
@@ -181,7 +182,7 @@ impl CommandMemory {
                 return Recalled::Full;
             }
             if !self.forget_oldest(&key.user, kind) {
-                // other users have filled it: the command is executed, and not remembered
+                // other users have filled the memory: the command is executed, and not remembered
                 return Recalled::New;
             }
         }
@@ -200,7 +201,7 @@ impl CommandMemory {
         Recalled::New
     }
 
-    /// Removes the hold, stop or abort of which another one has the key now.
+    /// Removes the hold, stop or abort whose key a new one has taken.
     fn replace(&mut self, key: &MemoryKey) {
         let Some(memory) = self.users.get_mut(&key.user) else {
             return;
@@ -221,7 +222,7 @@ impl CommandMemory {
         bytes + ENTRY_BYTES_MAX <= USER_BYTES_MAX && self.bytes + ENTRY_BYTES_MAX <= MEMORY_BYTES_MAX
     }
 
-    /// Keeps the last reply to a command.
+    /// Stores the last reply to a command.
     pub fn on_reply(&mut self, key: &MemoryKey, reply: &CommandReply, now: SystemTime) {
         let Some(memory) = self.users.get_mut(&key.user) else {
             return;
@@ -243,19 +244,19 @@ impl CommandMemory {
         self.bytes -= freed;
     }
 
-    /// The last reply to a command.
+    /// Returns the last reply to a command.
     pub fn reply(&self, key: &MemoryKey) -> Option<&CommandReply> {
         self.known(key)?.reply.as_ref()
     }
 
-    /// The last reply to a command by its id: of this user, else of any other.
+    /// Returns the last reply to a command by its id: of this user, else of any other.
     pub fn find_reply(&self, user: &str, command_id: &str) -> Option<&CommandReply> {
         let own = self.users.get(user).into_iter();
         let mut all = own.chain(self.users.values());
         all.find_map(|memory| memory.reply(command_id))
     }
 
-    /// False when there is none of this kind.
+    /// Forgets the oldest command of this kind. Returns false if there is none.
     fn forget_oldest(&mut self, user: &str, kind: CommandKind) -> bool {
         let Some(memory) = self.users.get_mut(user) else {
             return false;
@@ -272,7 +273,7 @@ impl CommandMemory {
     }
 
     fn forget_expired(&mut self, now: SystemTime) {
-        // a clock that goes back makes nothing older
+        // if the clock is set back, no entry expires
         let is_fresh = |known: &Known| {
             now.duration_since(known.at)
                 .is_ok_and(|age| age <= COMMAND_MEMORY)
@@ -306,7 +307,7 @@ impl UserMemory {
     }
 }
 
-/// Bytes of a command with its last reply.
+/// Returns the size of a command with its last reply, in bytes.
 fn bytes_of(key: &str, asked: &Asked, reply: &CommandReply) -> usize {
     let texts = [
         Some(&reply.command_id),
@@ -354,7 +355,7 @@ mod tests {
         }
     }
 
-    /// Commands until one is rejected or `most` are remembered, each answered.
+    /// Adds answered commands until one is rejected or `most` are remembered.
     fn fill(memory: &mut CommandMemory, user: &str, command: &Command, most: usize) -> usize {
         for n in 0..most {
             let id = format!("fill-{n}");

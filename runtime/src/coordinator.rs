@@ -42,21 +42,22 @@ use crate::tables::Tables;
 pub(crate) use opening::everything;
 use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
 
-/// How often positions, variables and the heartbeat are published, at the most; program places and spindles half as often.
+/// Shortest interval at which positions, variables and the heartbeat are published; program places and spindles are
+/// published half as often.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Why a runtime does not start.
+/// Reason why a runtime does not start.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The configuration is refused.
+    /// The configuration is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// What is kept on disk cannot be reached.
+    /// The data on disk cannot be reached.
     #[error("[machine] data_dir = {path}: {error}")]
     DataDir {
-        /// Which folder.
+        /// The folder.
         path: String,
-        /// Why.
+        /// Error of the operating system.
         error: io::Error,
     },
     /// A program of the configuration cannot be read.
@@ -64,21 +65,21 @@ pub enum StartError {
     Program {
         /// Program number.
         number: u16,
-        /// Which file.
+        /// The file.
         path: String,
-        /// Why.
+        /// Error of the operating system.
         error: io::Error,
     },
     /// The store could not be opened.
     #[error("the program store does not open: {0}")]
     Store(String),
-    /// The hardware does not come up.
+    /// The hardware does not start.
     #[error("the hardware does not start: {0}")]
     Hardware(io::Error),
-    /// The operating system gives no thread.
+    /// The operating system provides no thread.
     #[error("the servo thread does not start: {0}")]
     Servo(io::Error),
-    /// The operating system gives no thread.
+    /// The operating system provides no thread.
     #[error("the thread that keeps what changes does not start: {0}")]
     Thread(io::Error),
     /// A simulated runtime was started outside of [`simulation::run`], or a second one inside it.
@@ -93,7 +94,7 @@ pub struct Runtime {
     tasks: JoinSet<()>,
     servo: Option<ServoThread>,
     simulation: Option<Arc<Simulation>>,
-    /// What is kept, and the journal; `None` in simulated time.
+    /// Stored data and the journal; `None` in simulated time.
     kept: Option<Keepers>,
 }
 
@@ -101,15 +102,16 @@ impl Runtime {
     /// Starts the machine of a configuration in real time, with simulated hardware and without server ends.
     ///
     /// # Errors
-    /// The configuration, its programs or its data folder are refused, or there is no thread for the servo.
+    /// Returns an error if the configuration, its programs or its data folder are refused, or if there is no thread for
+    /// the servo.
     pub async fn start(config: Config) -> Result<Runtime, StartError> {
         Self::start_on(config, Hardware::simulated_factory()).await
     }
 
-    /// As [`Runtime::start`], on this hardware.
+    /// Starts the machine as [`Runtime::start`] does, on this hardware.
     ///
     /// # Errors
-    /// Those of [`Runtime::start`], or the hardware does not come up.
+    /// Returns an error in the cases of [`Runtime::start`], or if the hardware does not start.
     pub async fn start_on(config: Config, hardware: HardwareFactory) -> Result<Runtime, StartError> {
         let machine = config.resolve()?;
         let boot_id = new_boot_id();
@@ -135,7 +137,8 @@ impl Runtime {
         Ok(runtime)
     }
 
-    /// As [`Runtime::start`], but on the disk, the threads and the time of a simulated world, which moves the servo.
+    /// Starts the machine as [`Runtime::start`] does, but on the disk, the threads and the time of a simulated world,
+    /// which moves the servo.
     #[cfg(test)]
     pub(crate) fn start_in_world(
         machine: Machine,
@@ -148,10 +151,10 @@ impl Runtime {
         Ok((runtime, servo, shared))
     }
 
-    /// Starts a machine in simulated time, inside [`simulation::run`]. It keeps nothing on disk.
+    /// Starts a machine in simulated time, inside [`simulation::run`]. It stores nothing on disk.
     ///
     /// # Errors
-    /// A program of the configuration cannot be read, the hardware does not come up, or this is not inside
+    /// Returns an error if a program of the configuration cannot be read, if the hardware does not start, or outside of
     /// [`simulation::run`].
     pub fn start_simulated(
         machine: Machine,
@@ -203,64 +206,64 @@ impl Runtime {
         })
     }
 
-    /// The whole sequence-control interface of the machine.
+    /// Returns the whole sequence-control interface of the machine.
     pub fn port(&self) -> Arc<dyn Port> {
         Arc::<RuntimePort>::clone(&self.port)
     }
 
-    /// What its parts share.
+    /// Returns the state shared by its parts.
     #[cfg(test)]
     pub(crate) fn shared(&self) -> &Arc<crate::shared::Shared> {
         &self.port.shared
     }
 
-    /// The same for server ends.
+    /// Returns this interface with the additional functions for server ends.
     pub fn served_port(&self) -> Arc<dyn ServedPort> {
         Arc::<RuntimePort>::clone(&self.port)
     }
 
-    /// The machine as configured.
+    /// Returns the machine as configured.
     pub fn machine(&self) -> &Machine {
         &self.port.shared.machine
     }
 
-    /// P variables, and the Q variables of a coordinate system; `None`: there is no such coordinate system.
+    /// Returns P variables and the Q variables of a coordinate system; `None` if the coordinate system does not exist.
     pub fn variables(&self, cs: CoordinateSystemNumber) -> Option<Variables> {
         let tables = &self.port.shared.tables;
         let is_there = tables.coordinate_systems().any(|number| number == cs);
         is_there.then(|| tables.variables(cs))
     }
 
-    /// Tells the transform that is in force where a coordinate system is, from the programmed point to the machine
-    /// position; `None`: there is no such coordinate system.
+    /// Returns a function for the transform in force at a coordinate system's current position, from the programmed
+    /// point to the machine position; `None` if the coordinate system does not exist.
     pub fn transform_of(&self, cs: CoordinateSystemNumber) -> Option<impl Fn() -> Transform + Send + use<>> {
         let mut mailboxes = self.port.mailboxes.iter();
         let view = Arc::clone(&mailboxes.find(|mailbox| mailbox.number == cs)?.view);
         Some(move || view.transform())
     }
 
-    /// Resolves when a fault in a task or a thread demands that the runtime stops, with the reason: shut it down then.
+    /// Resolves with the reason when a fault in a task or a thread requires the runtime to stop; then shut it down.
     pub async fn failed(&self) -> String {
         let supervisor = self.port.shared.supervisor.clone();
         supervisor.exit().await
     }
 
-    /// The program store.
+    /// Returns the program store.
     pub fn store(&self) -> &ProgramStore {
         &self.port.shared.store
     }
 
-    /// How punctual the servo thread is; `None` in simulated time.
+    /// Returns the punctuality of the servo thread; `None` in simulated time.
     pub fn servo_statistics(&self) -> Option<Arc<ServoStatistics>> {
         self.servo.as_ref().map(|_| Arc::clone(&self.port.shared.servo))
     }
 
-    /// The simulation; `None` in real time.
+    /// Returns the simulation; `None` in real time.
     pub fn simulation(&self) -> Option<Arc<Simulation>> {
         self.simulation.clone()
     }
 
-    /// Stops the machine in order: motion comes to rest on its path, outputs are cancelled, the tasks end.
+    /// Stops the machine in order: motion stops on its path, outputs are cancelled, the tasks end.
     pub async fn shutdown(mut self) {
         self.port.stop_all().await;
         self.port.shared.closing.cancel();
@@ -271,13 +274,13 @@ impl Runtime {
         let presence = presence(&self.port.shared, false);
         (self.port.shared).publish(Topic::Presence, Payload::Presence(presence));
         let kept = self.kept.take();
-        // What is left is written; a failure is in the log.
+        // Dropping it writes all pending data; a failure is logged.
         let _ = tokio::task::spawn_blocking(move || drop(kept)).await;
         self.port.shared.hub.close();
     }
 }
 
-/// What a start has opened.
+/// Resources opened by a start.
 struct Opened {
     data: Option<Data>,
     programs: Programs,
@@ -286,7 +289,7 @@ struct Opened {
 }
 
 impl Opened {
-    /// Opens the data folder, the programs and the hardware. It waits for the disk.
+    /// Opens the data folder, the programs and the hardware. It blocks on the disk.
     fn open(machine: &Machine, boot_id: BootId, hardware: HardwareFactory) -> Result<Self, StartError> {
         let data = Data::open(machine, boot_id)?;
         let health = data
@@ -305,7 +308,7 @@ impl Opened {
         })
     }
 
-    /// The runtime but for its servo, which nobody moves yet.
+    /// Assembles the runtime and its servo, which no thread drives yet.
     fn put_together(
         self,
         machine: Machine,
@@ -375,7 +378,7 @@ impl Opened {
     }
 }
 
-/// What both kinds of time have in common.
+/// Parts common to real and simulated time.
 struct Parts {
     mailboxes: Vec<Arc<Mailbox>>,
     tasks: JoinSet<()>,
@@ -491,7 +494,7 @@ async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
     }
 }
 
-/// Says again and again that the runtime is there, before its presence is too old.
+/// Publishes the presence of the runtime repeatedly, before it expires.
 async fn publish_presence(shared: Arc<Shared>) {
     let every = Duration::from_millis(shared.machine.presence_expires_ms) / REFRESHES;
     loop {
@@ -502,7 +505,7 @@ async fn publish_presence(shared: Arc<Shared>) {
     }
 }
 
-/// The journal begins anew, and the operator is warned of runs that the end of an earlier start cut short.
+/// Starts the journal of this start, and warns the operator of runs that the end of an earlier start cut short.
 fn report_last_runs(shared: &Shared, last_runs: &LastRuns, ended: &[Run]) {
     for system in &shared.machine.coordinate_systems {
         let cs = system.settings.number;
@@ -521,7 +524,8 @@ fn report_last_runs(shared: &Shared, last_runs: &LastRuns, ended: &[Run]) {
     }
 }
 
-/// Runs and counters continue where the store and the journal have ended. Returns the runs that the end of the runtime ended.
+/// Continues runs and counters where the store and the journal have ended. Returns the runs that were ended by the end
+/// of the runtime.
 fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[Value]) -> Vec<Run> {
     let place_of = |run: &Run| {
         let last = &last_runs.get(&run.cs)?.run;
@@ -533,7 +537,7 @@ fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[
     shared.runs.lock().restore(kept, lines, place_of, now)
 }
 
-/// The operator is warned of motors that stand outside soft limits which have changed.
+/// Warns the operator of motors that stand outside soft limits which have changed.
 fn report_positions(shared: &Shared, kept: &KeptPositions) {
     for system in &shared.machine.coordinate_systems {
         for text in kept.outside(&system.settings) {

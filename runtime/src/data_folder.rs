@@ -29,7 +29,7 @@ use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::Inspection;
 use crate::tables::{LOST_VALUE, Tables};
 
-/// An opened data folder, which no runtime works with meanwhile.
+/// An opened data folder, locked against use by a runtime.
 #[derive(Debug)]
 pub struct DataFolder {
     path: PathBuf,
@@ -39,29 +39,29 @@ pub struct DataFolder {
     _lock: Option<Lock>,
 }
 
-/// What is wrong with a data folder.
+/// Findings in a data folder.
 #[derive(Debug, Default)]
 pub struct Findings {
-    /// Damage, each with its place.
+    /// Damage, each with its location.
     pub damaged: Vec<String>,
-    /// What is worth knowing and no damage.
+    /// Notes that do not describe damage.
     pub notes: Vec<String>,
 }
 
-/// A lost value and what the last good generation has in its place.
+/// A lost value and its replacement in the last good generation.
 #[derive(Debug)]
 pub struct Offer {
-    /// The value, in words.
+    /// Description of the value.
     pub what: String,
-    /// Its older value; `None`: there is none.
+    /// Its older value; `None` if there is none.
     pub older: Option<String>,
 }
 
 impl DataFolder {
-    /// Opens the data folder of a machine, and looks at it.
+    /// Opens and inspects the data folder of a machine.
     ///
     /// # Errors
-    /// There is none, or a runtime works with it.
+    /// Returns an error if the folder does not exist, or if a runtime is using it.
     pub fn open(machine: Machine) -> io::Result<Self> {
         let missing = || {
             io::Error::new(
@@ -87,26 +87,27 @@ impl DataFolder {
         })
     }
 
-    /// Writes into the journal who changes something here, and by which command; nothing where there is no journal.
+    /// Records in the journal the user and the command that change this folder; does nothing without a journal.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn record(&self, user: Option<String>, command: &str) -> io::Result<()> {
         self.ask();
         append(&self.path, &self.inspection.generations, user, command).map(drop)
     }
 
-    /// What is about to be written hides that files do not fit together: the question about them is noted before.
+    /// Records the question about inconsistent files beforehand, because the following write would hide the
+    /// inconsistency.
     fn ask(&self) -> OpenQuestion {
         let newest = newest(&self.path.join(JOURNAL_FOLDER), 0, 1).time();
         let since = Timestamp::from_system_time(time_of_day());
         self.inspection.ask(&self.path, since, newest)
     }
 
-    /// The same in the data folder of a machine. False where there is no journal.
+    /// Records the user and the command in the journal of a machine's data folder. Returns false without a journal.
     ///
     /// # Errors
-    /// A runtime works with it, or the disk refuses.
+    /// Returns an error if a runtime is using the folder, or if the disk operation fails.
     pub fn record_in(machine: &Machine, user: Option<String>, command: &str) -> io::Result<bool> {
         let Some(path) = machine.data_dir.as_ref().filter(|path| path.is_dir()) else {
             return Ok(false);
@@ -123,7 +124,7 @@ impl DataFolder {
         append(path, &folder.inspection.generations, user, command)
     }
 
-    /// Looks at all that is kept. It changes nothing.
+    /// Verifies all stored data without changing anything.
     pub fn verify(&self) -> Findings {
         let mut findings = Findings::default();
         let store = self.path.join(STORE_FILE);
@@ -215,12 +216,12 @@ impl DataFolder {
         self.path.join("programs")
     }
 
-    /// The kept values as a document.
+    /// Returns the stored values as a document.
     pub fn export(&self) -> String {
         Generation::text(&self.judged.image)
     }
 
-    /// Every lost value, with what the last good generation has, and when that was written.
+    /// Returns every lost value with its replacement in the last good generation, and the time of that generation.
     pub fn offers(&self) -> (Option<String>, Vec<Offer>) {
         let generation = Generation::read(&self.path).ok();
         let lost = lost_in(&self.judged.image).into_iter();
@@ -234,10 +235,10 @@ impl DataFolder {
         (written, offers.collect())
     }
 
-    /// Takes the lost values that the last good generation has from it; gives what is still lost.
+    /// Restores lost values from the last good generation; returns the values still lost.
     ///
     /// # Errors
-    /// The disk refuses, or there is no good generation.
+    /// Returns an error if the disk operation fails, or if there is no good generation.
     pub fn repair(&mut self) -> io::Result<Vec<String>> {
         let generation = Generation::read(&self.path)?;
         let mut change = Image::default();
@@ -261,13 +262,13 @@ impl DataFolder {
         Ok(lost_in(&self.judged.image).into_values().collect())
     }
 
-    /// Takes over the values of a document; all others stay. Gives how many there are.
+    /// Imports the values of a document; all others stay. Returns the number of values.
     ///
     /// # Errors
-    /// It is no such document, or the disk refuses; nothing has changed then.
+    /// Returns an error if the document is invalid or the disk operation fails; nothing has changed then.
     pub fn import(&mut self, text: &str) -> io::Result<usize> {
         let Image { pages, mut values } = Generation::of_text(text, false)?.image;
-        // where motors stand is true of the machine that exported it alone
+        // motor positions apply only to the machine that exported them
         values.retain(|name, _| !name.starts_with(&format!("{POSITION}/")));
         let (tables, count) = (Tables::new(&self.machine), pages.len() + values.len());
         let mut change = Image {
@@ -280,7 +281,7 @@ impl DataFolder {
             return Err(io::Error::new(io::ErrorKind::InvalidData, text));
         }
         for (key, mut page) in pages {
-            // what was lost when it was exported stays as it is
+            // values that were lost at the export stay unchanged
             let now = self
                 .judged
                 .image
@@ -298,10 +299,10 @@ impl DataFolder {
         Ok(count)
     }
 
-    /// Takes a program's file as it is now.
+    /// Accepts a program's file in its current form.
     ///
     /// # Errors
-    /// There is none, or the disk refuses.
+    /// Returns an error if the file does not exist, or if the disk operation fails.
     pub fn accept_program(&self, number: u16) -> io::Result<()> {
         self.ask();
         let opening = Opening {
@@ -321,12 +322,12 @@ impl DataFolder {
         store.commit(&change)?;
         self.judged.image.take_over(change);
         drop(store);
-        // as a start finds it
+        // as a start would find it
         self.judged = judge(&self.path);
         Ok(())
     }
 
-    /// The folder.
+    /// Returns the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -381,7 +382,7 @@ fn older(generation: &Generation, name: &str) -> Option<String> {
     Some(value.get("now").unwrap_or(&value).to_string())
 }
 
-/// Each lost value of an image by its name, in words.
+/// Describes each lost value of an image, by its name.
 fn lost_in(image: &Image) -> BTreeMap<String, String> {
     let mut lost = BTreeMap::new();
     for name in image.names() {
@@ -416,7 +417,7 @@ fn has_null(axes: &serde_json::Map<String, serde_json::Value>) -> bool {
     axes.values().any(serde_json::Value::is_null)
 }
 
-/// A value by its name, in words: `P384 to P511`.
+/// Describes a value by its name: `P384 to P511`.
 fn in_words(name: &str) -> String {
     let parts: Vec<&str> = name.split('/').collect();
     let of = |cs: &str| match cs.parse::<CoordinateSystemNumber>() {

@@ -1,5 +1,5 @@
-//! The watch over the data folder: it raises alarms for files that cannot be written, are damaged or were changed outside,
-//! and for a full disk, and ends them when the cause ends. It has a thread of its own, because a disk may be slow.
+//! Watches the data folder: raises alarms for files that cannot be written, are damaged or were changed outside, and
+//! for a full disk, and ends them when the cause ends. It has its own thread, because a disk may be slow.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,19 +19,19 @@ use crate::journal::Event;
 use crate::shared::Shared;
 use crate::threads::{self, Thread};
 
-/// Time between two looks at what others have noted.
+/// Time between two checks of the findings of other threads.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// Every how many looks the disk itself is examined.
+/// Number of checks between two inspections of the disk itself.
 const DISK_EVERY: u32 = 10;
 
-/// Bytes below which a disk counts as full. Reason: a change of all that is kept takes less.
+/// Free bytes below which a disk counts as full. Reason: a change of all stored data needs less.
 const FREE_MIN: u64 = 1 << 20;
 
 /// Maximum number of items that one text names.
 const NAMED_MAX: usize = 20;
 
-/// The thread. Dropping it ends it.
+/// Handle of the thread. Dropping it ends the thread.
 #[derive(Debug)]
 pub(crate) struct DataWatch {
     stop: Option<Sender<()>>,
@@ -39,10 +39,10 @@ pub(crate) struct DataWatch {
 }
 
 impl DataWatch {
-    /// Begins to watch the data folder of a machine.
+    /// Starts to watch the data folder of a machine.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// Returns an error if the operating system provides no thread.
     pub fn start(folder: &Path, shared: Arc<Shared>) -> io::Result<Self> {
         let (stop, stopped) = channel();
         let supervisor = shared.supervisor.clone();
@@ -69,7 +69,7 @@ impl Drop for DataWatch {
     }
 }
 
-/// What it does.
+/// State of the thread.
 struct Watch {
     folder: PathBuf,
     shared: Arc<Shared>,
@@ -103,7 +103,7 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
     let faults: Vec<String> = places.iter().filter_map(|place| fault(place)).collect();
     shared.stand(&DATA_FOLDER_FAILED, list(&faults).as_deref());
     if shared.health.fault(Part::Programs).is_some() {
-        // Whether it works again is in its health.
+        // Its health records whether it works again.
         let _ = shared.note(Part::Programs, shared.store.probe());
     }
     match shared.store.look_again() {
@@ -125,7 +125,7 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
     shared.stand(&STORED_DATA_QUESTION, question.as_deref());
 }
 
-/// What is wrong with a folder; `None`: nothing is.
+/// Describes the fault of a folder; `None` if there is none.
 fn fault(place: &Path) -> Option<String> {
     let named = |what: &str| Some(format!("{}: {what}", place.display()));
     match fs::metadata(place) {
@@ -150,7 +150,7 @@ fn fault(place: &Path) -> Option<String> {
     }
 }
 
-/// One text of all; `None` for nothing.
+/// Returns one text for all items; `None` if there are none.
 pub(crate) fn list(all: &[String]) -> Option<String> {
     let more = match all.len().saturating_sub(NAMED_MAX) {
         0 => String::new(),
@@ -160,13 +160,13 @@ pub(crate) fn list(all: &[String]) -> Option<String> {
     (!all.is_empty()).then_some(named + &more)
 }
 
-/// A warning in the log, the events and the history.
+/// Reports a warning in the log, the events and the history.
 pub(crate) fn warn_once(shared: &Shared, entry: &AlarmEntry, text: &str) {
     tracing::warn!("{}: {text}", entry.title);
     shared.raise(warning(entry, text));
 }
 
-/// A program was changed outside: the journal tells it, too, since it is what the machine does.
+/// Reports a program that was changed outside, also in the journal, because it affects what the machine does.
 pub(crate) fn warn_changed(shared: &Shared, text: &str) {
     warn_once(shared, &PROGRAM_CHANGED, text);
     for system in &shared.machine.coordinate_systems {
@@ -179,7 +179,7 @@ pub(crate) fn warn_changed(shared: &Shared, text: &str) {
     }
 }
 
-/// The same, which also stands until a reset.
+/// Reports a warning that also remains active until a reset.
 pub(crate) fn warn_standing(shared: &Shared, entry: &AlarmEntry, text: &str) {
     tracing::warn!("{}: {text}", entry.title);
     shared.raise_standing(warning(entry, text));

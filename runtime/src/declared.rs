@@ -10,20 +10,20 @@ use tandem_model::{Alarm, Diagnostic};
 use tandem_syntax::NcProgram;
 use tandem_syntax::diagnostics::{NOT_SERVED, PARAMS_REFUSED};
 
-/// Parameters of one program that are listed; the rest is found when these are mended.
+/// Maximum number of parameters listed for one program; further ones are found after these are corrected.
 const FOUND_MAX: usize = 1000;
 
-/// A declaration, and in words who has made it.
+/// Declaration with a description of its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Declared {
-    /// Such as `handler cell` or `[m_code.12]`.
+    /// The origin, such as `handler cell` or `[m_code.12]`.
     pub by: String,
-    /// What it says.
+    /// The declaration itself.
     pub declaration: MCodeDeclaration,
 }
 
 impl Declared {
-    /// What the configuration declares of an M code.
+    /// Creates a declaration of the configuration.
     pub fn in_config(declaration: MCodeDeclaration) -> Self {
         Self {
             by: format!("[m_code.{}]", declaration.m),
@@ -31,7 +31,7 @@ impl Declared {
         }
     }
 
-    /// What a handler declares.
+    /// Creates a declaration of a handler.
     pub fn by_handler(handler_id: &str, declaration: MCodeDeclaration) -> Self {
         Self {
             by: format!("handler {handler_id}"),
@@ -40,7 +40,8 @@ impl Declared {
     }
 }
 
-/// Parameters in a program that M codes do not take, each once, at their words; a missing one at its M code.
+/// Returns the parameters in a program that M codes do not accept, each once, at their words; a missing one at its M
+/// code.
 pub fn wrong_params(program: &NcProgram, dialect: &Dialect, declared: &[Declared]) -> Vec<Diagnostic> {
     let mut found: Vec<Diagnostic> = Vec::new();
     if declared.is_empty() {
@@ -62,7 +63,7 @@ pub fn wrong_params(program: &NcProgram, dialect: &Dialect, declared: &[Declared
             for fault in declaration.faults(given) {
                 let word = output.params[fault.letter as usize].unwrap_or(output.word);
                 let is_known = |known: &Diagnostic| known.span == word.span() && known.message == fault.text;
-                // findings of one block stand at the end of the list
+                // findings of the same block are at the end of the list
                 if found.iter().rev().take(16).any(is_known) {
                     continue;
                 }
@@ -77,8 +78,8 @@ pub fn wrong_params(program: &NcProgram, dialect: &Dialect, declared: &[Declared
     found
 }
 
-/// Returns alarm 11 if a declaration does not take the parameters of an output, computed values included. An output without
-/// parameters has nothing that a calculation could change: its program was checked at the load.
+/// Returns alarm 11 if a declaration does not accept the parameters of an output, computed values included. An output
+/// without parameters needs no check here: its program was checked at the load.
 pub fn refused_output(output: &Output, declared: &[Declared]) -> Option<Alarm> {
     let given = output
         .params
@@ -90,7 +91,7 @@ pub fn refused_output(output: &Output, declared: &[Declared]) -> Option<Alarm> {
     Some(Alarm::new(&VALUE_OUT_OF_RANGE, faults.next()?).at(output.origin))
 }
 
-/// M codes of a program that nobody serves, each at its first place.
+/// Returns the M codes of a program that no handler serves, each at its first occurrence.
 pub fn unserved(
     program: &NcProgram,
     dialect: &Dialect,

@@ -1,5 +1,5 @@
-//! What the runtime's own files have in common: their rights and names, lines and sums that show damage, and which of them
-//! cannot be written now.
+//! Common parts of the runtime's own files: rights and names, lines and checksums that reveal damage, and the health of
+//! files that cannot be written.
 
 mod files;
 pub(crate) mod fs;

@@ -1,4 +1,5 @@
-//! Explanations of everything that a person sees: a page for each name, written from the rows that the product itself uses.
+//! Explanations of every name that a user sees: a page for each name, written from the rows that the product itself
+//! uses.
 
 mod language;
 
@@ -22,16 +23,18 @@ const RULES: [&[(&str, &str)]; 3] = [
     plc_api::handshake::rules::RULES,
 ];
 
-/// Characters of a name that are looked at. Reason: the nearest name takes the product of both lengths.
+/// Number of characters of a name that are compared. Reason: the time to find the nearest name grows with the product
+/// of both lengths.
 const NAME_MAX: usize = 100;
 
 /// Highest number that a sequence program can give an alarm.
 const USER_ALARM_CODE_MAX: u16 = 9999;
 
-/// What a name means: a diagnostic (`E0105`), an alarm (`alarm 412` or `412`), a code (`G02`), an address, a function, a
-/// keyword or a variable of the dialect, a word of a state, a refusal or an answer (`HANDLER_LOST`, `not_allowed`), a rule
-/// (`D31`), or a key of the configuration; for what other controls write (`G81` in `nj`), what to write in its place. All that
-/// has the name is told, in plain text in which an indented line stands as it is. `None`: nothing has it.
+/// Explains a name: a diagnostic (`E0105`), an alarm (`alarm 412` or `412`), a code (`G02`), an address, a function, a
+/// keyword or a variable of the dialect, a word of a state, a refusal or an answer (`HANDLER_LOST`, `not_allowed`), a
+/// rule (`D31`), or a key of the configuration. For a word of other controls (`G81` in `nj`), names the replacement.
+/// Returns the pages of everything with this name as plain text, in which indented lines are preformatted; `None` if
+/// the name is unknown.
 ///
 /// ```
 /// let page = tandem_runtime::explain::explain("g2", tandem_interp::dialects::nj()).unwrap();
@@ -50,7 +53,7 @@ pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
     (!pages.is_empty()).then(|| pages.join("\n\n"))
 }
 
-/// The pages of all that has this name.
+/// Returns the pages of everything with this name.
 fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
     let keys = Config::keys();
     (DiagnosticEntry::find(what).into_iter())
@@ -69,8 +72,8 @@ fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
         .collect()
 }
 
-/// The same, with what a machine says: what is declared of an M code, which is found by its name there, too, and text and
-/// remedy of an alarm of its sequence programs, by its code.
+/// Explains a name like [`explain`], with the data of a machine: the declarations of an M code, which can also be given
+/// by its declared name, and the text and remedy of an alarm of its sequence programs, given by its code.
 pub fn explain_here(
     what: &str,
     dialect: &Dialect,
@@ -95,7 +98,7 @@ pub fn explain_here(
     Some(pages.join("\n\n"))
 }
 
-/// What a machine says of an M code.
+/// Returns the page of an M code that a machine declares.
 fn of_declared(declared: &Declared) -> String {
     let Declared { by, declaration } = declared;
     let title = declaration.name.as_deref().unwrap_or("an M code of this machine");
@@ -113,13 +116,13 @@ fn of_declared(declared: &Declared) -> String {
     page(&name, title, &[format!("Declared by {by}."), params])
 }
 
-/// Name of the picture of a code's example; `None`: it is no code, or has none.
+/// Returns the name of the picture for a code's example; `None` if the name is not a code or has no picture.
 pub fn picture(what: &str, dialect: &Dialect) -> Option<String> {
     let (name, _) = dialect.picture(language::code(what.trim(), dialect)?)?;
     Some(name)
 }
 
-/// All names that have a page.
+/// Returns all names that have a page.
 pub fn names(dialect: &Dialect) -> Vec<String> {
     let diagnostics = DIAGNOSTICS.iter().map(|entry| entry.code.to_owned());
     let findings = FINDINGS.iter().map(|entry| entry.code.to_owned());
@@ -142,7 +145,7 @@ pub fn names(dialect: &Dialect) -> Vec<String> {
         .collect()
 }
 
-/// The name that a name without a page comes nearest to.
+/// Returns the nearest name that has a page.
 pub fn nearest(what: &str, dialect: &Dialect) -> String {
     let what: String = what.chars().take(NAME_MAX).collect::<String>().to_lowercase();
     let distance = |known: &String| strsim::damerau_levenshtein(&what, &known.to_lowercase());
@@ -152,7 +155,7 @@ pub fn nearest(what: &str, dialect: &Dialect) -> String {
         .unwrap_or_default()
 }
 
-/// A title, and what stands under it.
+/// Returns a page with a title and its text.
 fn page(name: &str, title: &str, parts: &[String]) -> String {
     let parts = parts.iter().filter(|part| !part.is_empty());
     let mut page = format!("{name}: {title}");
@@ -163,7 +166,7 @@ fn page(name: &str, title: &str, parts: &[String]) -> String {
     page
 }
 
-/// Lines that stand as they are.
+/// Indents preformatted lines.
 fn indented(text: &str) -> String {
     let lines: Vec<String> = text.lines().map(|line| format!("    {line}")).collect();
     lines.join("\n")
@@ -180,7 +183,7 @@ fn of_finding(entry: &FindingEntry) -> String {
     page(entry.code, &format!("{} (Structured Text)", entry.title), &parts)
 }
 
-/// The number of `412` or `alarm 412`.
+/// Returns the number of `412` or `alarm 412`.
 fn alarm_number(what: &str) -> Option<u16> {
     let (word, number) = what.rsplit_once(' ').unwrap_or(("alarm", what));
     let number = number.parse().ok()?;
@@ -192,13 +195,13 @@ fn alarm(what: &str) -> Option<&'static AlarmEntry> {
     ALARMS.iter().copied().find(|entry| entry.number == number)
 }
 
-/// The code that a sequence program has given the alarm of this number.
+/// Returns the code that a sequence program has given the alarm with this number.
 fn own_code(what: &str) -> Option<u16> {
     let code = alarm_number(what)?.checked_sub(USER_ALARM_BASE)?;
     (code <= USER_ALARM_CODE_MAX).then_some(code)
 }
 
-/// The page of an alarm whose number a sequence program has chosen.
+/// Returns the page of an alarm with a number chosen by a sequence program.
 fn of_sequence_program(what: &str) -> Option<String> {
     let why = "What to do: Look at what the text says, and at the documentation of the machine.";
     let parts = [why.to_owned()];
@@ -209,7 +212,7 @@ fn of_sequence_program(what: &str) -> Option<String> {
     ))
 }
 
-/// The same with what the machine says of it.
+/// Returns the page of such an alarm with the texts of the machine.
 fn of_own_alarm(said: &AlarmText) -> String {
     let in_language = |(tag, words): (&String, &AlarmWords)| {
         let remedy = words
@@ -256,7 +259,7 @@ fn of_word(word: &Explained) -> String {
     page(word.word, word.of, &parts)
 }
 
-/// The rule of this number, and those of its group.
+/// Returns the rule with this number and the rules of its group.
 fn rules(number: &str) -> impl Iterator<Item = String> {
     let is_named = move |row: &str| {
         let group = row.split('.').next().unwrap_or(row);
@@ -266,7 +269,7 @@ fn rules(number: &str) -> impl Iterator<Item = String> {
     rows.map(|(row, text)| format!("{row}: {text}"))
 }
 
-/// True for a key by its own name or with its table's, and for all keys of the table of this name.
+/// Returns true if a key has this name, with or without the name of its table, or belongs to the table with this name.
 fn is_named(key: &ConfigKey, name: &str) -> bool {
     key.path == name || key.path.split('.').any(|part| part == name)
 }

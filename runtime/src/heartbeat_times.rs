@@ -1,18 +1,18 @@
-//! Real times of the servo cycles that heartbeats have named: from them the runtime knows the age of a request.
+//! Real times of the servo cycles named by heartbeats: from them the runtime derives the age of a request.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use plc_api::types::not_after::{NOT_AFTER_MAX_MS, NotAfter};
 
-/// How long a time is kept: as long as a request may be under way.
+/// Storage time of a cycle's time: the maximum age of a request.
 const KEPT: Duration = Duration::from_millis(NOT_AFTER_MAX_MS);
 
-/// Heartbeats that are closer than this to the one before have its time. Reason: it bounds the memory to 6,000 times where
-/// simulated time runs fast, and makes a request at most 10 ms older than it is.
+/// A heartbeat within this time after the previous one shares its time. Reason: it bounds the memory to 6,000 times
+/// when simulated time runs fast, and makes a request appear at most 10 ms older than it is.
 const SPACING: Duration = Duration::from_millis(10);
 
-/// When cycles were named, the oldest first.
+/// Times at which cycles were named, the oldest first.
 #[derive(Debug, Default)]
 pub(crate) struct HeartbeatTimes {
     times: VecDeque<(u64, Duration)>,
@@ -42,7 +42,7 @@ impl HeartbeatTimes {
         }
     }
 
-    /// Time since the heartbeat; `None` if it was never sent, or longer ago than times are kept.
+    /// Returns the time since the heartbeat; `None` if it was never sent, or is older than the storage time.
     pub fn age(&self, cycle: u64, now: Duration) -> Option<Duration> {
         if self.newest.is_none_or(|newest| cycle > newest) {
             return None;
@@ -55,7 +55,7 @@ impl HeartbeatTimes {
     /// Validates the age of a request.
     ///
     /// # Errors
-    /// It is older than it may be, in words for its sender.
+    /// Returns an error, as text for the sender, if the request is too old.
     pub fn check(&self, not_after: &NotAfter, now: Duration) -> Result<(), String> {
         let NotAfter {
             heartbeat, within_ms, ..

@@ -16,7 +16,7 @@ use crate::shared::Shared;
 const ROUNDING_S: f64 = 1e-9;
 
 impl Shared {
-    /// Publishes all of them, at a start.
+    /// Publishes all inputs and outputs at a start.
     pub fn publish_io(&self) {
         let io = self.io.lock();
         for (point, state) in io.states() {
@@ -24,7 +24,7 @@ impl Shared {
         }
     }
 
-    /// Gives outputs their last values, before anything is published; `None`: it is damaged.
+    /// Restores the last values of outputs before the first publication; `None` marks a damaged value.
     pub fn restore_outputs(&self, last: BTreeMap<IoPoint, Option<IoValue>>) {
         let mut io = self.io.lock();
         for (point, last) in last {
@@ -32,10 +32,10 @@ impl Shared {
         }
     }
 
-    /// Validates a write, and changes nothing. Returns what was written last.
+    /// Validates a write without changing anything. Returns the value written last.
     ///
     /// # Errors
-    /// As of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
+    /// Returns an error in the cases of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
     pub fn check_io(&self, point: &IoPoint, set: &IoSet) -> Result<IoValue, Refusal> {
         let io = self.io.lock();
         io.check(point, set, |id, instance| self.judge_writer(id, instance))?;
@@ -43,10 +43,10 @@ impl Shared {
         Ok(written.map_or(set.value, |(_, state)| state.written))
     }
 
-    /// A handler or a client writes one.
+    /// Writes an input or output for a handler or a client.
     ///
     /// # Errors
-    /// As of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
+    /// Returns an error in the cases of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
     pub fn write_io(&self, point: &IoPoint, set: IoSet) -> Result<(), Refusal> {
         let (value, handler_id) = (set.value, set.handler_id.clone());
         let mut io = self.io.lock();
@@ -66,10 +66,10 @@ impl Shared {
         Ok(())
     }
 
-    /// An operator puts a value in the place of the written one, or takes it back.
+    /// Forces a value for an operator in place of the written one, or ends the forcing.
     ///
     /// # Errors
-    /// As of [`IoPoints::force`](plc_api::io_points::IoPoints::force).
+    /// Returns an error in the cases of [`IoPoints::force`](plc_api::io_points::IoPoints::force).
     pub fn force_io(&self, point: &IoPoint, force: IoForce) -> Result<(), Refusal> {
         let (value, user) = (force.value, force.by.clone());
         let mut io = self.io.lock();
@@ -80,7 +80,7 @@ impl Shared {
         Ok(())
     }
 
-    /// A handler has left.
+    /// Processes the departure of a handler.
     pub fn leave_io(&self, handler_id: &str, departure: Departure) {
         let mut io = self.io.lock();
         let lost = io.leave(handler_id, departure);
@@ -88,12 +88,12 @@ impl Shared {
         self.io_absences.notify_one();
     }
 
-    /// A handler is online: what it left waits no longer.
+    /// Ends the wait for a handler that is online again.
     pub fn welcome_io(&self, handler_id: &str) {
         self.io.lock().come(handler_id);
     }
 
-    /// Waits for handlers that left, and ends the time of those that do not come back.
+    /// Waits for lost handlers, and expires the points of those that do not return.
     pub async fn watch_io(&self) {
         loop {
             let next_s = self.io.lock().next_deadline_s();

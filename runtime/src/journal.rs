@@ -1,5 +1,5 @@
-//! The journal: every event, in order. It goes to the log and to `data_dir` when serving, to a file or a list in a
-//! simulation.
+//! The journal: every event, in order. When serving, it goes to the log and to `data_dir`; in a simulation, to a file
+//! or a list.
 
 mod filter;
 mod writer;
@@ -30,7 +30,8 @@ use crate::program_store::Edit;
 pub use filter::LineFilter;
 pub(crate) use writer::{JournalWriter, Message, WriteAhead};
 
-/// Takes each line of the journal. True when that has woken a task, which must run before simulated time advances.
+/// Receives each line of the journal. Returns true if this has woken a task that must run before simulated time
+/// advances.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
 
 /// One line of the journal.
@@ -45,7 +46,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// The line as one JSON object: `event`, `cs`, `t_s` and the fields of the event.
+    /// Returns the line as one JSON object: `event`, `cs`, `t_s` and the fields of the event.
     pub fn to_json(&self) -> Value {
         let mut object = serde_json::to_value(&self.event).unwrap_or_default();
         object["t_s"] = json!(self.t_s);
@@ -53,7 +54,7 @@ impl Line {
         object
     }
 
-    /// The line of a JSON object; `None`: it is damaged, or of an event that this version does not know.
+    /// Parses a line from a JSON object. Returns `None` if it is damaged, or if this version does not know the event.
     pub(crate) fn from_json(object: &Value) -> Option<Self> {
         Some(Self {
             t_s: f64::deserialize(object.get("t_s")?).ok()?,
@@ -63,26 +64,26 @@ impl Line {
     }
 }
 
-/// What happened in a coordinate system. In JSON one object: its name under `event`, and its fields.
+/// An event in a coordinate system. In JSON one object: its name under `event`, and its fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
     /// The runtime has started.
     Boot {
-        /// This start.
+        /// Identifies this start.
         boot_id: BootId,
         /// Version of the runtime.
         version: String,
     },
-    /// The end of an earlier start of the runtime cut a run short.
+    /// The previous instance of the runtime ended during a run.
     Interrupted(Box<LastRun>),
     /// A command was accepted.
     Command {
-        /// What it commands.
+        /// The command.
         verb: Verb,
-        /// Names the command.
+        /// Identifies the command.
         command_id: String,
-        /// Who commands.
+        /// The client that issued the command.
         client_id: String,
         /// The program that is loaded or started.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -91,54 +92,54 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program_hash: Option<String>,
     },
-    /// What was asked is refused since the program is another one, or has no valid signature.
+    /// A request was rejected because the program is a different one or has no valid signature.
     Refused {
-        /// What was asked: a command, or the route that changes a program.
+        /// The rejected request: a command, or the route that changes a program.
         request: String,
-        /// Which program.
+        /// Number of the program.
         program: Option<u16>,
         /// Machine-readable reason.
         code: RefusalCode,
-        /// Why.
+        /// Reason as text.
         text: String,
-        /// Who asked, where the request says so.
+        /// The requesting client, if the request names it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         client_id: Option<String>,
     },
-    /// Somebody has logged in, could not, or may not do what it asked for.
+    /// A login, a failed login, or a request without the necessary rights.
     Access {
-        /// What it was.
+        /// Kind of the access.
         what: AccessKind,
-        /// Who: of a refused login the name that was typed.
+        /// Name of the user; for a rejected login the name that was entered.
         user: Option<String>,
-        /// Address of its host, where it is known.
+        /// Address of the client's host, if known.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         from: Option<IpAddr>,
-        /// How it came in.
+        /// Transport of the request.
         over: ServerTransport,
         /// Method and route, or the topic.
         request: String,
-        /// How many more there were since the last such line, of which no line tells.
+        /// Number of further such events since the last line of this kind that have no line of their own.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         left_out: Option<u64>,
     },
-    /// A program has changed, or was removed.
+    /// A program was changed or removed.
     Program(Edit),
-    /// A user has made a request that changes something; other lines tell what came of it.
+    /// A user has sent a request that changes something; its result has its own lines.
     Request {
-        /// Name of the user's token; `None`: without a token file, or let in by an external broker.
+        /// Name of the user's token; `None`: there is no token file, or an external broker authorized the user.
         user: Option<String>,
-        /// Address of its host, where it is known.
+        /// Address of the user's host, if known.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         from: Option<IpAddr>,
-        /// How it came in.
+        /// Transport of the request.
         over: ServerTransport,
         /// Method and path of its REST route.
         request: String,
-        /// Its body, at most 200 characters.
+        /// Body of the request, at most 200 characters.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         said: Option<String>,
-        /// Names the command.
+        /// Identifies the command.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         command_id: Option<String>,
     },
@@ -146,72 +147,73 @@ pub enum Event {
     Start {
         /// Main program; 0: manual data input, homing or a jog.
         program: u16,
-        /// Names the run.
+        /// Identifies the run.
         run_id: String,
         /// Hash of the program.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program_hash: Option<String>,
-        /// The line that it begins at, if not at the head.
+        /// The line at which the run begins, if it is not line 1.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         from_line: Option<u32>,
-        /// The order that begins it.
+        /// The order that starts the run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         order: Option<OrderKey>,
-        /// How many parts are ordered, if more than one. Each part begins with a line of this run.
+        /// Number of ordered parts, if more than one. Each part begins with a line of this run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         parts: Option<u32>,
     },
     /// The next part of a run is held back.
     PartsWait {
-        /// By what.
+        /// Reason.
         text: String,
     },
-    /// Parts of a run that have not begun will not.
+    /// The parts of a run that have not begun are cancelled.
     PartsEnded {
-        /// Why.
+        /// Kind of the end.
         how: RunEndedHow,
-        /// What there is to say of it.
+        /// Additional text.
         #[serde(default, skip_serializing_if = "String::is_empty")]
         text: String,
     },
-    /// The motion of a block begins. Not written to disk: too many, and other events show what follows from them.
+    /// The motion of a block begins. Not written to disk, because there are too many; other events record the
+    /// consequences.
     Block {
         /// Program number.
         program: u16,
         /// Line of the source file, from 1.
         line: u32,
     },
-    /// An auxiliary function output was made, for the first time.
+    /// An auxiliary function output was issued for the first time.
     Output(Box<OutputNotice>),
     /// A handler has claimed an output.
     Claim {
         /// Sequence number of the output.
         seq: u64,
-        /// Who claims.
+        /// The claiming handler.
         handler_id: String,
     },
-    /// An output was reset, or failed by its handler.
+    /// An output was reset, or its handler reported a failure.
     Reset {
         /// Sequence number of the output.
         seq: u64,
         /// Its M number.
         m: Option<u16>,
-        /// Who resets.
+        /// The resetting handler.
         handler_id: String,
         /// Done, or failed.
         #[serde(flatten)]
         outcome: ResetOutcome,
-        /// True: an operator's, regardless of the owner of the output.
+        /// True if an operator reset the output, regardless of its owner.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         force: bool,
     },
-    /// The owner of an output asks the operator.
+    /// The owner of an output asks the operator a question.
     Question {
         /// Sequence number of the output.
         seq: u64,
-        /// What is asked.
+        /// Text of the question.
         text: String,
-        /// What can be answered.
+        /// Possible answers.
         choices: Vec<String>,
     },
     /// The operator has answered.
@@ -220,15 +222,15 @@ pub enum Event {
         seq: u64,
         /// One of the choices.
         choice: String,
-        /// Who answers.
+        /// The answering client.
         client_id: Option<String>,
     },
     /// The program pauses at M00, M01 or, with single block, at a block's end.
     Stop {
-        /// 0 or 1; `None`: by single block.
+        /// 0 or 1; `None`: the stop is due to single block.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         m: Option<u16>,
-        /// Why, where no M code stops.
+        /// Reason, if no M code causes the stop.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         reason: Option<Reason>,
         /// Program number.
@@ -240,7 +242,7 @@ pub enum Event {
     },
     /// The runtime itself holds the run.
     Hold {
-        /// Why.
+        /// Reason.
         reason: Reason,
         /// M number of the output that the run waits for.
         m: Option<u16>,
@@ -255,7 +257,7 @@ pub enum Event {
         /// True when it begins.
         on: bool,
     },
-    /// A G31 has captured positions.
+    /// A G31 block has captured positions.
     Capture(Box<Captured>),
     /// A warning, which stops nothing.
     Warning {
@@ -263,60 +265,60 @@ pub enum Event {
         program: Option<u16>,
         /// Line of the source file, from 1.
         line: Option<u32>,
-        /// What it warns of.
+        /// Text of the warning.
         text: String,
     },
     /// An alarm has stopped the coordinate system.
     Alarm(RaisedAlarm),
-    /// The connection to the MQTT broker was made or lost.
+    /// The connection to the MQTT broker was established or lost.
     Bus {
-        /// True when it was made.
+        /// True if it was established.
         connected: bool,
     },
     /// The control lease has changed hands.
     Lease {
-        /// What became of it.
+        /// The change of the lease.
         what: LeaseChange,
-        /// Who held or holds it.
+        /// The previous or current holder.
         holder: String,
-        /// Its fence.
+        /// Fence of the lease.
         fence: u64,
-        /// The client that changed it; `None`: it expired.
+        /// The client that changed it; `None`: the lease expired.
         client_id: Option<String>,
     },
-    /// An operator has put a value in the place of an input or output of the plant, or has taken it back.
+    /// An operator has forced the value of an input or output of the plant, or has released it.
     Force {
-        /// Which, such as `io/in/door_closed`.
+        /// Name of the input or output, such as `io/in/door_closed`.
         io: String,
-        /// The value; null: what is written counts again.
+        /// The forced value; null: released, written values apply again.
         value: Option<IoValue>,
-        /// Who.
+        /// Name of the user.
         user: Option<String>,
     },
-    /// An output of the plant was written, and has another value or owner than before.
+    /// An output of the plant was written, and its value or owner has changed.
     IoWrite {
-        /// Which, such as `io/out/clamp`.
+        /// Name of the output, such as `io/out/clamp`.
         io: String,
         /// The value.
         value: IoValue,
         /// Its owner; null: a client without presence.
         handler_id: Option<String>,
     },
-    /// The owner of an input or output of the plant has gone.
+    /// The owner of an input or output of the plant is lost.
     IoLost {
-        /// Which, such as `io/in/door_closed`.
+        /// Name of the input or output, such as `io/in/door_closed`.
         io: String,
         /// Its safe value.
         value: IoValue,
-        /// The owner.
+        /// The lost owner.
         handler_id: String,
     },
-    /// Stored files do not fit together, or a person has decided about them.
+    /// Stored files are inconsistent, or a person has decided how to proceed with them.
     StoredData {
-        /// The decision; `None`: a start has found them.
+        /// The decision; `None`: found at a start.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         decision: Option<StoredDataDecision>,
-        /// What does not fit, in words.
+        /// Descriptions of the inconsistencies.
         findings: Vec<String>,
     },
     /// The run has ended.
@@ -324,29 +326,29 @@ pub enum Event {
 }
 
 impl Event {
-    /// True for an event that clients learn of before the journal has written its line.
+    /// Returns true for an event that clients may receive before the journal has written its line.
     fn is_heard_of(&self) -> bool {
         matches!(self, Event::Start { .. } | Event::Output(_)) || self.is_counted()
     }
 
-    /// True for an event that changes the counters of produced parts.
+    /// Returns true for an event that changes the counters of produced parts.
     fn is_counted(&self) -> bool {
         matches!(self, Event::End(_) | Event::PartsEnded { .. })
     }
 
-    /// True for an event that closes outputs.
+    /// Returns true for an event that closes outputs.
     fn closes_outputs(&self) -> bool {
         matches!(self, Event::Reset { .. } | Event::End(_))
     }
 }
 
-/// How an output was reset.
+/// Result of the reset of an output.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "result", rename_all = "snake_case")]
 pub enum ResetOutcome {
     /// The work is done.
     Ok,
-    /// It failed.
+    /// The work has failed.
     Fault {
         /// The handler's alarm code, 0 to 9999.
         code: Option<u16>,
@@ -361,7 +363,7 @@ pub enum ResetOutcome {
 pub enum RaisedAlarm {
     /// An alarm of this coordinate system.
     OfThis(Box<AlarmRecord>),
-    /// An alarm of all, which a sequence program has raised.
+    /// An alarm of all coordinate systems, raised by a sequence program.
     OfAll {
         /// Number of the alarm.
         number: u16,
@@ -379,7 +381,7 @@ impl RaisedAlarm {
         }
     }
 
-    /// Number and text, for people.
+    /// Returns number and text of the alarm for display.
     pub(crate) fn said(&self) -> String {
         let (number, text) = match self {
             RaisedAlarm::OfThis(record) => (record.number, &record.text),
@@ -389,17 +391,17 @@ impl RaisedAlarm {
     }
 }
 
-/// What became of a control lease.
+/// Change of a control lease.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LeaseChange {
-    /// Somebody took it.
+    /// A client took the lease.
     Taken,
-    /// Its holder gave it back.
+    /// The holder released the lease.
     Released,
-    /// An administrator broke it.
+    /// An administrator revoked the lease.
     Broken,
-    /// Its time was over.
+    /// The lease expired.
     Expired,
 }
 
@@ -407,29 +409,29 @@ pub enum LeaseChange {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum RunEnd {
-    /// Before its end.
+    /// The run ended before the end of the program.
     CutShort {
-        /// The state that it leads to.
+        /// The resulting state.
         outcome: Execution,
-        /// The state's reason.
+        /// Reason of the state.
         #[serde(deserialize_with = "Option::deserialize")]
         reason: Option<Reason>,
-        /// Program whose motion ran; none where nothing had run.
+        /// Program whose motion was in progress; `None` if nothing had moved.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program: Option<u16>,
-        /// Its line.
+        /// Line of that program.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         line: Option<u32>,
     },
-    /// At its end.
+    /// The run reached the end of the program.
     Completed {
-        /// The state that it leads to.
+        /// The resulting state.
         outcome: Execution,
     },
 }
 
 impl RunEnd {
-    /// The state that the end of the run leads to.
+    /// Returns the state after the end of the run.
     pub fn outcome(&self) -> Execution {
         match self {
             RunEnd::CutShort { outcome, .. } | RunEnd::Completed { outcome } => *outcome,
@@ -437,7 +439,7 @@ impl RunEnd {
     }
 }
 
-/// Where lines go.
+/// Destination of the journal's lines.
 #[derive(Clone, Default)]
 pub struct Journal {
     sink: Option<Sink>,
@@ -451,12 +453,12 @@ impl std::fmt::Debug for Journal {
 }
 
 impl Journal {
-    /// A journal whose lines go to the log.
+    /// Creates a journal whose lines go to the log.
     pub fn to_log() -> Self {
         Self::default()
     }
 
-    /// A journal whose lines go to `sink`.
+    /// Creates a journal whose lines go to `sink`.
     pub fn to_sink(sink: Sink) -> Self {
         Self {
             sink: Some(sink),
@@ -464,7 +466,7 @@ impl Journal {
         }
     }
 
-    /// A journal whose lines go to the log and, but for blocks, to disk.
+    /// Creates a journal whose lines go to the log and, except for blocks, to disk.
     pub(crate) fn to_disk(disk: JournalWriter) -> Self {
         Self {
             sink: None,
@@ -472,27 +474,27 @@ impl Journal {
         }
     }
 
-    /// Number of the last line that goes to disk; 0 where none does.
+    /// Returns the number of the last line written to disk; 0 if lines are not written to disk.
     pub(crate) fn last_number(&self) -> u64 {
         self.disk
             .as_ref()
             .map_or(0, |disk| disk.last.load(Ordering::Acquire))
     }
 
-    /// Numbers go on behind this one.
+    /// Continues the numbering after this number.
     pub(crate) fn go_on_after(&self, number: u64) {
         if let Some(disk) = &self.disk {
             disk.last.fetch_max(number, Ordering::AcqRel);
         }
     }
 
-    /// True if its lines go to disk.
+    /// Returns true if the lines are written to disk.
     pub(crate) fn is_on_disk(&self) -> bool {
         self.disk.is_some()
     }
 
-    /// Writes where the axes of a coordinate system rest, by motor number; `None`: they move. A kill after this returns does not
-    /// lose it.
+    /// Records the rest positions of a coordinate system's axes by motor number; `None`: they move. The record survives
+    /// a kill after this returns.
     pub(crate) fn note_rest(&self, cs: CoordinateSystemNumber, positions: Option<&BTreeMap<u16, f64>>) {
         let ahead = self.disk.as_ref().and_then(|disk| disk.ahead.as_ref());
         if let Some(ahead) = ahead
@@ -502,12 +504,12 @@ impl Journal {
         }
     }
 
-    /// The number of the next line that goes to disk; 0 if none does.
+    /// Reserves the number of the next line for the disk; returns 0 if lines are not written to disk.
     pub(crate) fn reserve(&self) -> u64 {
         self.disk.as_ref().map_or(0, JournalWriter::reserve)
     }
 
-    /// Writes a line of this number. True when that has woken a task.
+    /// Writes a line with this number. Returns true if this has woken a task.
     pub(crate) fn record(&self, n: u64, now: Now, cs: CoordinateSystemNumber, event: Event) -> bool {
         let is_block = matches!(event, Event::Block { .. });
         let line = Line {
@@ -521,7 +523,7 @@ impl Journal {
             None if is_block => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
         }
-        // Its text is made on the journal's thread: a handshake does not wait for it.
+        // The journal's thread composes the text, so that a handshake does not wait for it.
         if let Some(disk) = self.disk.as_ref().filter(|_| !is_block) {
             disk.write_as(n, line, now.time);
         }

@@ -45,7 +45,7 @@ pub use config::{
     MCodeSettings, Machine, Stock, Unhandled,
 };
 pub use coordinator::{Runtime, StartError};
-/// The seam to hardware: what a bus and a spindle of one's own implement, and the factory that gives them to a runtime.
+/// Interface to hardware: traits for your own bus and spindle, and the factory that provides them to a runtime.
 pub mod hardware {
     pub use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
     pub use tandem_servo::{

@@ -4,17 +4,17 @@ use plc_api::types::command::CommandMeta;
 use plc_api::types::run::RunOrder;
 use serde::{Deserialize, Serialize};
 
-/// What an order is known by, as long as its run is kept: the same one again gets that run, and begins none.
+/// Key of an order while its run is stored: a repeated order gets the existing run and starts none.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OrderKey {
-    /// The user that ordered, as the memory of commands has it.
+    /// The user that sent the order, named as in the memory of commands.
     pub user: String,
     /// Its `command_id`.
     pub id: String,
-    /// The program that was named.
+    /// The program named in the order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<u16>,
-    /// Parts that were ordered.
+    /// Number of ordered parts.
     pub parts: u32,
 }
 

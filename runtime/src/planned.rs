@@ -1,4 +1,4 @@
-//! What coordinate systems plan, for whoever watches a simulation.
+//! Plans of coordinate systems, for observers of a simulation.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use plc_api::types::CoordinateSystemNumber;
 use tandem_model::flow::Segment;
 use tandem_model::profile::Profile;
 
-/// What a coordinate system has planned, in the order in which it will run.
+/// Part of the plan of a coordinate system, in the order of execution.
 #[derive(Debug, Clone, Copy)]
 pub enum Planned<'a> {
     /// A piece of the toolpath; its profiles follow.
@@ -16,8 +16,8 @@ pub enum Planned<'a> {
         number: u64,
         /// The geometry, with F as programmed.
         segment: &'a Segment,
-        /// F within the limits of the coordinate system and its motors, path units per second; `None`: it is not at
-        /// feedrate.
+        /// F within the limits of the coordinate system and its motors, path units per second; `None` for motion that
+        /// is not at feedrate.
         speed_limit: Option<f64>,
     },
     /// Position as a function of time.
@@ -26,12 +26,12 @@ pub enum Planned<'a> {
 
 type Callback = dyn FnMut(CoordinateSystemNumber, Planned<'_>) + Send;
 
-/// Called with what each coordinate system plans.
+/// Callback that receives the plans of each coordinate system.
 #[derive(Clone)]
 pub struct OnPlan(Arc<Mutex<Callback>>);
 
 impl OnPlan {
-    /// Calls this function.
+    /// Creates a callback from this function.
     pub fn new(callback: impl FnMut(CoordinateSystemNumber, Planned<'_>) + Send + 'static) -> Self {
         Self(Arc::new(Mutex::new(callback)))
     }

@@ -1,5 +1,5 @@
-//! The runtime's own [`Port`]: requests go to the task or to the store that they concern; reads are answered from the
-//! hub and from the last servo cycle.
+//! The runtime's own [`Port`]: each request goes to its task or store; reads are answered from the hub and from the
+//! last servo cycle.
 
 mod access;
 mod audit;
@@ -51,7 +51,7 @@ use crate::persistence::{LastRuns, StateWriter};
 use crate::preview::Previews;
 use crate::shared::Shared;
 
-/// Characters of a warning that a server end raises.
+/// Maximum length of a warning raised by a server end, in characters.
 const WARNING_TEXT_MAX: usize = 500;
 
 /// The port of a running machine.
@@ -59,20 +59,20 @@ const WARNING_TEXT_MAX: usize = 500;
 pub(crate) struct RuntimePort {
     pub shared: Arc<Shared>,
     pub mailboxes: Vec<Arc<Mailbox>>,
-    /// Writes what is kept; `None` in simulated time and without a data folder.
+    /// Writes stored data; `None` in simulated time and without a data folder.
     pub writer: Option<StateWriter>,
-    /// Of an earlier start of the runtime.
+    /// Last runs of an earlier start of the runtime.
     pub last_runs: LastRuns,
-    /// Lines about who was let in.
+    /// Journal lines about logins and refused access.
     pub access: AccessLines,
     /// Programs, planned ahead.
     pub previews: Previews,
-    /// One output is kept at a time, so that the last value on disk is the one that was written last.
+    /// Serializes the storage of outputs, so that the last value on disk is the one written last.
     pub io_turn: tokio::sync::Mutex<()>,
 }
 
 impl RuntimePort {
-    /// Stops every coordinate system that runs.
+    /// Stops every active coordinate system.
     pub async fn stop_all(&self) {
         for mailbox in &self.mailboxes {
             if self.running(mailbox.number).is_none() {
@@ -89,7 +89,7 @@ impl RuntimePort {
                 meta,
                 wait: true,
             };
-            // Whatever the answer is, the task ends next.
+            // The task ends next, whatever the answer.
             let clock = &self.shared.clock;
             let _ = clock
                 .within_real(Duration::from_secs(2), self.carry_out(stop, Sender::in_process()))
@@ -108,7 +108,7 @@ impl RuntimePort {
         })
     }
 
-    /// Each coordinate system does its part, at the same time: none waits for another.
+    /// Sends the request to all coordinate systems at the same time, so that none waits for another.
     async fn pass_to_all(&self, request: CoordinateSystemRequest) -> Result<(), Refusal> {
         let asked = self
             .mailboxes
@@ -118,7 +118,7 @@ impl RuntimePort {
         answers.into_iter().try_for_each(|answer| answer.map(drop))
     }
 
-    /// A client is heard by the coordinate systems that watch it.
+    /// Passes the heartbeat of a client to the coordinate systems that watch it.
     async fn heartbeat(&self, id: String, beat: ClientHeartbeat) -> Result<Answer, Refusal> {
         check_client_id("client", &id)?;
         beat.check()?;
@@ -131,7 +131,7 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// A motor's skip input, in each coordinate system that has the motor as an axis.
+    /// Passes a motor's skip input to each coordinate system that has the motor as an axis.
     async fn skip_input(&self, motor: u16, value: bool, sender: &Sender) -> Result<Answer, Refusal> {
         let mut found = false;
         for system in &self.shared.machine.coordinate_systems {
@@ -155,7 +155,7 @@ impl RuntimePort {
         }
     }
 
-    /// Long work on programs, off the tasks that must not wait; in simulated time there is no disk and one thread.
+    /// Runs long work on programs outside of the tasks that must not block; simulated time has no disk and one thread.
     async fn on_disk<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Shared) -> io::Result<T> + Send + 'static,
@@ -172,7 +172,7 @@ impl RuntimePort {
         done.map_err(|error| {
             let code = match error.kind() {
                 io::ErrorKind::InvalidInput => RefusalCode::Invalid,
-                // it will not go by itself, as what the disk lacks may
+                // unlike a full disk, this does not resolve without a change of the request
                 io::ErrorKind::QuotaExceeded => RefusalCode::TooLarge,
                 _ => RefusalCode::Unavailable,
             };
@@ -180,7 +180,7 @@ impl RuntimePort {
         })
     }
 
-    /// The state of a run that has not ended, a run by hand included.
+    /// Returns the state of an active run, a run by hand included.
     fn running(&self, cs: CoordinateSystemNumber) -> Option<State> {
         let message = self.shared.hub.read(&Topic::cs(cs, CsTopic::State))?;
         let Payload::State(state) = &message.payload else {
@@ -193,7 +193,7 @@ impl RuntimePort {
         (!ended).then(|| state.clone())
     }
 
-    /// Topics whose value the servo's last cycle gives.
+    /// Returns the value of topics that the servo's last cycle provides.
     fn read_live(&self, topic: &Topic) -> Option<Payload> {
         let (cs, topic) = match topic {
             Topic::CoordinateSystem(cs, topic) => (cs, topic),
@@ -225,7 +225,7 @@ impl RuntimePort {
         }
     }
 
-    /// An alarm of the whole machine is one alarm, and stops each coordinate system.
+    /// Raises an alarm of the whole machine, which is one alarm and stops each coordinate system.
     async fn raise_alarm(&self, raise: AlarmRaise) -> Result<Answer, Refusal> {
         let alarm = raise.alarm()?;
         if let Some(cs) = raise.cs {
@@ -239,7 +239,7 @@ impl RuntimePort {
             text: alarm.text,
             ..AlarmRecord::default()
         });
-        // each is stopped, also behind one that refuses
+        // each one is stopped, even after one that refuses
         let mut answer = Ok(Answer::Done);
         for mailbox in &self.mailboxes {
             let stopped = mailbox
@@ -324,7 +324,7 @@ impl RuntimePort {
         }
     }
 
-    /// A run when it has ended, or when the wait is over.
+    /// Returns a run when it has ended, or when the wait is over.
     async fn run(&self, id: &str, wait_s: u32) -> Result<Run, Refusal> {
         let numbers = self.mailboxes.iter().map(|mailbox| mailbox.number);
         let topics = numbers.map(|cs| Topic::cs(cs, CsTopic::Run)).collect();
@@ -410,7 +410,7 @@ impl RuntimePort {
         }
     }
 
-    /// Most requests to a coordinate system go there as they are.
+    /// Converts a request to a coordinate system; most are passed on unchanged.
     fn pass_on(
         &self,
         cs: CoordinateSystemNumber,
@@ -509,7 +509,7 @@ impl ServedPort for RuntimePort {
 
     fn republish(&self) -> BoxFuture<'_, ()> {
         Box::pin(async move {
-            // a runtime that stops refuses it
+            // a runtime that is stopping refuses it
             let _ = self.pass_to_all(CoordinateSystemRequest::Republish).await;
         })
     }

@@ -1,8 +1,8 @@
 //! The program store: NC programs by number, parsed and checked when they are written.
 //!
-//! With a folder, each program is a file `<number>.nc` in it. It is written under a temporary name and renamed, and is on
-//! disk before the write returns. A sum beside it tells a file that was changed outside from one that is damaged
-//! (`folder`); a damaged one is no program until it is stored again.
+//! With a folder, each program is a file `<number>.nc` in it. It is written under a temporary name and renamed, and is
+//! on disk before the write returns. A recorded checksum distinguishes a file changed outside from a damaged one
+//! (`folder`); a damaged file is not a program until it is stored again.
 
 mod calls;
 mod edit;
@@ -39,49 +39,49 @@ pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
 pub use signing::Signers;
 
-/// Programs in the store at the most. A further one is refused.
+/// Maximum number of programs in the store. Further ones are rejected.
 pub const PROGRAMS_MAX: usize = 2000;
 
-/// Bytes of their texts together, where nothing else is configured.
+/// Maximum bytes of all program texts together, if nothing else is configured.
 pub const PROGRAMS_BYTES_MAX: usize = 256 << 20;
 
 /// All programs of a machine.
 #[derive(Debug)]
 pub struct ProgramStore {
-    /// Of the dialect of the lowest coordinate system.
+    /// Rules of the dialect of the lowest coordinate system.
     rules: TextRules,
-    /// Of each dialect.
+    /// Rules of each dialect.
     rules_of: Vec<TextRules>,
     /// Coordinate systems have different dialects.
     is_mixed: bool,
     signers: Signers,
-    /// Bytes of the texts of all programs together.
+    /// Maximum bytes of the texts of all programs together.
     bytes_max: usize,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
-    /// Damaged programs, and what is known of each. They are no programs.
+    /// Damaged programs with the known details. They do not count as programs.
     damaged: RwLock<BTreeMap<u16, String>>,
-    /// How often a program has changed.
+    /// Number of program changes.
     changes: AtomicU64,
     path: Option<PathBuf>,
-    /// Held while a program is written, so that one follows the other.
+    /// Serializes the writing of programs.
     writing: Mutex<()>,
-    /// `None`: nothing is kept on disk, or the folder could not be opened.
+    /// `None`: nothing is stored on disk, or the folder could not be opened.
     folder: Mutex<Option<ProgramFolder>>,
-    /// In which folder of lists each program lies.
+    /// Folder in the program list for each program.
     places: Mutex<Places>,
     generations: Arc<Generations>,
-    /// No program of the folder is believed when it is opened.
+    /// All programs of the folder are held back when it is opened.
     holds_back: AtomicBool,
     run_programs: run_programs::RunPrograms,
-    /// Files that a look found changed outside, with their times: one that the next look finds so, too, is read.
+    /// Files that a scan found changed outside, with their times. A file is read if the next scan finds the same time.
     changing: Mutex<BTreeMap<u16, Option<String>>>,
 }
 
-/// What a request to change a program has led to.
+/// Result of a request to change a program.
 pub(crate) type Changed<T> = io::Result<Result<T, Refusal>>;
 
 impl ProgramStore {
-    /// A store of programs that keeps nothing on disk.
+    /// Creates a store of programs that stores nothing on disk.
     pub fn in_memory(rules: TextRules) -> Self {
         Self {
             rules,
@@ -103,8 +103,7 @@ impl ProgramStore {
         }
     }
 
-    /// With the rules of further dialects, and those whose programs are run. `is_mixed`: coordinate systems have different
-    /// dialects.
+    /// Sets the rules of all dialects and the accepted signers. `is_mixed`: coordinate systems have different dialects.
     #[must_use]
     pub(crate) fn for_dialects(self, rules_of: Vec<TextRules>, is_mixed: bool, signers: Signers) -> Self {
         Self {
@@ -115,24 +114,24 @@ impl ProgramStore {
         }
     }
 
-    /// With room for so many bytes of all texts together.
+    /// Sets the maximum bytes of all texts together.
     #[must_use]
     pub(crate) fn with_room(self, bytes_max: usize) -> Self {
         Self { bytes_max, ..self }
     }
 
-    /// The store of a folder, which is made if it is missing. Files that are not programs, or are larger than one can
-    /// be, are left alone.
+    /// Opens the store of a folder, which is created if it is missing. Files that are not programs, or exceed the size
+    /// limit, are left unchanged.
     ///
     /// # Errors
-    /// The folder cannot be made, read or written.
+    /// Returns an error if the folder cannot be created, read or written.
     pub fn open(folder: &Path, rules: TextRules) -> io::Result<Self> {
         let mut store = Self::in_memory(rules);
         store.open_folder(folder, &HeldBack::default()).1?;
         Ok(store)
     }
 
-    /// The refusal of whatever needs a program, if it is damaged.
+    /// Returns the refusal for requests that need this program, if it is damaged.
     pub(crate) fn refuse_damaged(&self, number: u16) -> Option<Refusal> {
         let how = self.damaged.read().get(&number).cloned()?;
         let text = format!(
@@ -141,27 +140,27 @@ impl ProgramStore {
         Some(Refusal::new(RefusalCode::Unavailable, text))
     }
 
-    /// Damaged programs, and what is known of each.
+    /// Returns the damaged programs with the known details.
     pub(crate) fn damaged(&self) -> BTreeMap<u16, String> {
         self.damaged.read().clone()
     }
 
-    /// A view of all programs that later writes do not change.
+    /// Returns a snapshot of all programs, which later writes do not change.
     pub fn all(&self) -> Arc<BTreeMap<u16, Arc<StoredProgram>>> {
         Arc::clone(&self.programs.read())
     }
 
-    /// One program.
+    /// Returns one program.
     pub fn get(&self, number: u16) -> Option<Arc<StoredProgram>> {
         self.all().get(&number).cloned()
     }
 
-    /// How often a program has changed: another number says that another program may be there.
+    /// Returns the number of program changes; if it differs, a program may have changed.
     pub(crate) fn changes(&self) -> u64 {
         self.changes.load(Ordering::Acquire)
     }
 
-    /// Programs for lists, ascending.
+    /// Returns the programs for lists, in ascending order.
     pub fn list(&self) -> Vec<ProgramInfo> {
         let places = self.places.lock();
         self.all()
@@ -173,10 +172,10 @@ impl ProgramStore {
             .collect()
     }
 
-    /// Puts a program into a folder of lists; empty: into none. False when there is no such program.
+    /// Assigns a program to a folder of the program list; empty: to none. Returns false if the program does not exist.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub(crate) fn put_in_folder(&self, number: u16, folder: &str) -> io::Result<bool> {
         let _one_at_a_time = self.writing.lock();
         if self.get(number).is_none() {
@@ -186,20 +185,21 @@ impl ProgramStore {
         Ok(true)
     }
 
-    /// When the program's file was last written; `None` without one.
+    /// Returns when the program's file was last written; `None` without a file.
     pub fn written_at(&self, number: u16) -> Option<std::time::SystemTime> {
         fs::metadata(self.path(number)?).ok()?.modified().ok()
     }
 
-    /// Writes a program; with a folder it is on disk when this returns. True in the answer's `created`: it is new.
+    /// Writes a program; with a folder it is on disk when this returns. `created` of the result is true for a new
+    /// program.
     ///
     /// # Errors
-    /// The number is out of range, the store is full, or the disk refuses.
+    /// Returns an error if the number is out of range, the store is full, or the disk operation fails.
     pub fn write(&self, number: u16, text: &str) -> io::Result<ProgramCheck> {
         self.put(StoredProgram::new(number, text, self.rules))
     }
 
-    /// The same for a program that has been parsed and checked by the rules of this store.
+    /// Writes a program that was already parsed and checked by the rules of this store.
     ///
     /// # Errors
     /// As [`ProgramStore::write`].
@@ -208,8 +208,9 @@ impl ProgramStore {
         stored.map(|(check, _)| check).map_err(io::Error::other)
     }
 
-    /// The same under a condition, which is compared with what is there in the same step. Nothing is written where the
-    /// same program is there; a signature that comes with it counts, and none leaves that which is there.
+    /// Writes a program if `condition` holds; comparing and writing are one step. An identical stored program is not
+    /// written again. A signature supplied with the program replaces the stored one; without one, the stored signature
+    /// stays.
     ///
     /// # Errors
     /// As [`ProgramStore::write`].
@@ -263,7 +264,7 @@ impl ProgramStore {
         })
     }
 
-    /// The hash of what is there now: empty where that is damaged. `outside` is what was made of its file meanwhile.
+    /// Returns the current hash; empty for a damaged program. `outside` is the change made to its file in the meantime.
     fn hash_now(&self, number: u16, outside: &Outside) -> Option<String> {
         match outside {
             Outside::Written(sum) => Some(sum.clone()),
@@ -273,10 +274,10 @@ impl ProgramStore {
         }
     }
 
-    /// Tells whether a program of so many bytes would be new.
+    /// Returns whether a program of `bytes` bytes would be new.
     ///
     /// # Errors
-    /// The number is out of range, or the store is full.
+    /// Returns an error if the number is out of range, or the store is full.
     pub(crate) fn check_room(&self, number: u16, bytes: usize) -> io::Result<bool> {
         if !(1..=PROGRAM_NUMBER_MAX).contains(&number) {
             let text = format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}");
@@ -297,10 +298,11 @@ impl ProgramStore {
         Ok(created)
     }
 
-    /// The rules by which programs of a dialect are parsed and checked; `None`: of that of the lowest coordinate system.
+    /// Returns the rules for parsing and checking programs of a dialect; `None`: the dialect of the lowest coordinate
+    /// system.
     ///
     /// # Errors
-    /// There is no such dialect.
+    /// Returns an error if the dialect does not exist.
     pub(crate) fn rules_of(&self, dialect: Option<&str>) -> Result<TextRules, String> {
         let Some(dialect) = dialect else {
             return Ok(self.rules);
@@ -314,24 +316,25 @@ impl ProgramStore {
         }))
     }
 
-    /// Those whose programs are run.
+    /// Returns the signers whose programs may run.
     pub(crate) fn signers(&self) -> &Signers {
         &self.signers
     }
 
-    /// Removes a program, a damaged one, too; false when there is none.
+    /// Removes a program, even a damaged one. Returns false if it does not exist.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn delete(&self, number: u16) -> io::Result<bool> {
         let removed = self.remove(number, &ProgramCondition::default())?;
         Ok(removed.map_err(io::Error::other)?.is_some())
     }
 
-    /// The same under a condition, which is compared with what is there in the same step; `None`: there is none.
+    /// Removes a program if `condition` holds; comparing and removing are one step. Returns `None` if it does not
+    /// exist.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub(crate) fn remove(&self, number: u16, condition: &ProgramCondition) -> Changed<Option<Edit>> {
         let _one_at_a_time = self.writing.lock();
         let _writing = match self.run_programs.begin_writing(number) {
@@ -368,7 +371,7 @@ impl ProgramStore {
         self.changes.fetch_add(1, Ordering::Release);
     }
 
-    /// Takes a program for the one of its number, without writing it.
+    /// Stores a program under its number in memory, without writing it.
     pub(crate) fn keep(&self, program: StoredProgram) {
         self.damaged.write().remove(&program.number);
         let mut programs = self.programs.write();
@@ -381,7 +384,7 @@ impl ProgramStore {
     }
 }
 
-/// Why a program of so many bytes is not taken.
+/// Describes why a program of `bytes` bytes is rejected.
 fn no_room(bytes: u64, bytes_max: usize) -> String {
     format!(
         "with {bytes} bytes more, all programs together have more than {bytes_max}; delete one first, or raise total_max_mib in [programs]"

@@ -9,22 +9,22 @@ use plc_api::types::topic::{CsTopic, Topic};
 use crate::shared::Shared;
 
 impl Shared {
-    /// Publishes the variables that the configuration names, of each area in which one has changed.
+    /// Publishes the variables named by the configuration, for each area in which one has changed.
     pub fn publish_variables(&self) {
         if !self.machine.published.is_empty() {
             self.publish_areas();
         }
     }
 
-    /// The same in simulated time, where nothing happens at a rate: after each turn and write.
+    /// Publishes variables in simulated time, which has no publishing rate: after each turn and write.
     pub fn publish_variables_simulated(&self) {
         if self.clock.is_simulated() {
             self.publish_variables();
         }
     }
 
-    /// Publishes all areas, those of which nothing is configured, too: whoever follows a variable there learns that it is not
-    /// published.
+    /// Publishes all areas, including those without configured variables, so that a subscriber learns that its variable
+    /// is not published.
     pub fn publish_areas(&self) {
         let of_systems = self.tables.coordinate_systems();
         let areas = of_systems.map(VariableArea::CoordinateSystem);
@@ -48,7 +48,7 @@ impl Shared {
         }
     }
 
-    /// Publishes tool table and work offsets, where they have changed.
+    /// Publishes the tool table and the work offsets if they have changed.
     pub fn publish_tables(&self) {
         let _one_after_the_other = self.published_variables.lock();
         self.publish(Topic::Tools, Payload::Tools(self.tables.tools()));

@@ -1,4 +1,5 @@
-//! Runs: those that go on, those that have ended and how, and what was produced. Pure; it learns everything from events of the journal.
+//! Runs: the active ones, the ended ones with their results, and production counters. Pure; all data come from events
+//! of the journal.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::SystemTime;
@@ -19,37 +20,37 @@ use crate::disk::number;
 use crate::journal::{Event, Line, RaisedAlarm, RunEnd};
 use crate::order_key::OrderKey;
 
-/// Alarms and M codes that a run tells of.
+/// Maximum number of alarms and M codes reported of a run.
 const ALARMS_MAX: usize = 10;
 const WAITS_MAX: usize = 20;
 
-/// A run that has ended, and its number over all starts of the runtime.
+/// Ended run, and its number over all starts of the runtime.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct EndedRun {
     pub n: u64,
     #[serde(flatten)]
     pub run: Run,
-    /// The order that began it.
+    /// The order that has started it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<OrderKey>,
 }
 
-/// A run that continues, as it is kept, with the order that began it.
+/// Stored active run, with the order that has started it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BegunRun {
     #[serde(flatten)]
     pub run: Run,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<OrderKey>,
-    /// When its part began that continues, or that ended last.
+    /// Start of its current part, or of the last one that ended.
     pub part_began: Timestamp,
 }
 
-/// What is kept of runs over starts of the runtime.
+/// Data of runs stored over starts of the runtime.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct KeptRuns {
     pub ended: Vec<EndedRun>,
-    /// Those that went on when the runtime ended.
+    /// Runs that were active when the runtime ended.
     pub open: Vec<BegunRun>,
     pub production: Vec<Production>,
     /// Number of the newest line of the journal that is included, by coordinate system.
@@ -63,13 +64,13 @@ pub(crate) type LinesIncluded = BTreeMap<CoordinateSystemNumber, u64>;
 #[derive(Debug, Default)]
 pub(crate) struct RunBook {
     open: BTreeMap<CoordinateSystemNumber, OpenRun>,
-    /// The oldest first.
+    /// Ended runs, the oldest first.
     ended: VecDeque<EndedRun>,
     production: BTreeMap<(CoordinateSystemNumber, u16), Production>,
     lines: LinesIncluded,
 }
 
-/// A run that goes on.
+/// Active run.
 #[derive(Debug)]
 struct OpenRun {
     run: Run,
@@ -77,15 +78,15 @@ struct OpenRun {
     began_s: f64,
     part_began_s: f64,
     part_began: Timestamp,
-    /// M number of each open output that the program waits for, and since when, by its sequence number.
+    /// M number of each pending output that the program waits for, and the start of the wait, by its sequence number.
     waiting: BTreeMap<u64, (u16, f64)>,
     waits: BTreeMap<u16, RunWait>,
 }
 
 impl RunBook {
-    /// Continues with what was kept and what the newest lines of the journal add to it: the store lags behind what was
-    /// published, and the journal does not. A run that had not ended was ended by the end of the runtime, in the block of
-    /// `place_of` it; these runs are returned.
+    /// Continues with the stored data and the additions from the newest lines of the journal: the store lags behind
+    /// published data, the journal does not. A run that had not ended is ended by the end of the runtime, in the block
+    /// given by `place_of`; these runs are returned.
     pub fn restore(
         &mut self,
         kept: KeptRuns,
@@ -125,7 +126,7 @@ impl RunBook {
         cut_short.map(close).collect()
     }
 
-    /// Learns from a line of an earlier start. Its time of day stands for the monotonic clock.
+    /// Processes a line of an earlier start. Its time of day replaces the monotonic clock.
     fn replay(&mut self, written: &Value) {
         let (n, line) = (number(written), Line::from_json(written));
         let ts = Timestamp::deserialize(&written["ts"]).ok();
@@ -145,18 +146,18 @@ impl RunBook {
         self.note_line(cs, n);
     }
 
-    /// Notes that the line of this number is included.
+    /// Notes that the line with this number is included.
     pub fn note_line(&mut self, cs: CoordinateSystemNumber, n: u64) {
         let included = self.lines.entry(cs).or_default();
         *included = n.max(*included);
     }
 
-    /// Number of the newest line that is included, by coordinate system.
+    /// Returns the number of the newest included line, by coordinate system.
     pub fn lines(&self) -> &LinesIncluded {
         &self.lines
     }
 
-    /// True for an event that it learns from.
+    /// Returns true for an event that changes runs or counters.
     pub fn learns_from(event: &Event) -> bool {
         matches!(
             event,
@@ -170,7 +171,7 @@ impl RunBook {
         )
     }
 
-    /// Learns from an event. True when there is something to publish.
+    /// Processes an event. Returns true if the state must be published.
     pub fn on(&mut self, cs: CoordinateSystemNumber, event: &Event, now: Now) -> bool {
         if let Event::Start { program: 1.., .. } = event {
             self.begin(cs, event, now);
@@ -325,7 +326,7 @@ impl RunBook {
         })
     }
 
-    /// A run by its id, as it is now.
+    /// Returns the present state of a run by its id.
     pub fn run(&self, id: &str, now_s: f64) -> Option<Run> {
         let mut open = self.open.values();
         if let Some(open) = open.find(|open| open.run.id == id) {
@@ -339,7 +340,7 @@ impl RunBook {
         ended.map(|ended| ended.run.clone())
     }
 
-    /// The run that goes on, or the last one that ended.
+    /// Returns the active run, or the last one that ended.
     pub fn state(&self, cs: CoordinateSystemNumber) -> RunState {
         let open = self.open.get(&cs).map(|open| &open.run);
         let mut ended = self.ended.iter().rev().map(|ended| &ended.run);
@@ -348,7 +349,7 @@ impl RunBook {
         }
     }
 
-    /// Runs that have ended, the newest first.
+    /// Returns ended runs, the newest first.
     pub fn runs(&self, query: RunQuery) -> Runs {
         let is_asked = |cs: CoordinateSystemNumber| query.cs.is_none_or(|asked| asked == cs);
         let (from, count) = (
@@ -364,12 +365,12 @@ impl RunBook {
         }
     }
 
-    /// Runs that have ended, the newest first.
+    /// Returns all ended runs, the newest first.
     pub fn ended(&self) -> impl Iterator<Item = &EndedRun> {
         self.ended.iter().rev()
     }
 
-    /// The run that goes on in a coordinate system.
+    /// Returns the active run of a coordinate system.
     pub fn open(&self, cs: CoordinateSystemNumber) -> Option<BegunRun> {
         self.open.get(&cs).map(|open| BegunRun {
             run: open.run.clone(),
@@ -378,7 +379,7 @@ impl RunBook {
         })
     }
 
-    /// The run that an order of this user and id has begun, and that order.
+    /// Returns the run started by an order of this user and id, and that order.
     pub fn ordered(&self, key: &OrderKey) -> Option<(&Run, &OrderKey)> {
         let open = self.open.values().map(|open| (&open.run, open.order.as_ref()));
         let ended = self
@@ -393,7 +394,7 @@ impl RunBook {
         })
     }
 
-    /// Counters of all programs.
+    /// Returns the counters of all programs.
     pub fn production(&self) -> Vec<Production> {
         self.production.values().cloned().collect()
     }
@@ -414,7 +415,7 @@ fn unix_s(time: SystemTime) -> f64 {
 }
 
 impl OpenRun {
-    /// A run of an earlier start, with times of day as seconds.
+    /// Restores a run of an earlier start, with times of day as seconds.
     fn restore(kept: BegunRun) -> Self {
         let BegunRun {
             run,
@@ -449,7 +450,7 @@ impl OpenRun {
         wait.longest_s = wait.longest_s.max(took_s);
     }
 
-    /// Waits that go on end with the part.
+    /// Ends the pending waits together with the part.
     fn end_part(&mut self, now_s: f64) {
         let waiting: Vec<u64> = self.waiting.keys().copied().collect();
         for seq in waiting {

@@ -1,9 +1,9 @@
 //! The servo thread: in real time it keeps the servo period for all coordinate systems in lock-step.
 //!
-//! The thread itself never allocates, locks or waits for a task. What happened reaches the tasks by way of a relay
-//! thread, which it unparks: waking a task takes locks that a servo cycle must not take. It runs with real-time
-//! priority where the operating system allows it. The relay thread also watches the servo thread: a panic, and a cycle that
-//! does not end, are a failure of the servo, after which nothing moves.
+//! The thread itself never allocates, locks or waits for a task. Events reach the tasks through a relay thread, which
+//! it unparks: waking a task takes locks that a servo cycle must not take. It runs with real-time priority if the
+//! operating system allows it. The relay thread also watches the servo thread: a panic, or a cycle that does not end,
+//! is a failure of the servo, after which nothing moves.
 
 mod stall_watch;
 
@@ -19,47 +19,48 @@ use tandem_servo::{Cutoff, Servo};
 
 use stall_watch::{LOOK_EVERY, STALL_MAX, StallWatch, note_place};
 
-/// Time that a stop waits for the threads. Reason: a servo thread may be caught in a call of the bus.
+/// Maximum wait of a stop for the threads. Reason: a servo thread may be blocked in a call of the bus.
 const JOIN_MAX: Duration = Duration::from_secs(1);
 
-/// Real-time priority of the servo thread, 0 to 99: above what a desktop or server runs, below the kernel's own work.
+/// Real-time priority of the servo thread, 0 to 99: above the processes of a desktop or server, below the kernel's own
+/// work.
 const PRIORITY: u8 = 80;
 
-/// Buckets of a histogram: bucket `n` counts times of 2^n to 2^(n+1) microseconds, the first one all below, the last
-/// one all above.
+/// Buckets of a histogram: bucket `n` counts times of 2^n to 2^(n+1) microseconds; the first one includes all shorter
+/// times, the last one all longer times.
 pub const JITTER_BUCKETS: usize = 16;
 
-/// How punctual the servo thread is. Read at any time.
+/// Punctuality of the servo thread. It can be read at any time.
 #[derive(Debug, Default)]
 pub struct ServoStatistics {
     /// Servo cycles since the start.
     pub cycles: AtomicU64,
-    /// Cycles that were not finished when the next one was due; those that were left out are among them.
+    /// Cycles that were not finished when the next one was due, including those left out.
     pub overruns: AtomicU64,
-    /// Cycles that were left out, since the servo was late by more than two periods.
+    /// Cycles left out because the servo was late by more than two periods.
     pub missed: AtomicU64,
     /// Exchanges with the drives that ended late.
     pub late_exchanges: AtomicU64,
     /// Frames to the drives that were lost.
     pub lost_frames: AtomicU64,
-    /// How late after its time each cycle began.
+    /// Lateness of the start of each cycle.
     pub lateness: Measured,
-    /// How long each cycle took.
+    /// Duration of each cycle.
     pub computing: Measured,
     /// Cycles that have begun; more than `cycles` while one runs.
     pub begun: AtomicU64,
-    /// Why the servo has failed. Nothing moves from then on.
+    /// Reason of the servo's failure. Nothing moves from then on.
     failure: OnceLock<String>,
 }
 
-/// Times that were measured.
+/// Measured times.
 #[derive(Debug, Default)]
 pub struct Measured {
-    /// The longest so far, ns.
+    /// The longest time so far, ns.
     pub max_ns: AtomicU64,
-    /// All of them, ns.
+    /// Sum of all times, ns.
     pub sum_ns: AtomicU64,
-    /// By size.
+    /// Number of times by size.
     pub buckets: [AtomicU64; JITTER_BUCKETS],
 }
 
@@ -90,17 +91,17 @@ impl Measured {
 }
 
 impl ServoStatistics {
-    /// The servo fails; the first reason counts.
+    /// Notes a failure of the servo; the first reason is kept.
     pub(crate) fn fail(&self, why: &str) {
         self.failure.get_or_init(|| why.to_owned());
     }
 
-    /// Why the servo has failed, if it has.
+    /// Returns the reason of the servo's failure, if any.
     pub(crate) fn failure(&self) -> Option<&str> {
         self.failure.get().map(String::as_str)
     }
 
-    /// The number of the cycle that runs; `None` between two.
+    /// Returns the number of the running cycle; `None` between two cycles.
     pub(crate) fn running_cycle(&self) -> Option<u64> {
         let begun = self.begun.load(Ordering::Relaxed);
         (begun != self.cycles.load(Ordering::Relaxed)).then_some(begun)
@@ -117,7 +118,7 @@ impl ServoStatistics {
         }
     }
 
-    /// The statistics as a server end shows them.
+    /// Returns the statistics in the form used by server ends.
     pub(crate) fn timing(&self, period: Duration) -> ServoTiming {
         ServoTiming {
             period_s: period.as_secs_f64(),
@@ -131,15 +132,15 @@ impl ServoStatistics {
     }
 }
 
-/// When cycles are due. Pure: the time is a parameter.
+/// Due times of cycles. Pure: the time is a parameter.
 #[derive(Debug)]
 struct Timetable {
     period: Duration,
-    /// When the next cycle is due.
+    /// Due time of the next cycle.
     next: Instant,
 }
 
-/// How a cycle begins.
+/// Start of a cycle.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Begin {
     /// Time since it was due.
@@ -149,8 +150,8 @@ struct Begin {
 }
 
 impl Timetable {
-    /// The cycle that is due begins. One that is a little late is made up for by the next one; after more than two periods
-    /// the cycles that are overdue are left out, since setpoints must not come in a burst.
+    /// Begins the cycle that is due. A small delay is made up for by the next cycle; after more than two periods the
+    /// overdue cycles are left out, since setpoints must not come in a burst.
     fn begin(&mut self, now: Instant) -> Begin {
         let late = now.saturating_duration_since(self.next);
         let mut missed = 0;
@@ -164,8 +165,9 @@ impl Timetable {
     }
 }
 
-/// A servo cycle after so many that were left out: above `missed_max` what moves is held. A panic of the servo, the bus or a
-/// spindle is a failure of the servo: from then on each cycle commands no power. True as of [`Servo::cycle`].
+/// Executes a servo cycle after this number of left-out cycles: above `missed_max`, motion is held. A panic of the
+/// servo, the bus or a spindle is a failure of the servo: from then on each cycle commands no power. Returns the result
+/// of [`Servo::cycle`].
 pub(crate) fn cycle_after(
     servo: &mut Servo,
     missed: u64,
@@ -193,7 +195,7 @@ pub(crate) fn cycle_after(
     })
 }
 
-/// Lets cycles pass at once, as [`Servo::pass`]; a panic is a failure of the servo.
+/// Executes several cycles at once, as [`Servo::pass`] does; a panic is a failure of the servo.
 pub(crate) fn pass(servo: &mut Servo, cycles: u64, statistics: &ServoStatistics) {
     if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| servo.pass(cycles))) {
         statistics.fail(&format!(
@@ -203,9 +205,9 @@ pub(crate) fn pass(servo: &mut Servo, cycles: u64, statistics: &ServoStatistics)
     }
 }
 
-/// What the servo thread tells others by the relay thread.
+/// Callbacks through which the relay thread reports events of the servo thread.
 pub(crate) struct Told<W, F> {
-    /// A cycle has put out an event.
+    /// A cycle has emitted an event.
     pub wake: W,
     /// The servo has failed, for this reason. Called once.
     pub failed: F,
@@ -219,11 +221,11 @@ pub struct ServoThread {
 }
 
 impl ServoThread {
-    /// Starts the thread, which counts into `statistics`. When more than `missed_max` cycles in a row are left out, what moves
-    /// is held.
+    /// Starts the thread, which counts into `statistics`. If more than `missed_max` cycles in a row are left out,
+    /// motion is held.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// Returns an error if the operating system provides no thread.
     pub(crate) fn start<W, F>(
         mut servo: Servo,
         period: Duration,
@@ -298,7 +300,7 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     fn run(mut self) {
         while !self.stop.load(Ordering::Acquire) {
             std::thread::park_timeout(LOOK_EVERY);
-            // a relay that fails leaves motion without its tasks: that is a failure of the servo
+            // if the relay fails, motion continues without its tasks: that is a failure of the servo
             if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| self.look())) {
                 let text = panic_text(panicked.as_ref());
                 self.statistics
@@ -326,7 +328,7 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     }
 
     fn report(&self, why: &str) {
-        // each is called, whatever becomes of the others
+        // each is called, whether or not the others fail
         if let Some(cutoff) = &self.cutoff {
             let _ = catch_unwind(AssertUnwindSafe(cutoff));
         }
@@ -334,7 +336,8 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     }
 }
 
-/// First come, first served, before all ordinary threads. Without the permission the thread runs as an ordinary one.
+/// Requests real-time scheduling: first in, first out, before all ordinary threads. Without the permission the thread
+/// runs as an ordinary one.
 #[cfg(unix)]
 fn ask_for_real_time() {
     use thread_priority::unix::{
@@ -358,7 +361,7 @@ fn ask_for_real_time() {
     }
 }
 
-/// There is no such priority that every other system grants.
+/// Does nothing: other systems have no such priority that is always granted.
 #[cfg(not(unix))]
 fn ask_for_real_time() {}
 
@@ -371,7 +374,7 @@ impl Drop for ServoThread {
             while !thread.is_finished() && Instant::now() < until {
                 std::thread::sleep(Duration::from_millis(1));
             }
-            // one that is caught in a call of the bus ends with the process
+            // a thread that is blocked in a call of the bus ends with the process
             if thread.is_finished() {
                 let _ = thread.join();
             }

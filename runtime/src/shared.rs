@@ -1,4 +1,4 @@
-//! What all coordinate systems, the port and the server ends share.
+//! State shared by all coordinate systems, the port and the server ends.
 
 mod commands;
 
@@ -55,30 +55,30 @@ pub(crate) struct Shared {
     pub clock: Clock,
     pub store: ProgramStore,
     pub journal: Journal,
-    /// Called with what is planned, in simulated time.
+    /// Called with each part of a plan, in simulated time.
     pub on_plan: Option<OnPlan>,
-    /// What of the data folder cannot be written.
+    /// Parts of the data folder that cannot be written.
     pub health: Arc<Health>,
-    /// Of all tasks and threads.
+    /// Supervises all tasks and threads.
     pub supervisor: Supervisor,
-    /// How punctual the servo thread is; nothing in simulated time.
+    /// Punctuality of the servo thread; unused in simulated time.
     pub servo: Arc<ServoStatistics>,
     pub tables: Arc<Tables>,
     /// False while the connection to the MQTT broker is lost.
     pub bus_connected: AtomicBool,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
-    /// How long programs have waited for M codes lately, s.
+    /// Recent waiting times of programs for M codes, s.
     m_code_waits: Mutex<BTreeMap<(CoordinateSystemNumber, u16), f64>>,
     alarms: Mutex<Alarms>,
     handlers: Mutex<HandlerRegistry>,
-    /// Held while its states are published: what is published last is what is so.
+    /// Locked while its states are published, so that the last message published is the current one.
     pub io: Mutex<IoPoints>,
-    /// The owner of an input or output has left: its time may end earlier than the ones that are awaited.
+    /// Notified when the owner of an input or output is lost: its time may expire before those already awaited.
     pub io_absences: Notify,
-    /// Held while `birth` is published: what is published last is what is so.
+    /// Serializes publication of `birth`, so that the last message published is the current one.
     birth: Mutex<()>,
-    /// The variables that were published last. Held while these, tools and offsets are published.
+    /// The variables published last. Locked while variables, tools and offsets are published.
     pub published_variables: Mutex<BTreeMap<VariableArea, PublishedVariables>>,
     pub runs: Arc<Mutex<RunBook>>,
     /// The question about stored files that do not fit together.
@@ -130,7 +130,7 @@ impl Shared {
         }
     }
 
-    /// From now on [`Shared::wake_all`] wakes this task, too.
+    /// Adds a task that [`Shared::wake_all`] wakes, too.
     pub fn wakes(&self, task: Arc<Notify>) {
         self.wakes.lock().push(task);
     }
@@ -142,7 +142,7 @@ impl Shared {
         }
     }
 
-    /// Counts the messages and journal lines that may have woken a task.
+    /// Returns the number of messages and journal lines that may have woken a task.
     pub fn sent(&self) -> u64 {
         self.sent.load(Ordering::Relaxed)
     }
@@ -160,7 +160,7 @@ impl Shared {
         Timestamp::from_system_time(self.clock.wall())
     }
 
-    /// A message of now.
+    /// Creates a message with the current time.
     pub fn message(&self, topic: Topic, rev: Option<u64>, payload: Payload) -> Message {
         Message {
             topic,
@@ -171,7 +171,7 @@ impl Shared {
         }
     }
 
-    /// Publishes an event, or a state that has changed; gives the topic's revision.
+    /// Publishes an event, or a state that has changed; returns the topic's revision.
     pub fn publish(&self, topic: Topic, payload: Payload) -> u64 {
         if !topic.is_state() {
             self.send(self.message(topic, None, payload));
@@ -180,7 +180,7 @@ impl Shared {
         self.publish_state(topic, payload).rev.unwrap_or(0)
     }
 
-    /// Publishes a state if it has changed; gives its message.
+    /// Publishes a state if it has changed; returns its message.
     pub fn publish_state(&self, topic: Topic, payload: Payload) -> Arc<Message> {
         let message = |topic, rev, payload| self.message(topic, Some(rev), payload);
         let (message, has_changed) = self.hub.publish_change(topic, payload, message);
@@ -190,7 +190,7 @@ impl Shared {
         message
     }
 
-    /// Publishes a state as it is, with the time of now: it still holds.
+    /// Publishes an unchanged state again with the current time.
     pub fn say_again(&self, topic: &Topic) {
         if let Some(last) = self.hub.read(topic) {
             let (rev, payload) = (last.rev, last.payload.clone());
@@ -211,8 +211,8 @@ impl Shared {
         self.publish(Topic::Presence, Payload::Presence(presence));
     }
 
-    /// Notes whether a part of the data folder was written; gives the result. One that was asked for what cannot be done
-    /// says nothing of the disk.
+    /// Notes whether a part of the data folder was written; returns the result. An attempt that is impossible in itself
+    /// gives no information about the disk.
     pub fn note<T>(&self, part: Part, attempt: io::Result<T>) -> io::Result<T> {
         let is_asked_too_much = |error: &io::Error| {
             matches!(
@@ -250,7 +250,7 @@ impl Shared {
 
     /// Writes a line of the journal.
     ///
-    /// The runs learn of it while nobody can read them: what is read of a run, or kept of it, is in the journal.
+    /// The runs process the event under their lock, so that every run that is read or kept already includes it.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
         let now = self.now();
         let mut runs = RunBook::learns_from(&event).then(|| self.runs.lock());
@@ -273,18 +273,18 @@ impl Shared {
         }
     }
 
-    /// Raises an alarm or a warning; a warning is in the history only.
+    /// Raises an alarm or a warning; a warning appears only in the history.
     pub fn raise(&self, record: AlarmRecord) -> AlarmRecord {
         let is_active = record.severity == AlarmSeverity::Alarm;
         self.raise_for(record, is_active)
     }
 
-    /// Raises a warning that is among the active alarms until a reset, and prevents nothing.
+    /// Raises a warning that stays among the active alarms until a reset, and prevents nothing.
     pub fn raise_standing(&self, record: AlarmRecord) -> AlarmRecord {
         self.raise_for(record, true)
     }
 
-    /// A warning of the whole machine that stands, through resets, as long as there is a text.
+    /// Keeps a warning of the whole machine active, even through resets, as long as there is a text.
     pub fn stand(&self, entry: &AlarmEntry, text: Option<&str>) {
         let mut alarms = self.alarms.lock();
         for record in alarms.stand(entry, text, &self.timestamp()) {
@@ -292,13 +292,14 @@ impl Shared {
         }
     }
 
-    /// What the configuration, else a handler that is there, says of the alarm that sequence programs raise by this code.
+    /// Returns the text for an alarm that sequence programs raise with this code: from the configuration, else from an
+    /// online handler.
     pub fn alarm_text(&self, code: u16) -> Option<AlarmText> {
         let of_config = self.machine.alarms.get(&code).cloned();
         of_config.or_else(|| self.handlers.lock().alarm_text(code))
     }
 
-    /// One that is active already is not raised again: its record is given back.
+    /// Raises an alarm. If it is already active, it is not raised again, and its existing record is returned.
     fn raise_for(&self, mut record: AlarmRecord, is_active: bool) -> AlarmRecord {
         let code = record.number.checked_sub(USER_ALARM_BASE);
         if let Some(said) = code.and_then(|code| self.alarm_text(code)) {
@@ -314,7 +315,8 @@ impl Shared {
         }
     }
 
-    /// Clears the alarms of a coordinate system, and those of the whole machine; of these all tasks are woken to publish it.
+    /// Clears the alarms of a coordinate system and of the whole machine; for the latter, all tasks are woken to
+    /// publish the change.
     pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
         let mut alarms = self.alarms.lock();
         let cleared = alarms.clear(cs, &self.timestamp());
@@ -326,7 +328,7 @@ impl Shared {
         }
     }
 
-    /// Notes who has acknowledged an alarm; false when there is no such active alarm.
+    /// Notes which user has acknowledged an alarm; returns false if there is no such active alarm.
     pub fn acknowledge_alarm(&self, id: u64, by: &str) -> bool {
         let mut alarms = self.alarms.lock();
         let acknowledged = alarms.acknowledge(id, by);
@@ -341,12 +343,12 @@ impl Shared {
         self.publish(Topic::AlarmEvent, Payload::AlarmEvent(changed.clone()));
     }
 
-    /// Alarms of a coordinate system that are active; warnings do not count.
+    /// Returns the number of active alarms of a coordinate system, without warnings.
     pub fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
         self.alarms.lock().count(cs)
     }
 
-    /// From now on a warning stands after each fault of a task or thread that has no alarm of its own.
+    /// Raises a standing warning after each fault of a task or thread that has no alarm of its own.
     pub fn warn_of_faults(self: &Arc<Self>) {
         let shared = Arc::downgrade(self);
         self.supervisor.listen(move |report| {
@@ -368,7 +370,8 @@ impl Shared {
         });
     }
 
-    /// The servo has failed: an alarm of the whole machine, which each coordinate system follows in its next turn.
+    /// Raises an alarm of the whole machine because the servo has failed; each coordinate system follows it in its next
+    /// turn.
     pub fn on_servo_failed(&self, why: &str) {
         self.raise(AlarmRecord {
             number: SERVO_FAILED.number,
@@ -386,7 +389,7 @@ impl Shared {
         self.wake_all();
     }
 
-    /// True while an alarm of this number is active in a coordinate system.
+    /// Returns true while an alarm with this number is active in a coordinate system.
     pub fn is_alarm_active(&self, number: u16, cs: CoordinateSystemNumber) -> bool {
         self.alarms.lock().is_active(number, cs)
     }
@@ -395,10 +398,10 @@ impl Shared {
         self.alarms.lock().history()
     }
 
-    /// Notes and publishes a handler.
+    /// Registers and publishes a handler.
     ///
     /// # Errors
-    /// As of the registry.
+    /// Fails if the registry refuses the handler.
     pub fn set_handler(
         &self,
         reach: Reach,
@@ -428,7 +431,7 @@ impl Shared {
         Ok(changed)
     }
 
-    /// Publishes what the machine is where that has changed.
+    /// Publishes the description of the machine if it has changed.
     pub fn publish_birth(&self) {
         let _one_after_the_other = self.birth.lock();
         let birth = birth(&self.machine, &self.handlers());
@@ -441,12 +444,12 @@ impl Shared {
         }
     }
 
-    /// The instance of a handler that is to confirm that it is still there.
+    /// Returns the instance of a handler that has to confirm its presence.
     pub fn asked_handler(&self, id: &str) -> Option<String> {
         self.handlers.lock().asked(id).map(str::to_owned)
     }
 
-    /// Tells an instance of a handler what became of it.
+    /// Reports the result of its request to an instance of a handler.
     pub fn tell_handler(&self, id: &str, result: HandlerResult) {
         self.publish(
             Topic::HandlerResult(id.to_owned()),
@@ -458,7 +461,7 @@ impl Shared {
         self.handlers.lock().all()
     }
 
-    /// What the configuration, and handlers that are there, declare of M codes.
+    /// Returns the declarations of M codes by the configuration and by online handlers.
     pub fn declared(&self) -> Vec<Declared> {
         let of_config = self.machine.m_codes.values();
         let of_config = of_config.filter_map(|settings| settings.declared.clone().map(Declared::in_config));
@@ -471,7 +474,7 @@ impl Shared {
         of_config.chain(of_handlers).collect()
     }
 
-    /// Declarations of one M code, by the configuration and by handlers that are online.
+    /// Returns the declarations of one M code by the configuration and by online handlers.
     pub fn declared_of(&self, cs: CoordinateSystemNumber, m: u16) -> Vec<Declared> {
         let settings = self.machine.m_codes.get(&m);
         let of_config = settings.and_then(|settings| settings.declared.clone());
@@ -484,7 +487,7 @@ impl Shared {
         declared
     }
 
-    /// Returns alarm 11 if a declaration does not take the parameters of an output.
+    /// Returns alarm 11 if a declaration does not accept the parameters of an output.
     pub fn refused_output(&self, cs: CoordinateSystemNumber, output: &Output) -> Option<Alarm> {
         let has_params = output.has_params();
         has_params
@@ -492,37 +495,37 @@ impl Shared {
             .flatten()
     }
 
-    /// True while a handler is there.
+    /// Returns true while a handler is online.
     pub fn is_online(&self, id: &str) -> bool {
         self.handlers.lock().is_online(id)
     }
 
-    /// Validates who writes a level or an output for a handler: the instance that is online.
+    /// Checks that a level or an output of a handler is written by its online instance.
     ///
     /// # Errors
-    /// As of [`HandlerRegistry::judge_writer`].
+    /// Returns an error in the cases of [`HandlerRegistry::judge_writer`].
     pub fn judge_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
         self.handlers.lock().judge_writer(id, instance)
     }
 
-    /// True when a handler that is there serves this M code.
+    /// Returns true if an online handler serves this M code.
     pub fn is_handled(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         self.handlers.lock().serve(cs, m)
     }
 
-    /// When the handler comes back that serves this M code and has left, seconds since the start.
+    /// Returns the time by which the offline handler of this M code is expected back, in seconds since the start.
     pub fn handler_back_s(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
         self.handlers.lock().back_s(cs, m, self.clock.now_s())
     }
 
-    /// Notes how long an M code took to be reset, s. What it took lately counts for a quarter.
+    /// Notes how long an M code took to be reset, s. The newest value has a weight of one quarter.
     pub fn note_m_code_wait(&self, cs: CoordinateSystemNumber, m: u16, took_s: f64) {
         let mut waits = self.m_code_waits.lock();
         let known = waits.entry((cs, m)).or_insert(took_s);
         *known += (took_s - *known) / 4.0;
     }
 
-    /// How long it takes as a rule, s; `None`: nobody knows yet.
+    /// Returns the usual waiting time, s; `None` if it is not known yet.
     pub fn m_code_wait(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
         self.m_code_waits.lock().get(&(cs, m)).copied()
     }

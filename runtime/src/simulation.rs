@@ -1,7 +1,7 @@
 //! Simulated time: servo cycles are counted as fast as the computer can, and only when no task is ready to run.
 //!
 //! All tasks run on one thread, so a run repeats byte for byte. Most events of a cycle concern one coordinate system
-//! only, such as the start of the next block: that coordinate system works here, and no task is woken.
+//! only, such as the start of the next block: that coordinate system handles them here, and no task is woken.
 
 mod tokio_clock;
 
@@ -21,10 +21,10 @@ use tokio_clock::TokioClock;
 
 pub use crate::planned::{OnPlan, Planned};
 
-/// Real time without progress of simulated time, after which that is reported.
+/// Real time without progress of simulated time after which the standstill is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
 
-/// Turns taken before all tasks have one, those that wait for what is outside included.
+/// Turns taken before all tasks have one, including those that wait for external events.
 const TURNS_MAX: usize = 256;
 
 /// Called after each servo cycle, for a trace.
@@ -45,23 +45,23 @@ pub struct Simulation {
 
 struct SimulatedServo {
     servo: Servo,
-    /// Cycles, those that were left out included.
+    /// Cycles, including those that were skipped.
     cycles: u64,
-    /// Cycles to be left out before the next one.
+    /// Cycles to skip before the next one.
     missed: u64,
-    /// Turns taken by coordinate systems alone since tasks had one.
+    /// Turns taken by coordinate systems alone since the tasks last had a turn.
     turns: usize,
     on_cycle: Option<OnCycle>,
 }
 
-/// What comes next in simulated time.
+/// Next event in simulated time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Next {
     /// Tasks are ready to run.
     Tasks,
-    /// This cycle, before which nothing happens.
+    /// This cycle; nothing happens before it.
     Cycle(u64),
-    /// Nothing moves and nobody sleeps, or the time limit is reached.
+    /// Nothing moves and no task sleeps, or the time limit is reached.
     Nothing,
 }
 
@@ -102,24 +102,24 @@ impl Simulation {
         }
     }
 
-    /// The next servo cycle begins so much too late, as in a process that is suspended: the servo cycles due meanwhile are
-    /// left out, and whoever sleeps until then wakes behind it.
+    /// Delays the start of the next servo cycle by `late`, as in a process that is suspended: the servo cycles due in
+    /// the meantime are skipped, and tasks that sleep until then wake after it.
     pub fn delay_servo(&self, late: Duration) {
         let late_ns = u64::try_from(late.as_nanos()).unwrap_or(u64::MAX);
         self.servo.lock().missed += late_ns / self.period_ns;
     }
 
-    /// Resolves when nothing can happen any more: no motion, no sleeper, or the time limit is reached.
+    /// Resolves when nothing further can happen: no motion and no sleeper, or the time limit is reached.
     pub async fn stalled(&self) {
         self.stalled.notified().await;
     }
 
-    /// True when the time limit is reached.
+    /// Returns true when the time limit is reached.
     pub fn is_at_limit(&self) -> bool {
         self.cycles() * self.period_ns >= self.limit_ns
     }
 
-    /// Servo cycles counted so far.
+    /// Returns the number of servo cycles so far.
     pub(crate) fn cycles(&self) -> u64 {
         self.servo.lock().cycles
     }
@@ -143,7 +143,7 @@ impl Simulation {
         }
     }
 
-    /// What comes next. Whoever is due is woken.
+    /// Returns the next event. Wakes the tasks that are due.
     fn next(&self, servo: &mut SimulatedServo) -> Next {
         if self.clock.wake_due() {
             servo.turns = 0;
@@ -162,8 +162,8 @@ impl Simulation {
         Next::Cycle(servo.cycles + before + 1)
     }
 
-    /// Counts cycles up to this one, at most up to the one that comes [next](Simulation::next). True when tasks must run before time
-    /// advances.
+    /// Counts cycles up to this one, at most up to the [next](Simulation::next) one. Returns true when tasks must run
+    /// before time advances.
     fn advance(&self, servo: &mut SimulatedServo, cycle: u64) -> bool {
         let missed = std::mem::take(&mut servo.missed);
         let before = cycle - servo.cycles - 1;
@@ -181,14 +181,15 @@ impl Simulation {
             return false;
         }
         servo.turns = 0;
-        // so that this is called again, also when nobody listened
+        // so that this is called again, even if no task listened
         for mailbox in &self.mailboxes {
             mailbox.wake_task();
         }
         true
     }
 
-    /// A cycle, before which so many pass or are left out. True as of [`Servo::cycle`], and when the servo has failed.
+    /// Runs a cycle after `before` cycles have passed or were skipped. Returns true as [`Servo::cycle`] does, and when
+    /// the servo has failed.
     fn cycle(&self, servo: &mut Servo, before: u64, missed: u64) -> bool {
         let statistics = &self.shared.servo;
         let had_failed = statistics.failure().is_some();
@@ -203,16 +204,17 @@ impl Simulation {
         events
     }
 
-    /// Each coordinate system with servo events handles them. False when tasks must run before time advances.
+    /// Lets each coordinate system with servo events handle them. Returns false when tasks must run before time
+    /// advances.
     fn turn_alone(&self, servo: &Servo) -> bool {
         let mailboxes = self.mailboxes.iter().zip(servo.channels());
         let told = mailboxes.filter(|(_, channel)| channel.has_reported());
-        // all of them turn, also behind one that needs its task
+        // all of them take a turn, also after one that needs its task
         told.filter(|(mailbox, _)| !mailbox.turn_alone()).count() == 0
     }
 
-    /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them, and what
-    /// measures wants those in which a speed changes.
+    /// Returns the number of cycles without events before the next sleeper is due, which pass at once. A trace needs
+    /// each of them; a measuring observer needs those in which a speed changes.
     fn cycles_to_pass(&self, servo: &mut SimulatedServo, now_ns: u64) -> u64 {
         let is_watched = servo.on_cycle.is_some();
         if is_watched && !self.passes_even_motion {
@@ -229,17 +231,18 @@ impl Simulation {
     }
 }
 
-/// How a simulation runs.
+/// Options of a simulation.
 pub struct SimulationOptions {
     /// Simulated time at which it stalls, s.
     pub max_time_s: f64,
     /// Called after each servo cycle.
     pub on_cycle: Option<OnCycle>,
-    /// Cycles in which each motor keeps its speed may be left out of that: the next one tells by its time.
+    /// Cycles in which each motor keeps its speed may be omitted from `on_cycle`; the time of the next cycle shows the
+    /// gap.
     pub passes_even_motion: bool,
-    /// Called with what is planned.
+    /// Called with each plan.
     pub on_plan: Option<OnPlan>,
-    /// What makes the hardware; `None`: it is simulated.
+    /// Creates the hardware; `None`: it is simulated.
     pub hardware: Option<HardwareFactory>,
 }
 
@@ -255,14 +258,14 @@ impl Default for SimulationOptions {
     }
 }
 
-/// Where a runtime in simulated time puts its simulation, so that the executor finds it.
+/// Slot in which a runtime in simulated time places its simulation, so that the executor finds it.
 pub(crate) type Slot = Arc<OnceLock<Arc<Simulation>>>;
 
 tokio::task_local! {
     static SLOT: Slot;
 }
 
-/// The slot of the simulation that this task runs in.
+/// Returns the slot of the simulation in which this task runs.
 pub(crate) fn slot() -> Option<Slot> {
     SLOT.try_with(Arc::clone).ok()
 }
@@ -270,7 +273,7 @@ pub(crate) fn slot() -> Option<Slot> {
 /// Runs a future in simulated time: [`Runtime::start_simulated`](crate::Runtime::start_simulated) works inside it.
 ///
 /// # Errors
-/// The operating system gives no event queue.
+/// Returns an error if the operating system provides no event queue.
 pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
     let slot = Slot::default();
     let mut executor = executor(&slot);
@@ -285,27 +288,28 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
     Ok(executor.enable_all().build()?.block_on(SLOT.scope(slot, watched)))
 }
 
-/// Whose code runs in a simulation.
+/// Origin of the code that runs in a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Code {
-    /// The runtime's alone: it sleeps on the clock of the machine.
+    /// Only the runtime's code, which sleeps on the clock of the machine.
     Own,
-    /// That of others, too, who may sleep on the clock of tokio.
+    /// Also foreign code, which may sleep on the clock of tokio.
     Foreign,
 }
 
-/// The same where tokio's clock is the simulation's too, and without sockets: whoever takes one panics. `on_thread` is called when
-/// something is given to another thread. The simulation of the runtime is found in the slot.
+/// Runs a future in simulated time, with the clock of tokio as simulated clock if `code` is foreign. There are no
+/// sockets then: opening one panics. `on_thread` is called when work is given to another thread. The slot holds the
+/// simulation of the runtime.
 ///
 /// # Errors
-/// As [`run`].
+/// Fails as [`run`].
 pub(crate) fn run_in<T>(
     slot: Slot,
     code: Code,
     on_thread: impl Fn() + Send + Sync + 'static,
     main: impl Future<Output = T>,
 ) -> std::io::Result<T> {
-    // called where the thread is asked for, thus before the simulation goes on
+    // called when the thread is requested, thus before the simulation continues
     let name = move || {
         on_thread();
         "other-thread".to_owned()
@@ -333,7 +337,7 @@ fn executor(slot: &Slot) -> tokio::runtime::Builder {
     executor
 }
 
-/// Reports that simulated time has stopped: every task waits for something else.
+/// Reports that simulated time has stopped because every task waits for something else.
 async fn report_standstill(slot: Slot) -> std::convert::Infallible {
     let mut last = None;
     loop {

@@ -1,6 +1,6 @@
-//! What stops motion, and how: the table of the book and of the tests, one cell for each cause and each kind of motion.
+//! Causes and kinds of stops: the table of the book and of the tests, one cell for each cause and each kind of motion.
 
-/// What stops motion, or might.
+/// Event that stops motion, or might stop it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopCause {
     /// The interlock is set.
@@ -23,7 +23,7 @@ pub enum StopCause {
     Abort,
 }
 
-/// What moves.
+/// Kind of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StoppedMotion {
     /// A rapid motion.
@@ -46,18 +46,18 @@ pub enum StoppedMotion {
     Reversal,
 }
 
-/// What happens.
+/// Reaction of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReaction {
-    /// The motion comes to rest on its path; a resume continues.
+    /// The motion stops on its path; a resume continues.
     Holds,
-    /// Motion and spindle come to rest in phase; a resume continues in phase.
+    /// Motion and spindle stop in phase; a resume continues in phase.
     HoldsInPhase,
     /// The thread is finished first; the motion is held when the tool is out.
     HoldsAfterThread,
     /// The jog ends on its path.
     EndsJog,
-    /// The motion comes to rest on its path, in a thread in phase, and the run ends.
+    /// The motion stops on its path, in a thread in phase, and the run ends.
     Stops,
     /// Each motor brakes at its maximum acceleration, and the run ends.
     Brakes,
@@ -79,7 +79,7 @@ impl StopCause {
         Self::Abort,
     ];
 
-    /// Its name in the table.
+    /// Returns its name in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Interlock => "interlock",
@@ -94,7 +94,7 @@ impl StopCause {
         }
     }
 
-    /// What happens to a motion.
+    /// Returns the reaction of a motion.
     pub fn reaction(self, motion: StoppedMotion) -> StopReaction {
         use StopReaction::{Brakes, Continues, EndsJog, Holds, HoldsAfterThread, HoldsInPhase, Stops};
         match (self, motion) {
@@ -123,7 +123,7 @@ impl StoppedMotion {
         Self::Reversal,
     ];
 
-    /// Its name in the table.
+    /// Returns its name in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rapid => "rapid",
@@ -151,7 +151,7 @@ impl StopReaction {
         Self::Continues,
     ];
 
-    /// Its name in the table.
+    /// Returns its name in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Holds => "holds",
@@ -164,7 +164,7 @@ impl StopReaction {
         }
     }
 
-    /// What it means, and its time limit.
+    /// Returns its meaning and its time limit.
     pub fn text(self) -> &'static str {
         match self {
             Self::Holds => {
@@ -192,8 +192,8 @@ impl StopReaction {
         }
     }
 
-    /// The longest time to rest, s, with this `hold_slew_ms`, on motors whose limits demand no longer time; `None`: there is no
-    /// limit.
+    /// Returns the maximum time to rest, s, with this `hold_slew_ms`, on motors whose limits do not demand longer;
+    /// `None` if there is no limit.
     pub fn limit_s(self, hold_slew_ms: f64) -> Option<f64> {
         match self {
             Self::HoldsAfterThread | Self::Continues => None,

@@ -1,9 +1,9 @@
-//! Whether the files of a data folder fit together, and the question about those that do not.
+//! Checks whether the files of a data folder are consistent, and manages the question about inconsistent ones.
 //!
 //! Each sealed line names its machine, its generation and the newest generations of the other parts
-//! (`disk/generations.rs`). If a start finds an older copy of a part, or one of another machine, its content is held back:
-//! it counts as lost, and a person is asked. No program starts until the question is answered. What was held back is
-//! kept beside the store: values in [`HELD_FILE`], programs in their files, folders in the question itself.
+//! (`disk/generations.rs`). If a start finds an older copy of a part, or one of another machine, its content is held
+//! back: it is treated as lost, and a person is asked. No program starts until the question is answered. The data held
+//! back are stored separately: values in [`HELD_FILE`], programs in their files, folders in the question itself.
 
 pub(crate) mod inspection;
 
@@ -18,7 +18,7 @@ use serde_json::json;
 use crate::disk::{Generations, Kind, fs, read_regular, read_sealed, seal, sync_folder, write_whole};
 use crate::program_store::places::FolderByProgram;
 
-/// File with the question, as long as it is open.
+/// File with the question, while it is pending.
 const QUESTION_FILE: &str = "question";
 
 /// File with the values that are held back.
@@ -36,7 +36,7 @@ struct KeptQuestion {
     folders: FolderByProgram,
 }
 
-/// The question of a data folder, if one is open.
+/// The pending question of a data folder, if any.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct OpenQuestion {
     folder: PathBuf,
@@ -44,7 +44,7 @@ pub(crate) struct OpenQuestion {
 }
 
 impl OpenQuestion {
-    /// Reads the file of a folder. One that is damaged is a question all the same.
+    /// Reads the file of a folder. A damaged file is also treated as a question.
     pub fn read(folder: &Path) -> Self {
         let kept = match read_regular(&folder.join(QUESTION_FILE), QUESTION_BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
@@ -64,7 +64,7 @@ impl OpenQuestion {
         }
     }
 
-    /// What a person must decide, in one text.
+    /// Describes the decision that a person must make, in one text.
     pub fn text(&self) -> Option<String> {
         let question = self.question()?;
         let findings = question.findings.iter().map(|finding| finding.text.clone());
@@ -87,7 +87,7 @@ impl OpenQuestion {
         &self.folder
     }
 
-    /// How the store does not fit; `None`: none of its values is held back.
+    /// Returns the fault of the store; `None` if none of its values is held back.
     pub fn fault_of_store(&self) -> Option<StoredDataFault> {
         let findings = &self.question()?.findings;
         let mut findings = findings.iter();

@@ -1,7 +1,7 @@
 //! Data that NC programs and sequence programs share: variables, tools, work offsets.
 //!
-//! One lock orders them: a block is interpreted under its read side; a change of a range, a tool or an offset takes its
-//! write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.
+//! One lock orders them: a block is interpreted under its read lock; a change of a range, a tool or an offset takes its
+//! write lock. So each block sees a change completely or not at all, and blocks never wait for one another.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,34 +20,34 @@ use tandem_model::{Axis, AxisSet, AxisVector, Variables};
 
 use crate::config::Machine;
 
-/// Tools of the table at the most. A further one is refused.
+/// Maximum number of tools in the table. Further ones are rejected.
 pub const TOOLS_MAX: usize = 1000;
 
-/// Of a coordinate system without a table.
+/// Work offsets of a coordinate system without a table.
 const NO_OFFSETS: &WorkOffsets = &WorkOffsets([AxisVector::ZERO; 6]);
 
-/// What is kept on disk: JSON by name.
+/// Values stored on disk: JSON by name.
 pub(crate) type KeptValues = BTreeMap<String, Vec<u8>>;
 
-/// Name of a kept value that each coordinate system has.
+/// Returns the name of a stored value that each coordinate system has.
 pub(crate) fn value_key(what: &str, cs: CoordinateSystemNumber) -> String {
     format!("{what}/{cs}")
 }
 
-/// Name of a tool's data.
+/// Returns the name of a tool's data.
 pub(crate) fn tool_key(id: u16) -> String {
     format!("tool_data/{id}")
 }
 
-/// Name of a work offset of a coordinate system.
+/// Returns the name of a work offset of a coordinate system.
 pub(crate) fn work_offset_key(cs: CoordinateSystemNumber, name: &str) -> String {
     format!("work_offset/{cs}/{name}")
 }
 
-/// What is kept in the place of a value that is lost; no value is written so.
+/// Placeholder stored for a lost value; no value has this form.
 pub(crate) const LOST_VALUE: &[u8] = b"lost";
 
-/// A work offset as it is kept, by axis letter; `None`: the value is lost.
+/// A work offset as stored, by axis letter; `None`: the value is lost.
 pub(crate) type KeptOffset = BTreeMap<String, Option<f64>>;
 
 /// Adds a value by its name.
@@ -58,12 +58,12 @@ pub(crate) fn keep(values: &mut KeptValues, key: String, value: &impl Serialize)
     }
 }
 
-/// A tool or an offset as it is kept.
+/// A tool or an offset as stored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Kept<T> {
-    /// What the configuration said when it was written.
+    /// Configured value at the time of writing.
     pub configured: T,
-    /// What counts.
+    /// Value in effect.
     pub now: T,
 }
 
@@ -74,9 +74,9 @@ pub(crate) struct Tables {
     global: VariableArray,
     axes: BTreeMap<CoordinateSystemNumber, AxisSet>,
     values: RwLock<Values>,
-    /// What the configuration says.
+    /// Values of the configuration.
     configured: Values,
-    /// Coordinate systems of which nobody knows the tool in the spindle.
+    /// Coordinate systems whose spindle tool is unknown.
     unknown_spindles: Mutex<BTreeSet<CoordinateSystemNumber>>,
     /// Held from reading the old values until the new ones are in effect.
     changing: Mutex<()>,
@@ -90,17 +90,17 @@ pub(crate) struct Values {
 }
 
 impl Values {
-    /// The tool of a number; `None` when it is not in the table, as 0, no tool, never is.
+    /// Returns the tool of a number; `None` if it is not in the table. 0 (no tool) is never in the table.
     pub fn tool(&self, id: u16) -> Option<Tool> {
         self.tools.get(&id).copied()
     }
 
-    /// All tools by number.
+    /// Returns all tools by number.
     pub fn tools(&self) -> &BTreeMap<u16, Tool> {
         &self.tools
     }
 
-    /// Work offsets of a coordinate system.
+    /// Returns the work offsets of a coordinate system.
     pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> &WorkOffsets {
         self.work_offsets.get(&cs).unwrap_or(NO_OFFSETS)
     }
@@ -133,7 +133,7 @@ impl Values {
 }
 
 impl Tables {
-    /// The tables as the configuration fills them; variables are zero.
+    /// Creates the tables from the configuration; variables are zero.
     pub fn new(machine: &Machine) -> Self {
         let global = VariableArray::new(GLOBAL_VARIABLES);
         let systems = || machine.coordinate_systems.iter();
@@ -155,7 +155,7 @@ impl Tables {
         }
     }
 
-    /// The tables while a block is interpreted: nothing is set until the guard is dropped.
+    /// Locks the tables while a block is interpreted: nothing is changed until the guard is dropped.
     pub fn read(&self) -> RwLockReadGuard<'_, Values> {
         self.values.read()
     }
@@ -164,7 +164,7 @@ impl Tables {
         self.values.write()
     }
 
-    /// The variables that a program of a coordinate system reaches.
+    /// Returns the variables that a program of a coordinate system can access.
     pub fn variables(&self, cs: CoordinateSystemNumber) -> Variables {
         self.variables
             .get(&cs)
@@ -172,17 +172,17 @@ impl Tables {
             .unwrap_or_else(|| Variables::new(self.global.clone()))
     }
 
-    /// P variables.
+    /// Returns the P variables.
     pub fn global(&self) -> VariableArray {
         self.global.clone()
     }
 
-    /// Numbers of the coordinate systems, ascending.
+    /// Returns the numbers of the coordinate systems, ascending.
     pub fn coordinate_systems(&self) -> impl Iterator<Item = CoordinateSystemNumber> {
         self.axes.keys().copied()
     }
 
-    /// Values of a range as they are between two writes of ranges.
+    /// Returns the values of a range, never in the middle of a write.
     pub fn read_variables(&self, area: VariableArea, from: u32, count: u32) -> Result<Vec<f64>, Refusal> {
         let array = self.range(area, from, count as usize)?;
         let _no_range_is_written = self.read();
@@ -199,7 +199,7 @@ impl Tables {
         Ok(values)
     }
 
-    /// Values of ranges that are there, as they are between two writes of ranges; of a lost one, the mark that it is.
+    /// Returns the values of existing ranges, never in the middle of a write; a lost value has its mark.
     pub fn ranges(&self, area: VariableArea, ranges: &[(u32, u32)]) -> Vec<Vec<f64>> {
         let array = match area {
             VariableArea::Global => Some(&self.global),
@@ -215,7 +215,7 @@ impl Tables {
         ranges.iter().map(values).collect()
     }
 
-    /// Writes a range between two blocks, all of it or nothing.
+    /// Writes a range between two blocks, completely or not at all.
     pub fn write_variables(&self, area: VariableArea, from: u32, values: &[f64]) -> Result<(), Refusal> {
         let array = self.range(area, from, values.len())?;
         let _no_block_is_interpreted = self.write();
@@ -250,12 +250,12 @@ impl Tables {
         Ok(array)
     }
 
-    /// The tool table, ascending.
+    /// Returns the tool table, ascending.
     pub fn tools(&self) -> ToolTable {
         self.read().tool_table()
     }
 
-    /// The tool table of the configuration.
+    /// Returns the tool table of the configuration.
     pub fn configured_tools(&self) -> ToolTable {
         self.configured.tool_table()
     }
@@ -269,7 +269,7 @@ impl Tables {
         self.write().tools = tools.map(tool).collect();
     }
 
-    /// The values after a change of the tool table.
+    /// Returns the values after a change of the tool table.
     pub fn with_tools(&self, change: &ToolChange) -> Result<Values, Refusal> {
         let mut values = self.read().clone();
         for id in &change.remove {
@@ -299,19 +299,19 @@ impl Tables {
         Ok(values)
     }
 
-    /// Work offsets of a coordinate system, each with its axes.
+    /// Returns the work offsets of a coordinate system, each with its axes.
     pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> Result<WorkOffsetTable, Refusal> {
         let axes = *self.axes.get(&cs).ok_or_else(|| no_coordinate_system(cs))?;
         Ok(self.read().work_offset_table(cs, axes))
     }
 
-    /// Work offsets of the configuration.
+    /// Returns the work offsets of the configuration.
     pub fn configured_work_offsets(&self, cs: CoordinateSystemNumber) -> WorkOffsetTable {
         let axes = self.axes.get(&cs).copied().unwrap_or(AxisSet::EMPTY);
         self.configured.work_offset_table(cs, axes)
     }
 
-    /// Sets axes of work offsets before anything runs; names that the coordinate system does not have are left out.
+    /// Sets axes of work offsets before anything runs; names unknown to the coordinate system are skipped.
     pub fn restore_work_offsets<'a>(
         &self,
         cs: CoordinateSystemNumber,
@@ -327,7 +327,7 @@ impl Tables {
         }
     }
 
-    /// Tools and work offsets as they are kept, each with what the configuration says (see `persistence/restore.rs`).
+    /// Returns tools and work offsets as stored, each with its configured value (see `persistence/restore.rs`).
     pub fn kept(&self, values: &Values) -> KeptValues {
         let mut kept = KeptValues::new();
         let data = |id: u16, tool: &Tool| {
@@ -369,7 +369,7 @@ impl Tables {
         kept
     }
 
-    /// Notes whether the tool in the spindle of a coordinate system is known.
+    /// Records whether the tool in the spindle of a coordinate system is known.
     pub fn note_spindle(&self, cs: CoordinateSystemNumber, is_known: bool) {
         let mut unknown = self.unknown_spindles.lock();
         if is_known {
@@ -379,12 +379,12 @@ impl Tables {
         }
     }
 
-    /// Coordinate systems whose tool in the spindle is unknown.
+    /// Returns the coordinate systems whose spindle tool is unknown.
     pub fn unknown_spindles(&self) -> BTreeSet<CoordinateSystemNumber> {
         self.unknown_spindles.lock().clone()
     }
 
-    /// The values with those of `other` in the place of lost ones.
+    /// Returns the values, with lost ones replaced by those of `other`.
     pub fn with_lost_from(&self, other: &Values) -> Values {
         let mut values = self.read().clone();
         for (id, tool) in &other.tools {
@@ -411,7 +411,7 @@ impl Tables {
         values
     }
 
-    /// Takes the variables of `other` in the place of lost ones.
+    /// Replaces lost variables by those of `other`.
     pub fn take_lost_variables(&self, other: &Self) {
         let _no_block_is_interpreted = self.write();
         take_lost(&self.global, &other.global);
@@ -423,7 +423,7 @@ impl Tables {
         }
     }
 
-    /// Every value that is lost, in words.
+    /// Describes every lost value.
     pub fn lost(&self) -> Vec<String> {
         let mut lost = lost_ranges("P", &self.global, "");
         for (cs, variables) in &self.variables {
@@ -451,7 +451,7 @@ impl Tables {
         lost
     }
 
-    /// The values after a change of work offsets.
+    /// Returns the values after a change of work offsets.
     pub fn with_work_offsets(
         &self,
         cs: CoordinateSystemNumber,
@@ -479,7 +479,7 @@ impl Tables {
         Ok(values)
     }
 
-    /// Changes tools or offsets between two blocks, one change after another. `keep` writes them to disk first.
+    /// Changes tools or offsets between two blocks, one change at a time. `keep` writes them to disk first.
     pub fn change(
         &self,
         changed: impl FnOnce(&Self) -> Result<Values, Refusal>,
@@ -509,7 +509,7 @@ fn letter(area: VariableArea) -> &'static str {
     }
 }
 
-/// The lost variables of an array: `P384 to P511`.
+/// Describes the lost variables of an array: `P384 to P511`.
 fn lost_ranges(letter: &str, array: &VariableArray, of: &str) -> Vec<String> {
     let is_lost_at = |number: &usize| array.get(*number).is_some_and(is_lost);
     let (mut ranges, mut next) = (Vec::new(), 0);
@@ -524,12 +524,12 @@ fn lost_ranges(letter: &str, array: &VariableArray, of: &str) -> Vec<String> {
     ranges
 }
 
-/// The place of a work offset in a table.
+/// Returns the index of a work offset in a table.
 fn place_of(name: &str) -> Option<usize> {
     WORK_OFFSETS.iter().position(|known| *known == name)
 }
 
-/// The axis of these that a letter names.
+/// Returns the axis with this letter.
 fn axis_of(letter: &str, axes: AxisSet) -> Option<Axis> {
     axes.iter().find(|axis| letter.chars().eq([axis.letter()]))
 }

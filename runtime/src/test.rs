@@ -1,8 +1,9 @@
 //! A whole runtime in simulated time inside a unit test of a machine builder.
 //!
 //! A [`Bench`] runs an NC program against a sequence program on a machine with simulated motors, as fast as the
-//! computer can, and gives a [`Run`]: what was put out and when, in which order, how it ended, where the machine is. The
-//! same test gives the same [`Run`], to the last bit, however busy the computer is.
+//! computer can. The resulting [`Run`] contains the outputs with their times and order, the end of the run, and the
+//! positions of the machine. The same test gives the same [`Run`], to the last bit, regardless of the load of the
+//! computer.
 //!
 //! ```
 //! use std::time::Duration;
@@ -46,7 +47,7 @@
 //!
 //! # Scripted events
 //! Operators, inputs and faults are scripted: [`Bench::at_s`], [`Bench::at_line`], [`Bench::at_output`] and
-//! [`Bench::at_state`] run an async closure at that moment. It gets a [`Scene`]: the machine with every command and
+//! [`Bench::at_state`] run an async closure at that moment. It receives a [`Scene`]: the machine with every command and
 //! input, and its handlers, which it can kill.
 //!
 //! ```
@@ -72,20 +73,24 @@
 //! # Ok(()) }
 //! ```
 //!
-//! What runs beside the handlers, such as [tasks](SequenceProgram::task), runs here too, and nobody waits for its end. A model of
-//! the plant is a [`Bench::plant`].
+//! Code that runs next to the handlers, such as [tasks](SequenceProgram::task), runs here too; the test does not wait
+//! for its end. A model of the plant is a [`Bench::plant`].
 //!
 //! # One clock
 //! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep), [`Plc::timeout`](plc_api::Plc::timeout) and
-//! [`Plc::interval`](plc_api::Plc::interval): ten minutes of them take milliseconds, and so do ten minutes of long lines and dwells,
-//! where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. The clock of tokio
-//! (`tokio::time`, so that of libraries too) is the same clock, in milliseconds: a `tokio::time::timeout` comes at its simulated time,
-//! and `tokio::time::Instant` tells it. Nobody waits for sockets and other threads (`spawn_blocking`, `tokio::fs`): a run in which
-//! something uses them ends with an error that says so, and so does one in which a handler, a task or a plant stands still for 0.4 s of
-//! real time, as in `std::thread::sleep` (on Linux, which tells it from a busy computer). `std::time` stays outside of simulated time, and
-//! nobody sees who asks it: a loop of `plc.sleep` until an `Instant` of the standard library is over goes through simulated hours in
-//! that real second. Ask `tokio::time::Instant` or [`Plc::now_s`](plc_api::Plc::now_s). What waits for anything else, which does not
-//! come, ends the run, too, and [`Run::completed`] says what the program waited for.
+//! [`Plc::interval`](plc_api::Plc::interval). Ten simulated minutes take milliseconds. This also applies to ten minutes
+//! of long lines and dwells, if the motors have no `lag_ms`: only events, such as blocks, take time to compute. The
+//! clock of tokio (`tokio::time`, also in libraries) is the same clock, in milliseconds: a `tokio::time::timeout`
+//! expires at its simulated time, and `tokio::time::Instant` shows it.
+//!
+//! Simulated time does not wait for sockets and other threads (`spawn_blocking`, `tokio::fs`). A run in which code uses
+//! them ends with an error that states the cause. The same happens if a handler, a task or a plant blocks for 0.4 s of
+//! real time, as in `std::thread::sleep` (on Linux, which distinguishes it from a busy computer).
+//!
+//! `std::time` stays outside of simulated time, and its use cannot be detected: a loop of `plc.sleep` until an
+//! `Instant` of the standard library has passed runs through simulated hours in that real second. Use
+//! `tokio::time::Instant` or [`Plc::now_s`](plc_api::Plc::now_s). Waiting for any other event that does not occur also
+//! ends the run, and [`Run::completed`] reports what the program waited for.
 
 mod background;
 mod perform;
@@ -116,14 +121,14 @@ pub use perform::Scene;
 pub use record::{Ended, OutputRecord, Run, StateChange, Stopped, SystemEnd};
 pub use trace::Sample;
 
-/// Program number of a text that has none.
+/// Program number of a text without a number.
 const MAIN_PROGRAM: u16 = 1;
 
-/// Simulated time after which a run that does not end is ended, s: [`Bench::max_time_s`] sets another.
+/// Simulated time limit of a run, s; [`Bench::max_time_s`] sets another one.
 const MAX_TIME_S: f64 = 3600.0;
 
-/// Why a test cannot be carried out, or did not go as expected: text for people. `Debug` shows it, too, so that a test
-/// may return it.
+/// Reason why a test cannot run, or did not go as expected, as text. `Debug` shows the same text, so that a test may
+/// return it.
 #[derive(Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct TestError(String);
@@ -146,16 +151,16 @@ impl From<plc_api::Error> for TestError {
     }
 }
 
-/// When something scripted happens.
+/// When a scripted event happens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Cue {
     /// Seconds after the start of the programs.
     Time(f64),
-    /// A line of the main program moves, puts out, or stops.
+    /// A line of the main program moves, issues an output, or stops.
     Line(u32),
-    /// An output of this M number is made, in any coordinate system.
+    /// An output of this M number is issued, in any coordinate system.
     Output(u16),
-    /// A coordinate system comes into this state.
+    /// A coordinate system enters this state.
     State(CoordinateSystemNumber, Execution),
 }
 
@@ -172,7 +177,7 @@ impl std::fmt::Display for Cue {
 
 type Action = Box<dyn FnOnce(Scene) -> BoxFuture<'static, plc_api::Result<()>> + Send>;
 
-/// A machine, its sequence programs, and what happens while it runs. See the [module](self).
+/// A machine, its sequence programs, and the events while it runs. See the [module](self).
 #[must_use = "nothing happens before `run`"]
 pub struct Bench {
     machine: Machine,
@@ -201,11 +206,11 @@ impl Default for Bench {
 }
 
 impl Bench {
-    /// The demo machine (`examples/config/demo.toml`) without its NC programs and handlers: X, Y, Z and a spindle in
-    /// coordinate system 1, X and Z in coordinate system 2. M codes that nobody handles are alarms.
+    /// Creates a bench with the demo machine (`examples/config/demo.toml`) without its NC programs and handlers: X, Y,
+    /// Z and a spindle in coordinate system 1, X and Z in coordinate system 2. M codes without a handler are alarms.
     ///
     /// # Panics
-    /// Never: the demo machine is good.
+    /// Never: the demo machine is valid.
     #[expect(
         clippy::expect_used,
         reason = "the text is part of the program; a test reads it"
@@ -218,10 +223,10 @@ impl Bench {
         Self::on_machine(machine)
     }
 
-    /// The machine of a configuration file, with its NC programs. Its data folder is not touched.
+    /// Creates a bench with the machine of a configuration file and its NC programs. Its data folder is not touched.
     ///
     /// # Errors
-    /// The file cannot be read, or is refused.
+    /// Returns an error if the file cannot be read or is invalid.
     pub fn with_config(path: impl AsRef<Path>) -> Result<Self, TestError> {
         let path = path.as_ref();
         let refused = |error: &dyn std::fmt::Display| TestError::new(format!("{}: {error}", path.display()));
@@ -230,7 +235,7 @@ impl Bench {
         Ok(Self::on_machine(machine))
     }
 
-    /// Any machine.
+    /// Creates a bench with any machine.
     pub fn on_machine(machine: Machine) -> Self {
         Self {
             machine,
@@ -248,33 +253,33 @@ impl Bench {
         }
     }
 
-    /// On this hardware; without it the hardware is simulated.
+    /// Uses this hardware; without it the hardware is simulated.
     pub fn hardware(mut self, hardware: HardwareFactory) -> Self {
         self.options.hardware = Some(hardware);
         self
     }
 
-    /// Called after each servo cycle of [`Bench::play`].
+    /// Sets a function that is called after each servo cycle of [`Bench::play`].
     pub fn on_cycle(mut self, on_cycle: impl FnMut(&Servo) + Send + 'static) -> Self {
         self.options.on_cycle = Some(Box::new(on_cycle));
         self
     }
 
-    /// Where the journal of [`Bench::play`] goes; to the log without this.
+    /// Sets the journal of [`Bench::play`]; without this, it goes to the log.
     pub fn journal(mut self, journal: Journal) -> Self {
         self.journal = journal;
         self
     }
 
-    /// Serves the machine with a sequence program; its handlers are known before the NC program is loaded.
+    /// Serves the machine with a sequence program, whose handlers are registered before the NC program is loaded.
     pub fn serve(mut self, program: SequenceProgram) -> Self {
         self.sequence_programs.push(program);
         self
     }
 
-    /// A model of the plant, such as of cylinders with their switches: an async closure that runs beside the handlers from before
-    /// they begin. Nobody waits for its end, and it ends with the test; when it ends with an error, so does the test. It sleeps
-    /// in [simulated time](self#one-clock).
+    /// Adds a model of the plant, such as of cylinders with their switches: an async closure that starts before the
+    /// handlers and runs next to them. The test does not wait for its end, and stops it at the end of the test; if it
+    /// ends with an error, so does the test. It sleeps in [simulated time](self#one-clock).
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, SequenceProgram, handlers::with};
@@ -323,8 +328,8 @@ impl Bench {
         self
     }
 
-    /// Declares an input or output of the plant, as `[io]` of a configuration does. A [plant](Bench::plant) sets inputs, and answers
-    /// to outputs.
+    /// Declares an input or output of the plant, as `[io]` of a configuration does. A [plant](Bench::plant) sets inputs
+    /// and reacts to outputs.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
@@ -372,19 +377,19 @@ impl Bench {
         self
     }
 
-    /// A program that others call, by number.
+    /// Adds a program that other programs call, by number.
     pub fn subprogram(mut self, number: u16, text: impl Into<String>) -> Self {
         self.programs.insert(number, text.into());
         self
     }
 
-    /// A program that another coordinate system runs at the same time, under this program number.
+    /// Adds a program that another coordinate system runs at the same time, under this program number.
     pub fn beside(mut self, cs: CoordinateSystemNumber, number: u16, text: impl Into<String>) -> Self {
         self.beside.push((cs, number));
         self.subprogram(number, text)
     }
 
-    /// Does something so many seconds after the start.
+    /// Runs an action `at_s` seconds after the start.
     pub fn at_s<F, Work>(self, at_s: f64, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -393,8 +398,8 @@ impl Bench {
         self.at(Cue::Time(at_s), action)
     }
 
-    /// Does something when a line of the main program begins: its motion, its output or its stop. A line that has none
-    /// of them never does.
+    /// Runs an action when a line of the main program begins: its motion, its output or its stop. A line without any of
+    /// these never triggers it.
     pub fn at_line<F, Work>(self, line: u32, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -403,7 +408,7 @@ impl Bench {
         self.at(Cue::Line(line), action)
     }
 
-    /// Does something when an M code is put out the first time.
+    /// Runs an action when an M code is issued for the first time.
     pub fn at_output<F, Work>(self, m: u16, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -412,7 +417,7 @@ impl Bench {
         self.at(Cue::Output(m), action)
     }
 
-    /// Does something when a coordinate system comes into a state the first time after the start.
+    /// Runs an action when a coordinate system enters a state for the first time after the start.
     pub fn at_state<F, Work>(self, cs: CoordinateSystemNumber, execution: Execution, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -421,36 +426,38 @@ impl Bench {
         self.at(Cue::State(cs, execution), action)
     }
 
-    /// Ends a run that does not end by itself, simulated seconds; 3600 where this is not called.
+    /// Sets the time limit of a run, in simulated seconds; the default is 3600.
     pub fn max_time_s(mut self, max_time_s: f64) -> Self {
         self.options.max_time_s = max_time_s;
         self
     }
 
-    /// Keeps the commanded positions of all coordinate systems in the run, one sample each so many seconds or the next
-    /// servo cycle: [`Run::trace`], [`Run::at_s`]. Such a run computes every servo cycle, also those in which nothing
-    /// is told: ten simulated minutes take seconds then.
+    /// Records the commanded positions of all coordinate systems at this interval, rounded up to the next servo cycle:
+    /// [`Run::trace`], [`Run::at_s`]. Such a run computes every servo cycle, even those without any report: ten
+    /// simulated minutes then take seconds.
     pub fn trace_every_s(mut self, interval_s: f64) -> Self {
         self.trace_every_s = Some(interval_s);
         self
     }
 
-    /// Runs this text as program 1 in coordinate system 1 until every program has ended, or nothing can happen any
-    /// more. Times count from the start of the programs.
+    /// Runs this text as program 1 in coordinate system 1 until every program has ended, or nothing further can happen.
+    /// Times count from the start of the programs.
     ///
     /// # Errors
-    /// A program is refused; an action failed, never came, or had not ended; a handler blocks the thread.
+    /// Returns an error if a program is rejected, if an action failed, was never triggered or had not ended, or if a
+    /// handler blocks the thread.
     ///
     /// # Panics
-    /// When an action panics, such as by a failed assertion.
+    /// Panics if an action panics, such as by a failed assertion.
     pub fn run(self, text: impl Into<String>) -> Result<Run, TestError> {
         self.subprogram(MAIN_PROGRAM, text).run_program(MAIN_PROGRAM)
     }
 
-    /// Runs a file under the number of its name, or as program 1; files `<number>.nc` beside it are there to be called.
+    /// Runs a file under the number of its name, or as program 1. It can call the files `<number>.nc` in the same
+    /// folder.
     ///
     /// # Errors
-    /// The folder cannot be read, or as [`Bench::run`].
+    /// Fails if the folder cannot be read, or as [`Bench::run`].
     pub fn run_file(mut self, path: impl AsRef<Path>) -> Result<Run, TestError> {
         let path = path.as_ref();
         let unreadable = |error: std::io::Error| TestError::new(format!("{}: {error}", path.display()));
@@ -479,7 +486,7 @@ impl Bench {
     }
 }
 
-/// A journal, and the lines that it was given.
+/// Creates a journal that keeps its lines in memory.
 #[cfg(test)]
 pub(crate) fn kept_journal() -> (
     Journal,

@@ -21,18 +21,18 @@ pub(crate) fn lower_priority() {
     }
 }
 
-/// What such a thread does, in rounds.
+/// Work of such a thread, in rounds.
 pub(crate) trait Work: Send + 'static {
     /// How long a round may wait for messages.
     fn patience(&self) -> Duration;
 
-    /// How long what has come may lie: at least so often a simulated thread has a round.
+    /// Maximum time that received messages may wait: a simulated thread has a round at least this often.
     #[cfg(test)]
     fn delay(&self) -> Duration {
         self.patience()
     }
 
-    /// Waits for messages so long at the most, and does what is due. False: it has ended.
+    /// Waits for messages at most this long, and does the due work. Returns false when it has ended.
     fn round(&mut self, patience: Duration) -> bool;
 }
 
@@ -94,7 +94,7 @@ mod real {
 
         /// Waits for its end.
         pub fn join(self) {
-            // A thread that has ended is joined all the same.
+            // A thread that has already ended is joined, too.
             let _ = self.0.join();
         }
     }
@@ -110,19 +110,19 @@ mod simulated {
 
     use super::{Duration, Supervised, Supervisor, Work, io, real};
 
-    /// All simulated threads of the process, of which each may have ended.
+    /// All simulated threads of the process; each may have ended.
     type All = Vec<(AbortHandle, Arc<Mutex<dyn Work>>)>;
 
     thread_local! {
         static ALL: RefCell<Option<All>> = const { RefCell::new(None) };
     }
 
-    /// From now on this thread's threads are tasks.
+    /// Turns the threads started by this thread into tasks from now on.
     pub(crate) fn simulate() {
         ALL.set(Some(Vec::new()));
     }
 
-    /// The threads of a process end with it.
+    /// Stops the threads together with their process.
     pub(crate) fn stop_simulating() {
         for (task, _) in ALL.take().into_iter().flatten() {
             task.abort();

@@ -1,10 +1,11 @@
-//! A program through interpreter and path stage, without a machine: the alarm that stops it whatever happens around it.
+//! Runs a program through interpreter and path stage without a machine, to find alarms that stop it under all
+//! conditions.
 //!
-//! What only a machine knows is assumed, twice and differently: where the axes stand at the start, the tool, block skip,
-//! where a G31 ends. An alarm that comes both times is certain. P and Q that the program has not written itself are not
-//! known at all: where it reads one, it is run again with values that it compares with, and what comes of that is not
-//! certain. Alarms that leave no doubt where the tool would be (soft limits, cutter compensation) do not end a run here,
-//! so that all of them are told at once.
+//! Values that only a machine knows are assumed, in two runs with different values: the axis positions at the start,
+//! the tool, block skip, the end position of a G31. An alarm in both runs is certain. P and Q variables that the
+//! program has not written are unknown. If the program reads one, it is run again with the values with which it
+//! compares, and the resulting alarms are not certain. Alarms that leave no doubt about the tool position (soft limits,
+//! cutter compensation) do not end a run here, so that all of them are reported at once.
 
 mod run;
 
@@ -25,26 +26,27 @@ use tandem_syntax::{Address, NcProgram, Word};
 use self::run::{Assumed, FIRST, Run, SECOND};
 use crate::config::{CoordinateSystem as ConfiguredSystem, Machine};
 
-/// Blocks that a trial takes beyond four times those of the program.
+/// Blocks that a trial executes in addition to four times those of the program.
 const STEPS_MAX: u64 = 2_000_000;
 
-/// Values that P and Q are given.
+/// Maximum number of values tried for P and Q.
 const VALUES_MAX: usize = 16;
 
-/// Warnings of all runs, and alarms, that are listed.
+/// Maximum number of warnings of all runs, and of alarms, that are listed.
 const LISTED_MAX: usize = 100;
 
-/// Limits of motors that nobody has told: none that a program meets.
+/// Limit of motors whose limits are unknown; no program reaches it.
 const UNLIMITED: f64 = 1e9;
 
-/// What is assumed of a subprogram that is tried alone.
+/// Assumption for a subprogram that is tried alone.
 const CALLED: &str = "no program has called it and set what is in force";
 
-/// M codes that end a main program, and that return from a subprogram.
+/// M codes that end a main program, and the one that returns from a subprogram.
 const MAIN_ENDS: [u32; 2] = [2, 30];
 const RETURN: u32 = 99;
 
-/// True for a program that returns and never ends as a main program: what is in force at its start depends on its callers.
+/// Returns true for a program that returns and never ends as a main program: its modal state at the start depends on
+/// its callers.
 fn is_subprogram(program: &NcProgram) -> bool {
     let has = |is_meant: &dyn Fn(u32) -> bool| {
         let mut words = program.all_words().iter();
@@ -53,50 +55,50 @@ fn is_subprogram(program: &NcProgram) -> bool {
     has(&|m| m == RETURN) && !has(&|m| MAIN_ENDS.contains(&m))
 }
 
-/// What is tried.
+/// Input of a trial.
 #[derive(Debug, Clone, Copy)]
 pub struct Trial<'a> {
     /// The program; its number is 0.
     pub program: &'a Arc<NcProgram>,
     /// The programs that it may call.
     pub programs: &'a BTreeMap<u16, Arc<NcProgram>>,
-    /// Its dialect.
+    /// Dialect of the program.
     pub dialect: &'static Dialect,
-    /// The machine that it is for, with the coordinate system; `None`: one without limits.
+    /// The target machine with the coordinate system; `None`: a machine without limits.
     pub machine: Option<(&'a Machine, &'a ConfiguredSystem)>,
 }
 
-/// What a trial shows.
+/// Result of a trial.
 #[derive(Debug, Default, PartialEq)]
 pub struct Shown {
-    /// The alarms that end the program; on a machine the first one does.
+    /// The alarms that end the program; on a machine the first one ends it.
     pub stops: Vec<Stop>,
-    /// Warnings of the run, each once; none without a machine.
+    /// Warnings of the run, each once; empty without a machine.
     pub warnings: Vec<Warning>,
 }
 
-/// What a run warns of.
+/// A warning of a run.
 #[derive(Debug, PartialEq)]
 pub struct Warning {
     /// Its entry in the table of diagnostics.
     pub entry: &'static DiagnosticEntry,
     /// The block.
     pub origin: Origin,
-    /// What is wrong there.
+    /// Text of the warning.
     pub text: String,
 }
 
 /// An alarm that ends the program.
 #[derive(Debug, PartialEq)]
 pub struct Stop {
-    /// The alarm, with its place.
+    /// The alarm with its location.
     pub alarm: Alarm,
-    /// What was assumed, where it depends on that.
+    /// The assumptions on which the alarm depends, if any.
     pub assumed: Option<String>,
 }
 
 impl Shown {
-    /// The findings, each with the number of its program.
+    /// Returns the findings, each with the number of its program.
     pub fn findings(self, of: &Trial<'_>) -> Vec<(u16, Diagnostic)> {
         let place = |origin: Origin, words: &str| {
             let program = of.programs.get(&origin.program).unwrap_or(of.program);
@@ -129,7 +131,7 @@ impl Shown {
 }
 
 impl Trial<'_> {
-    /// Runs the program, some times; all runs together take at most four times its blocks and two millions more.
+    /// Runs the program several times. All runs together execute at most four times its blocks plus two million.
     pub fn run(&self) -> Shown {
         if self.machine.is_none() && self.all().all(|program| self.is_plain(program)) {
             return Shown::default();
@@ -156,7 +158,8 @@ impl Trial<'_> {
         std::iter::once(self.program).chain(self.programs.values())
     }
 
-    /// Straight lines and nothing that changes them: without limits no stage refuses one, and no loop goes on for ever.
+    /// Returns true for a program of straight lines only: without limits no stage rejects one, and there is no endless
+    /// loop.
     fn is_plain(&self, program: &NcProgram) -> bool {
         let mut last = None;
         let mut is_known = |word: &Word| {
@@ -168,7 +171,7 @@ impl Trial<'_> {
             program.program_code(block).is_none()
                 && words.all(|word| match word.address {
                     Address::G | Address::M => is_known(word) || self.is_plain_code(word),
-                    // its value may be out of range
+                    // the value may be out of range
                     _ => word.number().is_some(),
                 })
         })
@@ -203,7 +206,7 @@ impl Trial<'_> {
         blocks.any(|block| block.skip_numbers() != 0)
     }
 
-    /// Zero, and what values are compared with, each with the next one.
+    /// Returns zero and the values used in comparisons, each with its successor.
     fn values(&self) -> Vec<f64> {
         let compared = self.all().flat_map(|program| program.compared_with());
         let mut values = vec![0.0];
@@ -253,7 +256,7 @@ impl Runs<'_> {
         }
     }
 
-    /// An alarm is certain where it comes under other assumptions, too.
+    /// Marks an alarm as certain if it also occurs under the second assumptions.
     fn compare(&mut self, alarms: Vec<Alarm>) {
         let others = self.once(SECOND).alarms;
         for alarm in alarms {
@@ -267,7 +270,7 @@ impl Runs<'_> {
         }
     }
 
-    /// The alarms that come with values of P and Q, or with block skip inputs.
+    /// Adds the alarms that occur with certain values of P and Q, or with block skip inputs.
     fn suppose(&mut self, assumed: Assumed) {
         let value = format!("P and Q that the program does not write are {}", assumed.outside);
         let text = match (assumed.optional_skip, is_lost(assumed.outside)) {
@@ -302,11 +305,11 @@ impl Runs<'_> {
     }
 }
 
-/// How a run has ended.
+/// Result of a run.
 struct Ended {
-    /// The alarms, in their order.
+    /// The alarms in order.
     alarms: Vec<Alarm>,
-    /// It has come to a variable that it has not written.
+    /// The run has read a variable that the program has not written.
     reads: bool,
 }
 
@@ -314,7 +317,7 @@ fn is_same(one: &Alarm, other: &Alarm) -> bool {
     one.entry == other.entry && one.origin == other.origin
 }
 
-/// The settings of a coordinate system of which nothing is known: all axes, and no limits.
+/// Returns settings for an unknown coordinate system: all axes, and no limits.
 fn unlimited(dialect: &Dialect) -> CoordinateSystemSettings {
     let motor = |axis: Axis| {
         let kind = match axis {

@@ -8,7 +8,7 @@ const [port, redis, name] = process.argv.slice(2)
 // without a limit of attempts: a node that does not reach Redis waits for it, and does not end
 const connection = { host: '127.0.0.1', port: Number(redis), enableReadyCheck: false, maxRetriesPerRequest: null }
 
-/** A message whose client has gone holds up the others no longer, ms. */
+/** Time after which a message of a disconnected client no longer delays others, ms. */
 const TURN_MAX = 1000
 
 // aedes numbers messages when they come, and drops one with a lower number than the last as a repetition. A retained message is
@@ -28,7 +28,8 @@ const emitter = redisEmitter(connection)
 emitter.state.on('error', (error) => console.error(`Redis: ${error.message}`))
 
 const broker = await Aedes.createBroker({
-  // another one at each start: a node that begins to count anew under its old name is taken for one that repeats itself
+  // a new id at each start: a node that restarts its counter under its old name is mistaken for one that repeats
+  // messages
   id: `${name}-${Date.now()}`,
   persistence: redisPersistence(connection),
   mq: emitter,

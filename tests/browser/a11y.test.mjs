@@ -1,4 +1,4 @@
-// What axe-core finds wrong for people who do not see, hear or point as others do.
+// Accessibility faults found by axe-core.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -22,7 +22,7 @@ before(async () => {
 });
 after(() => browser?.close());
 
-/** What opens each part of the screen. @type {Record<string, (page, machine) => Promise<void>>} */
+/** Opens each part of the screen. @type {Record<string, (page, machine) => Promise<void>>} */
 const PARTS = {
   async Programs() {},
   async "By hand"(page) {

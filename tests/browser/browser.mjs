@@ -13,7 +13,7 @@ export function launch() {
   return chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: FLAGS });
 }
 
-/** Of each browser its contexts by their options, each with a blank tab: its process serves the pages that follow, too. */
+/** Contexts of each browser by their options, each with a blank tab that keeps the process for the following pages. */
 const contexts = new WeakMap();
 
 async function contextOf(browser, options) {

@@ -13,7 +13,7 @@ import { disabled, Screen, until } from "./screen.mjs";
 /** Longest time between the last refresh and rest, ms: 200 to notice, braking, and the way of messages on a busy computer. */
 const STOP_MS = 1500;
 
-/** How often a jog is held that must not end by itself. */
+/** Number of held jogs, none of which may end early. */
 const HELD_TRIES = 3;
 
 let browser;
@@ -55,7 +55,8 @@ async function at(axis, position) {
   await until(() => machine(axis), (now) => Math.abs(now - position) < 1e-6, `${axis}, which goes to ${position},`);
 }
 
-/** Waits for rest, which must come in time; gives the position. A jog goes on for more than 2 mm in what is slept here. */
+/** Waits for standstill within the time limit, and returns the position. A jog moves more than 2 mm during the
+ * sleep. */
 async function atRest(axis) {
   const end = Date.now() + STOP_MS;
   for (let position = await machine(axis); ;) {

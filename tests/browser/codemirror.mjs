@@ -1,4 +1,4 @@
-// What the HMI uses of CodeMirror: `npm run vendor` makes web/vendor/codemirror.js of it.
+// The parts of CodeMirror that the HMI uses: `npm run vendor` builds web/vendor/codemirror.js from it.
 
 export { defaultKeymap, history, historyKeymap, indentWithTab, redo, undo } from "@codemirror/commands";
 export { HighlightStyle, StreamLanguage, syntaxHighlighting } from "@codemirror/language";

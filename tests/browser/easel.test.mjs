@@ -1,11 +1,11 @@
-// What is ordered of a painter in a worker: one order at a time, of those that wait the last, and each set of vertices once.
+// Orders to a painter in a worker: one at a time, only the last of the waiting ones, and each set of vertices once.
 
 import assert from "node:assert/strict";
 import { afterEach, test } from "node:test";
 
 import { Easel } from "../../web/path/easel.js";
 
-/** A worker that is told when to speak. */
+/** A worker that answers at the times set by the test. */
 class TestWorker {
   static last = null;
   sent = [];
@@ -66,7 +66,7 @@ test("while nothing is drawn, however long, an order keeps no more than what is 
   const { easel: one, worker } = easel();
   worker.says(null);
   one.order(order(0, { added: [{ id: 0 }] }));
-  // the way travelled, made anew with each position
+  // the travelled path, created again with each position
   for (let id = 1; id <= 1000; id += 1) one.order(order(id, { added: [{ id }], forgotten: [id - 1] }));
   worker.says({ frames: 1 });
   assert.deepEqual(worker.sent.slice(2), [order(1000, { added: [{ id: 1000 }], forgotten: [0] })]);

@@ -1,4 +1,4 @@
-// Large targets for fingers and gloves: what is pressed is 60 px wide and high at least, in every view and at every size.
+// Large targets for fingers and gloves: targets are at least 60 px wide and high, in every view and at every size.
 
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
@@ -16,7 +16,7 @@ before(async () => {
 });
 after(() => browser?.close());
 
-/** What opens each part. */
+/** Opens each part. */
 const PARTS = {
   async programs() {},
   async "by-hand"(page) {
@@ -65,7 +65,7 @@ function small(page) {
   }), TARGET_PX);
 }
 
-/** What is pressed and stands partly beside its card, which cuts it off. */
+/** Returns the targets that extend beyond their card, which cuts them off. */
 function cut(page) {
   return page.locator(".card button:visible, .card input:visible, .card select:visible").evaluateAll((all) => all.flatMap((one) => {
     const [mine, card] = [one, one.closest(".card")].map((each) => each.getBoundingClientRect());

@@ -1,4 +1,4 @@
-// What openapi-typescript makes of the OpenAPI document: it compiles, and knows routes, bodies and answers.
+// Output of openapi-typescript for the OpenAPI document: it compiles, and knows routes, bodies and answers.
 
 import assert from "node:assert/strict";
 import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";

@@ -1,4 +1,5 @@
-// What was: the timeline of runs from the journal, by rule and on the real runtime; the journal with filters; past alarms.
+// The past: the timeline of runs from the journal, by rule and on the real runtime; the journal with filters; past
+// alarms.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";

@@ -32,7 +32,7 @@ function wordsOf(table) {
   return new Set(forms.flatMap((form) => words(form.replace(/\{\w+\}/g, " "))));
 }
 
-/** What the runtime has said: texts of its messages and answers, which stay as they come. */
+/** Records the runtime's texts in messages and answers, which are shown unchanged. */
 function listen(page) {
   const said = new Set();
   const take = (value) => {
@@ -86,7 +86,7 @@ function look() {
   return { texts: [document.title, ...texts], outside: [...new Set(outside)] };
 }
 
-/** What opens each part of the screen, one after the other; `say` gives a text in the language of the screen. */
+/** Opens each part of the screen, one after the other; `say` returns a text in the language of the screen. */
 const PARTS = {
   async programs() {},
   async by_hand(page) {
@@ -270,7 +270,7 @@ for (const language of ["de", "ja"]) {
     }
     await close();
     assert.deepEqual([...new Set(found)], []);
-    // nobody is at the address of the second machine
+    // the address of the second machine does not answer
     assert.deepEqual(errors.filter((text) => !text.includes("net::ERR_")), []);
   });
 }

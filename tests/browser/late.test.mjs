@@ -14,7 +14,7 @@ import { Screen } from "./screen.mjs";
 /** Longer than the age limit of a press, ms. */
 const LATE_MS = 3000;
 
-/** Carries connections to the runtime, as which it is known there; while it is held, what is sent waits in it. */
+/** Forwards connections to the runtime under the runtime's address; while it is held, data waits in it. */
 class Proxy {
   #held = false;
   /** @type {Set<import("node:net").Socket>} */
@@ -125,7 +125,7 @@ test("a Start that is pressed while the page is suspended does not move the mach
   const before = await read("/cs/1/state");
   const { x, y, width, height } = await screen.command("Start").boundingBox();
   renderers.forEach((pid) => process.kill(pid, "SIGSTOP"));
-  // the browser keeps the press until the page goes on
+  // the browser keeps the press until the page continues
   const pressed = page.mouse.click(x + width / 2, y + height / 2);
   await sleep(LATE_MS);
   renderers.forEach((pid) => process.kill(pid, "SIGCONT"));

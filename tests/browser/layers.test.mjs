@@ -1,4 +1,4 @@
-// What of a path is drawn in a frame: no more than the card draws in time, and nothing while it still draws.
+// Drawing of a path per frame: only what the card completes in time, and nothing while it is still drawing.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";

@@ -1,4 +1,4 @@
-// A start from a line on the real runtime: chosen in the text, seen before, and only then carried out.
+// A start from a line on the real runtime: selected in the text, previewed, and only then executed.
 
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
@@ -8,7 +8,7 @@ import { pictures, SIZES, takePictures } from "./pictures.mjs";
 import { withRuntime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
-/** M03 is restored, M60 is not; behind line 5 the axes stand at X30 Y10. */
+/** M03 is restored, M60 is not; after line 5 the axes are at X30 Y10. */
 const PART = `G90 G54
 M03 S900
 M60
@@ -84,7 +84,7 @@ test("a line of a loop asks which time the program comes there", async () => {
   assert.ok(await start.isEnabled());
   await dialog().getByRole("button", { name: "Leave it" }).click();
   await screen.sees("READY");
-  // the browser tells of a refusal by itself
+  // the browser itself reports refused requests
   errors.splice(0, errors.length, ...errors.filter((text) => !text.includes("status of 422")));
 });
 

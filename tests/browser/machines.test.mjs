@@ -31,7 +31,7 @@ after(async () => {
 });
 afterEach(async () => {
   await close();
-  // browsers tell what does not answer, or may not be read, in their own words
+  // browsers report unreachable or forbidden addresses in their own words
   assert.deepEqual(errors.filter((text) => !/net::ERR_|status of 40[13]|CORS policy|WebSocket connection/.test(text)), []);
 });
 

@@ -1,8 +1,8 @@
-// What a program of a million blocks costs the screen and the servo, in Chromium on the real runtime:
+// Measures the cost of a program of a million blocks for the screen and the servo, in Chromium on the real runtime:
 //   cargo build --release -p tandem-runtime --bin tandem
 //   cd tests/browser && TANDEM_BIN=../../target/release/tandem node million.mjs [RUNS]
-// It prints a line for each run and the medians, and fails where one is not below its bound. Of the longest task it tells also how
-// long the processor worked for it: on a busy computer a task waits. It measures a computer, so it is no part of the tests.
+// It prints a line for each run and the medians, and fails if one is not below its bound. For the longest task it also
+// prints the processor time, because a task waits on a busy computer. It measures a computer, so it is not a test.
 
 import { readFileSync } from "node:fs";
 
@@ -35,7 +35,7 @@ function surface() {
 
 const median = (values) => values.toSorted((a, b) => a - b)[Math.floor(values.length / 2)];
 
-/** What the servo says of its time since the start. */
+/** Returns the servo's time statistics since the start. */
 async function servo(runtime) {
   const text = await (await fetch(`${runtime.url}/api/v1/metrics`)).text();
   const of = (name) => Number(text.match(new RegExp(`^tandem_servo_${name} (\\S+)$`, "m"))?.[1] ?? NaN);
@@ -51,7 +51,7 @@ function longest(trace) {
   return { longestTaskMs: most("dur"), longestOwnMs: most("tdur"), longTasks: tasks.filter(({ dur }) => dur > 50_000).length };
 }
 
-/** What the page and its workers hold: script, elements, buffers, MB. */
+/** Returns the memory of the page and its workers: script, elements, buffers, MB. */
 async function memory(page) {
   const cdp = await page.context().newCDPSession(page);
   const answers = new Map();

@@ -1,5 +1,5 @@
-// What the screen costs: how soon a press is seen, the script of a frame, memory over the hours. Clocks of a busy computer are late
-// now and then, so what counts is the median.
+// Costs of the screen: delay of a press, script time of a frame, memory over hours. Clocks of a busy computer are
+// sometimes late, so the median is compared.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -33,7 +33,7 @@ async function post(path, body = {}) {
   assert.ok(answer.ok, `${path}: ${await answer.text()}`);
 }
 
-/** What the browser counts of a page: script, memory, elements. */
+/** Returns the browser's counters of a page: script, memory, elements. */
 async function counters(page) {
   const cdp = await page.context().newCDPSession(page);
   await cdp.send("Performance.enable");

@@ -1,5 +1,5 @@
-// What a machine builder adds without a build, on the real runtime: pages of a folder, buttons and cards of the configuration, pages of
-// another server, and the package for them.
+// Additions of a machine builder without a build, on the real runtime: pages of a folder, buttons and cards of the
+// configuration, pages of another server, and the package for them.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
@@ -15,7 +15,7 @@ import { disabled, enabled, Screen, until } from "./screen.mjs";
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const EXAMPLE = new URL("../../examples/hmi", import.meta.url).pathname;
 
-/** What the machine builder adds to the HMI. */
+/** Additions of the machine builder to the HMI. */
 const ADDED = `
 [hmi]
 dir = "${EXAMPLE}"
@@ -88,7 +88,7 @@ test("the example page of a folder shows the machine by elements, commands it, a
   await state.getByText("WAIT", { exact: true }).waitFor();
   const drawn = () => page.locator("tandem-path").evaluate((path) => path.picture.statistics.lines);
   await until(drawn, (lines) => lines > 0, "the lines that are drawn");
-  // what is taken out of a page draws no more, and draws again where it is put in
+  // an element removed from a page stops drawing, and draws again when inserted
   await page.evaluate(() => {
     globalThis.taken = document.querySelector("tandem-path");
     globalThis.holder = globalThis.taken.parentElement;
@@ -122,7 +122,7 @@ test("buttons and cards of the configuration are a panel: they run, ask, switch 
   await send("POST", "/cs/1/reset?wait=1", {});
   const { page, errors, close } = await openPage(browser);
   const screen = new Screen(page);
-  // what is published is not read
+  // published variables are not read
   await page.route(/variables\/p\?from=101/, (route) => route.abort());
   await page.goto(runtime.url);
   await page.getByRole("tab", { name: "Machine" }).click();

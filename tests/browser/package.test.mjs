@@ -1,4 +1,4 @@
-// The package for pages of one's own: it holds all that it imports, and its declarations tell what topics say.
+// The package for third-party pages: it contains all that it imports, and its declarations describe the topics.
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";

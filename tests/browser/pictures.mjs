@@ -19,7 +19,7 @@ export function pictures(of, take) {
   if (ALL) test(`pictures of ${of}`, take);
 }
 
-/** What a worker needs to draw the path in other colours, ms. */
+/** Time that a worker needs to draw the path in other colours, ms. */
 const DRAWN_MS = 300;
 
 /** Takes a picture of the page as it is now, if pictures are wanted. */

@@ -2,7 +2,7 @@
 
 const LEVELS = 4;
 
-/** What a plan was made with, where a test does not say it. */
+/** Inputs of a plan, unless a test sets them. */
 export const PLAN = { hash: "5".repeat(64), called: null, inputs: "0".repeat(16) };
 
 /**

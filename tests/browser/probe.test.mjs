@@ -92,7 +92,7 @@ async function moveTo(places) {
     assert.equal(answer.status, 200, await answer.text());
     await until(async () => (await read("/cs/1/state")).run_kind, null, "what runs");
   }
-  // a preview counts for the place that the page knows
+  // a preview is valid for the position that the page knows
   const { machine } = await read("/cs/1/position");
   for (const [axis, at] of Object.entries(machine)) await until(async () => Number(await page.locator(`tr[data-axis="${axis}"] td`).nth(1).textContent()), Number(at.toFixed(3)), `the machine position of ${axis}`);
 }
@@ -108,7 +108,7 @@ async function touch() {
   await button("Run the cycle").click();
 }
 
-/** What the screen has found, by its name. */
+/** Returns a result shown on the screen, by its name. */
 async function found(name) {
   const value = page.locator(".probe-found div", { hasText: name }).locator("dd");
   await value.waitFor().catch(async () => assert.fail(`${name} is not found; ${await page.locator(".probe-said").textContent()}; notices: ${await screen.notices()}`));

@@ -1,4 +1,4 @@
-// What must be seen and pressed at once, on a phone as on a panel: the commands, whatever is open; what asks the operator.
+// Elements that must always be visible and usable, on phone and panel: the commands, and questions to the operator.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
@@ -54,7 +54,7 @@ function waitForM60(change = {}) {
   machine.state(1, { execution: "WAIT", wait_state: "INSPECTION", waiting_on, run_id: "r" });
 }
 
-/** The handler of M60 asks, and says how far it is. */
+/** The handler of M60 asks, and reports its progress. */
 async function ask(text, choices) {
   const question = { id: "q-1", text, choices, since: now(2000) };
   waitForM60({ state: "CLAIMED", handler_id: "measure", question, progress: { text: "probing the third pocket", percent: 37.5 } });
@@ -90,7 +90,7 @@ async function seen(locator, what) {
 
 const commands = () => page.getByRole("group", { name: "Commands" }).getByRole("button");
 
-/** What can be opened, with what it must let the operator press. */
+/** Dialogs and panels, with the elements that must remain usable while each is open. */
 const OPENED = {
   async editor() {
     await page.getByRole("button", { name: "Edit O0001" }).click();
@@ -121,7 +121,7 @@ const OPENED = {
   },
 };
 
-/** Checks what is open at each size of the screen. */
+/** Checks the open element at each size of the screen. */
 async function atEachSize(check) {
   for (const size of SIZES) {
     await page.setViewportSize(size);

@@ -1,4 +1,4 @@
-// What moves the machine asks for as much care as the risk needs: confirming by hand, overrides, labels.
+// Controls that move the machine require care according to the risk: confirming by hand, overrides, labels.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";
@@ -98,7 +98,7 @@ const slider = () => page.getByRole("slider", { name: "Feed override, percent" }
 const shown = async () => Number(await slider().inputValue());
 const sent = () => machine.requests.filter(({ path }) => path === "/cs/1/overrides").map(({ body }) => body.feed);
 
-/** Where a value of the slider is on the screen; its thumb is there. */
+/** Returns the position of a slider's value on the screen, where its thumb is. */
 async function placeOf(percent) {
   const { x, y, width, height } = await slider().boundingBox();
   const thumb = await page.evaluate(() => Number.parseFloat(getComputedStyle(document.documentElement).getPropertyValue("--thumb")));
@@ -184,7 +184,7 @@ function labels() {
   return page.locator("button:visible, [role=radio]:visible, a:visible").evaluateAll((all) => all.map((one) => (one.getAttribute("aria-label") ?? one.textContent ?? "").trim()));
 }
 
-/** The same by what is written on them: what an operator in haste reads. */
+/** Returns the controls by their labels, as an operator in haste reads them. */
 function words() {
   return page.locator("button:visible, [role=radio]:visible, a:visible").evaluateAll((all) => all.map((one) => (one.textContent ?? "").trim()).filter((text) => /\p{L}{2}/u.test(text)));
 }

@@ -1,4 +1,4 @@
-// What crosses the wire in a browser, against the documents that the machine serves. Stricter than these: a field that
+// Checks messages of a browser against the documents that the machine serves. Stricter than the documents: a field that
 // they do not name is wrong, too.
 
 import { readFileSync } from "node:fs";
@@ -13,7 +13,7 @@ close(openapi.components.schemas);
 
 const ajv = new Ajv({ strictSchema: false, allowUnionTypes: true, allErrors: true });
 addFormats(ajv);
-// widths of numbers, whose bounds stand beside them
+// widths of numbers; their bounds are in the schema
 for (const width of ["uint8", "uint16", "uint32", "uint64"]) ajv.addFormat(width, true);
 ajv.addSchema(openapi, "document");
 
@@ -24,7 +24,7 @@ function close(schema) {
   for (const within of Object.values(schema)) close(within);
 }
 
-/** What is wrong with a value; null where it is of its form. */
+/** Returns the mistake of a value; null if it matches its form. */
 function wrong(schema, value, what) {
   const pointer = schema.$ref ?? `#/components/schemas/${schema}`;
   const validate = ajv.getSchema(`document${pointer}`);
@@ -46,7 +46,7 @@ function fits(template, path) {
   return wanted.length === levels.length && wanted.every((level, at) => level.startsWith("{") || level === levels[at]);
 }
 
-/** Of a list of things that fit, the one that spells out most. */
+/** Returns the most specific of several matching templates. */
 const nearest = (found, template) => found.sort((a, b) => template(a).split("{").length - template(b).split("{").length)[0];
 
 /** A message on a path below the machine's root. */

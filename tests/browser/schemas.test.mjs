@@ -1,4 +1,4 @@
-// That what is not of its form is found: the checks of all other tests rest on it.
+// Invalid data is found; the checks of all other tests depend on this.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";

@@ -4,12 +4,12 @@ import assert from "node:assert/strict";
 import { setTimeout as sleep } from "node:timers/promises";
 import { inspect, isDeepStrictEqual } from "node:util";
 
-/** Longest wait for something to appear, ms: the motions of the test programs take up to a few seconds. */
+/** Longest wait for an element, ms: the motions of the test programs last a few seconds. */
 const WAIT_MS = 15000;
 
 /**
- * Waits until what `read` gives is `expected`: a value, a pattern, or a function that says whether it is. Whatever the
- * screen shows follows the machine's message later, so one look proves nothing.
+ * Waits until `read` returns `expected`: a value, a pattern, or a predicate. The screen follows the machine's messages
+ * with a delay, so a single check is not sufficient.
  */
 export async function until(read, expected, what = "") {
   const is = (value) => {
@@ -52,7 +52,7 @@ export class Screen {
     await this.page.getByRole("button", { name: `Load ${name}` }).click();
   }
 
-  /** Opens the panel By hand, which a later frame shows: what follows must find its buttons. */
+  /** Opens the panel By hand, and waits for its buttons, which appear in a later frame. */
   async openByHand() {
     await this.page.getByRole("tab", { name: "By hand" }).click();
     await this.page.locator("#by-hand").waitFor();

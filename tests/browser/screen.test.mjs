@@ -20,7 +20,7 @@ before(async () => {
 });
 after(() => browser?.close());
 
-/** A new page on a new machine that stands at its start. */
+/** A new page on a new machine at its start position. */
 async function open(options) {
   ({ page, errors, close } = await openPage(browser, options));
   expected = [];

@@ -12,11 +12,12 @@ import { wrongAsked, wrongFrame } from "./schemas.mjs";
 const WEB = new URL("../../web/", import.meta.url).pathname;
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml" };
 export const ORIGIN = "http://hmi.test";
-/** What a page loads here in one file each, with all modules that they import: a hundred answers less for each page of a test. */
+/** Modules that a page loads as one file each, bundled with all imports, which saves a hundred answers for each
+ * page. */
 const ENTRIES = { main: "main.js", machines: "machines.js", painter_worker: "path/painter_worker.js" };
 let bundles = null;
 
-/** Texts of the bundled modules by their paths; what is imported while the page is there stays a file of its own. */
+/** Texts of the bundled modules by path; modules imported later remain separate files. */
 function bundled() {
   const entryPoints = Object.entries(ENTRIES).map(([out, file]) => ({ in: join(WEB, file), out }));
   bundles ??= build({ entryPoints, bundle: true, splitting: true, format: "esm", write: false, outdir: "/", logLevel: "error" })
@@ -61,7 +62,7 @@ export class ScriptedMachine {
   /** Vertices of planned paths by program: `[x, y, z, line, time, rapid]`; what rehearsals say. */
   paths = new Map();
   rehearsals = new Map();
-  /** What the plan of a program is of, where it is another one than that of the run, or of the text loaded. */
+  /** Program of the plan, if it differs from the run or the loaded text. */
   plans = new Map();
   /** Program text by number. */
   programs = new Map();
@@ -113,7 +114,7 @@ export class ScriptedMachine {
     if (!reachable) this.#sockets.clear();
   }
 
-  /** What a machine says at its start: two coordinate systems at rest, positions zero. */
+  /** Sends a machine's first messages: two coordinate systems at rest, positions zero. */
   start() {
     this.say("presence", { online: true, started_at: now(), version: "0.1.0" });
     this.say("heartbeat", { cycle: 1 });
@@ -177,7 +178,7 @@ export class ScriptedMachine {
     return route.fulfill(this.#answer(request.method(), path, request.postDataJSON()));
   }
 
-  /** The planned path of a program, which does not move unless a test says how, and its rehearsal. */
+  /** Answers with the planned path of a program, which is constant unless a test changes it, and its rehearsal. */
   #plan(route, number, what) {
     const cs = Number(new URL(route.request().url()).searchParams.get("cs") ?? 1);
     const { run_kind: kind, run_id: id, hash } = this.topics.get(`cs/${cs}/state`);
@@ -187,7 +188,7 @@ export class ScriptedMachine {
     return route.fulfill({ body, contentType: "application/octet-stream", headers: { ETag: `"${number}-${cs}-all"` } });
   }
 
-  /** What a machine answers that has nothing against it. */
+  /** Returns the answers of a machine that accepts everything. */
   #answer(method, path, body) {
     const handshake = /^\/cs\/\d+\/m_codes\/(\d+)\/(reset|answer)$/.exec(path);
     if (handshake) return { json: { seq: Number(handshake[1]), handler_id: body.handler_id ?? "hmi", status: "accepted" } };
@@ -206,7 +207,7 @@ export class ScriptedMachine {
   }
 }
 
-/** What axes at rest did lately: two samples. */
+/** Returns the recent trace of axes at rest: two samples. */
 function rest(cs) {
   const zero = [0, 0];
   const letters = Object.keys(BIRTH.coordinate_systems.find(({ number }) => number === cs).axes);

@@ -1,5 +1,5 @@
-// What prevents a start, on the real runtime: the sentence, the Start button and the tiles of other machines read one list. What is
-// older than a second is grey and marked as stale, on the screen and on the tiles.
+// Obstacles to a start, on the real runtime: the sentence, the Start button and the tiles of other machines read one
+// list. Data older than a second is grey and marked as stale, on the screen and on the tiles.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";
@@ -10,7 +10,7 @@ import { Mosquitto } from "./mosquitto.mjs";
 import { Runtime } from "./runtime.mjs";
 import { disabled, enabled, Screen, until } from "./screen.mjs";
 
-/** Age from which what is shown must be marked, ms. */
+/** Age from which data must be marked as stale, ms. */
 const STALE_MS = 1000;
 const ROUNDS = 3;
 /** M60 has no handler, and would end the run in an alarm. */
@@ -20,7 +20,7 @@ const BEYOND = "G90\nG01 X900 F6000\nM30\n";
 const SOUND = "G90 G54\nG01 X10 F6000\nM30\n";
 
 let broker;
-/** The machine that is watched, and one that hears it at the broker. */
+/** The watched machine, and one that receives its messages at the broker. */
 let machine;
 let other;
 let browser;
@@ -69,7 +69,8 @@ async function openAt(url) {
   return one.page;
 }
 
-/** The machine's own screen, and its tiles: on its own page, by its address, and on that of the other one, as the broker tells of it. */
+/** Opens the machine's own screen, and its tiles: on its own page, by address, and on the other machine's page by
+ * broker. */
 async function openAll() {
   const screen = new Screen(await openAt(machine.url));
   await screen.page.getByText("Connected", { exact: true }).waitFor();
@@ -80,7 +81,7 @@ async function openAll() {
   return { screen, tiles };
 }
 
-/** What screen and tiles say of coordinate system 1. */
+/** Returns the sentences of screen and tiles about coordinate system 1. */
 async function sentences({ screen, tiles }) {
   const said = tiles.map((tile) => tile.locator(".machine-system").first().locator("p").first().textContent());
   return Promise.all([screen.page.locator(".sentence").textContent(), ...said]);
@@ -145,7 +146,7 @@ test("what is older than a second is grey and marked as stale on the screen and 
   await load(32);
   await allSay(all, "Press Start.");
   const isMarked = async () => Promise.all([screen.page.locator("body").getAttribute("data-stale"), ...tiles.map((tile) => tile.getAttribute("data-stale"))]);
-  // nothing is stale while the machine is heard, however long
+  // nothing is stale while messages of the machine arrive
   for (const end = Date.now() + 2 * STALE_MS; Date.now() < end; await sleep(100)) assert.deepEqual(await isMarked(), [null, null, null]);
   const took = pages.map(() => []);
   for (let round = 0; round < ROUNDS; round += 1) {

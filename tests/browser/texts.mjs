@@ -11,7 +11,7 @@ const MECHANICAL = /(^|\.)(t|has|querySelector|querySelectorAll|closest|matches|
 /** Calls of which the arguments from this one on are texts, or this one alone. */
 const SHOWN = { h: 2, button: 1, fill: 1, append: 0 };
 const SHOWN_ALONE = { setText: 1, toast: 0, show: 0, Refusal: 0, Error: 0, openDialog: 1, card: 1, text: 2, fillText: 0 };
-/** What is called so in every language. */
+/** Proper names that are the same in every language. */
 const PROPER = /\b(Tandem|OpenAPI|AsyncAPI|REST|MQTT|QoS|WebSocket|SHA-256|[KM]iB|mm|min|seq|XYZ)\b/g;
 
 const PROSE = /\p{L}[,.:;]? +\p{L}{2}/u;
@@ -19,7 +19,7 @@ const CAPITAL = /^[A-Z][a-z]+/;
 const WORD = /\p{L}{2,}/u;
 
 /**
- * Texts that stand in a module, with their lines.
+ * Returns the texts in a module, with their lines.
  * @param {string} name @param {string} source
  */
 export function textsIn(name, source) {
@@ -33,7 +33,7 @@ export function textsIn(name, source) {
   return found.map((node) => ({ line: file.getLineAndCharacterOfPosition(node.getStart()).line + 1, text: node.getText(), from: node.getStart(), to: node.getEnd() }));
 }
 
-/** What is written of it, without its placeholders. */
+/** Returns the written text of a node, without its placeholders. */
 function written(node) {
   if (!ts.isTemplateExpression(node)) return node.text;
   return [node.head.text, ...node.templateSpans.map((span) => span.literal.text)].join("\u0000");

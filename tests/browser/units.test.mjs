@@ -53,7 +53,7 @@ const near = (expected) => (value) => Math.abs(value - expected) < 1e-6;
 const row = (name) => page.getByRole("radiogroup", { name, exact: true });
 const pick = (group, name) => row(group).getByRole("radio", { name, exact: true });
 const work = (axis) => page.locator(`tr[data-axis="${axis}"] td.work`);
-/** What is chosen in a row: a preset, or a value of one's own. */
+/** Returns the choice in a row: a preset, or an own value. */
 const chosen = (group) => row(group).evaluate((one) => one.querySelector('[aria-checked="true"]')?.textContent ?? one.querySelector(".own").value);
 
 /** Runs a program that puts G20 into force, until it waits. */

@@ -1,4 +1,4 @@
-// What the HMI has of others is what its build gives.
+// The third-party code of the HMI equals the output of its build.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";

@@ -165,9 +165,9 @@ fn what_depends_on_values_block_skip_or_the_start_is_a_warning_that_names_it() {
     assert_eq!(found(&on_value, false), ["main.nc:4:1 W0013"]);
     let on_skip = format!("{distorts}/1 G50\n{arc}M30\n");
     assert_eq!(found(&on_skip, false), ["main.nc:4:1 W0013"]);
-    // from where the machine stands at 0 it is at its limit, with and without the block
+    // the machine is at 0 and then reaches its limit, with and without the block
     assert_eq!(found("G91 G00 X300\n/1 G04 P10\nM30\n", true), [""; 0]);
-    // G31 may end anywhere, and G91 goes on from there
+    // G31 may end anywhere, and G91 continues from there
     let on_skip_input = "G90 G54 G00 X0\nG31 X200\nG91 G00 X100\nM30\n";
     assert_eq!(found(on_skip_input, true), ["main.nc:3:9 W0013"]);
 }
@@ -178,7 +178,7 @@ fn a_feedrate_that_a_variable_holds_is_tried_in_a_program_of_straight_lines_too(
     assert_eq!(found("F100\nG01 X[P0]\nM30\n", false), [""; 0]);
 }
 
-/// What a run certainly comes to is no warning beside it.
+/// An error that every run reaches is not reported as a warning as well.
 #[test]
 fn an_alarm_that_is_certain_is_one_finding() {
     let text = "F100\nQ0=0\nX5\nL1=10/Q0\nX[L1]\nM30\n";

@@ -1,4 +1,4 @@
-//! What a configuration is refused for, by `tandem check --config` and by `tandem serve` in the same words.
+//! Mistakes for which `tandem check --config` and `tandem serve` refuse a configuration, in the same words.
 
 use std::path::Path;
 use std::time::Duration;
@@ -319,7 +319,7 @@ fn a_key_of_mqtt_that_nothing_reads_is_refused() {
     ]);
 }
 
-/// What is refused for more than its values: addresses, files that it names.
+/// Mistakes other than values: addresses, files that it names.
 fn of_server_ends() -> Vec<(String, Vec<&'static str>)> {
     let mut cases = Vec::new();
     for end in ["http", "mqtt"] {

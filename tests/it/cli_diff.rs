@@ -19,7 +19,7 @@ fn diff_on(machine: &Machine, old: &str, new: &str, arguments: &[&str]) -> Ran {
     run(machine.folder(), &all)
 }
 
-/// What differs, with the lines of both programs.
+/// Returns the differences, with the lines of both programs.
 fn differences(old: &str, new: &str, arguments: &[&str]) -> Vec<Value> {
     let mut all = vec!["--json"];
     all.extend(arguments);
@@ -132,7 +132,7 @@ fn the_picture_shows_both_ways_and_where_they_differ() {
             "{class}\n{svg}"
         );
     }
-    // the arc reaches 20 mm beside its chord
+    // the arc is up to 20 mm away from its chord
     assert!(svg.contains("old.nc and new.nc"), "{svg}");
 }
 

@@ -27,8 +27,8 @@ pub(crate) fn run_with(folder: &Path, arguments: &[&str], text: &str) -> Ran {
     Ran::new(child.wait_with_output().expect("tandem ends"))
 }
 
-/// What SARIF 2.1.0 requires of the objects that are written, as its schema says it: no other member than those of the
-/// schema, and those that are needed.
+/// Requirements of SARIF 2.1.0 on the written objects, as in its schema: only members of the schema, and all required
+/// ones.
 fn sarif_schema() -> Value {
     let text = json!({
         "type": "object", "additionalProperties": false, "required": ["text"],

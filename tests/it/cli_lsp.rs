@@ -17,7 +17,7 @@ struct Editor {
 
 impl Drop for Editor {
     fn drop(&mut self) {
-        // it may have ended by itself
+        // it may already have ended
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -120,7 +120,7 @@ fn the_server_finds_times_and_ends_over_standard_input_and_output() {
         let params = json!({"textDocument": item, "contentChanges": [{"text": text}]});
         editor.tell("textDocument/didChange", &params);
     };
-    // a program that never ends by itself is simulated until the next change
+    // an endless program is simulated until the next change
     change(&mut editor, 2, "while (1 == 1) {\n    G04 P1\n}\nM30\n");
     let checked = |message: &Value| message["params"]["version"] == 2;
     editor.wait_for(checked);
@@ -147,7 +147,7 @@ fn the_server_finds_times_and_ends_over_standard_input_and_output() {
     change(&mut editor, 5, "M98 P1000\nM30\n");
     let title = editor.time(&uri);
     assert_eq!(title, "no time: 1000.nc, line 2: there is no G5");
-    // what is no message ends nothing
+    // an invalid message does not end the server
     write!(editor.stdin, "Content-Length: 5\r\n\r\n{{{{{{{{{{").unwrap();
     let told = editor.wait_for(|message| message["method"] == "window/logMessage");
     let text = told["params"]["message"].as_str().unwrap();

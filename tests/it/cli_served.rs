@@ -1,5 +1,5 @@
-//! What is known of the M codes of a machine where no handler is: `tandem check` and `tandem explain` by a file and by the
-//! configuration.
+//! Knowledge about a machine's M codes without its handlers: `tandem check` and `tandem explain` with a file and with
+//! the configuration.
 
 use plc_api::units::KiloNewton;
 use plc_api::{Alarm, AuxOutput, MCode, SequenceProgram, Va};

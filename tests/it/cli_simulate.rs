@@ -205,7 +205,7 @@ fn an_optional_stop_is_listed_and_resumes_at_once() {
 
 #[test]
 fn with_runs_another_coordinate_system_at_the_same_time() {
-    // 0.6 s and 0.4 s, one beside the other (M1)
+    // 0.6 s and 0.4 s, in parallel (M1)
     let machine = Machine::new("");
     machine.write("second.nc", "G00 X30\nM30\n");
     let run = simulate_on(&machine, "G00 X50\nM30\n", &["--with", "2=second.nc"]).completed();

@@ -12,30 +12,30 @@ use serde_json::Value;
 use crate::support::binary::{example, root};
 use stage::{Driver, Stage};
 
-/// What a behaviour says.
+/// Keys of a behaviour.
 #[allow(clippy::struct_excessive_bools, reason = "they are keys of the list")]
 pub struct Behaviour {
     name: String,
     program: String,
-    /// What the driver says of lost outputs; `none`: nothing.
+    /// Redelivery of lost outputs that the driver declares; `none`: not declared.
     redelivery: String,
-    /// What the configuration says of M22 when it is lost.
+    /// Redelivery of M22 in the configuration.
     configured: Option<String>,
-    /// A driver that is told to leave says that it is back in this time, ms.
+    /// Return time that a leaving driver reports, ms.
     returns_within_ms: u64,
-    /// A driver that is told to leave gives its handlers this time, ms.
+    /// Time limit that a leaving driver gives its handlers, ms.
     ends_within_ms: u64,
-    /// True: the machine is at a broker of its own, which dies or outlives it.
+    /// Whether the machine uses a broker of its own, which dies or outlives it.
     broker: bool,
-    /// True: a source `door` of the interlock is on while nobody owns it.
+    /// Whether a source `door` of the interlock is on while it has no owner.
     door: bool,
-    /// True: the plant has an output `lamp`.
+    /// Whether the plant has an output `lamp`.
     plant: bool,
     steps: Vec<String>,
-    /// What the driver says, in this order where `ordered`.
+    /// Expected output of the driver, in this order if `ordered`.
     driver: Vec<String>,
     ordered: bool,
-    /// What the journal says of the coordinate system; empty: it is not looked at.
+    /// Expected journal of the coordinate system; empty: not compared.
     journal: Vec<String>,
 }
 
@@ -69,8 +69,7 @@ fn behaviours() -> Vec<Behaviour> {
     entries.iter().map(read).collect()
 }
 
-/// Runs each behaviour, and tells of all that are not as they are said to be. `TANDEM_BEHAVIOUR` names the beginning of those
-/// that are run.
+/// Runs each behaviour, and reports all that differ. `TANDEM_BEHAVIOUR` selects by the beginning of the name.
 async fn behaves(driver: Driver) {
     let mut wrong = Vec::new();
     let behaviours = behaviours();

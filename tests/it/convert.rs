@@ -1,4 +1,4 @@
-//! `tandem convert`: what comes out moves as what went in, and what has no equal is told.
+//! `tandem convert`: the result moves like the source, and everything without an equivalent is reported.
 
 mod left;
 mod settings;

@@ -1,6 +1,6 @@
-//! Campaigns over all files of a data folder as a kill has left it. Damage, exchanges with other files, older copies and
-//! files of another machine: a value that is read is the one that was kept, or a message names what is wrong. What was
-//! open is reported, and the machine starts in every case.
+//! Campaigns over all files of a data folder left by a kill: damage, exchanges with other files, older copies and files
+//! of another machine. A value that is read is the kept one, or a message names the fault. Pending outputs are
+//! reported, and the machine starts in every case.
 
 mod exchange;
 
@@ -52,7 +52,7 @@ impl Random {
 /// The name of the output that begins with its last value.
 const CLAMP: &str = "the output clamp";
 
-/// Everything that a client can read, by a name of its own. What is refused or unknown is missing.
+/// All values that a client can read, by name. Refused or unknown values are missing.
 type Values = BTreeMap<String, String>;
 
 async fn read(plc: &Plc) -> Values {
@@ -269,7 +269,7 @@ fn keep_time(path: &Path, of: &Path) {
     file.set_modified(time).unwrap();
 }
 
-/// Damages a file as a disk does, without changing its time; says how.
+/// Damages a file as a disk does, without changing its time; returns a description.
 fn damage(path: &Path, of: &Path, random: &mut Random) -> String {
     let mut bytes = fs::read(path).unwrap();
     let (at, end) = (random.below(bytes.len()), bytes.len());

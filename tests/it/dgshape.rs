@@ -1,5 +1,5 @@
-//! Dialect dgshape, by the sections of its manual: what is checked, what is put out, and where the tool goes. Expected
-//! positions are worked out by hand from the manual's text.
+//! Dialect dgshape, by the sections of its manual: checks, outputs, and tool positions. Expected positions are
+//! calculated by hand from the manual's text.
 
 mod arcs_and_offsets;
 mod by_hand;
@@ -68,10 +68,10 @@ pub fn findings_of(text: &str) -> Vec<&'static str> {
     check.diagnostics.iter().map(|finding| finding.code).collect()
 }
 
-/// What blocks make the tool and the outputs do, with the keys of `[coordinate_system.dgshape]`.
+/// Returns the tool motion and the outputs of blocks, with the keys of `[coordinate_system.dgshape]`.
 ///
 /// # Errors
-/// The alarm that ends the program.
+/// Fails with the alarm that ends the program.
 pub fn run_with(blocks: &str, keys: &str) -> Result<Vec<String>, Alarm> {
     let mut done = Vec::new();
     each_step(blocks, keys, |step| {
@@ -86,7 +86,7 @@ pub fn run_with(blocks: &str, keys: &str) -> Result<Vec<String>, Alarm> {
     Ok(done)
 }
 
-/// What a program gives.
+/// One step of a program.
 enum Step<'a> {
     Segment(&'a Segment),
     Output(&'a Output),
@@ -202,7 +202,7 @@ pub fn alarm(blocks: &str) -> u16 {
     }
 }
 
-/// What a segment does, by the machine position where it ends: in mm and degrees, as far as it is not 0.
+/// Describes a segment by the machine position of its end, in mm and degrees, omitting zeros.
 fn shown(segment: &Segment) -> String {
     match &segment.motion {
         SegmentMotion::Rapid { to, .. } => format!("rapid{}", place(*to)),

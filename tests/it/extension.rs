@@ -1,5 +1,5 @@
-//! What users add, through the public API only: a handler, a transport, a G code in a dialect of their own, drives; and what
-//! else is added in few places: a configuration key, a request, a state topic, a card of the HMI.
+//! Additions by users through the public API only: a handler, a transport, a G code in a custom dialect, drives. Also
+//! additions that need few places: a configuration key, a request, a state topic, a card of the HMI.
 
 mod configuration_key;
 mod cycle;

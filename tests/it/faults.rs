@@ -1,4 +1,4 @@
-//! Faults in each supervised task and thread, at rest and in motion: what follows is what `runtime/ARCHITECTURE.md` says.
+//! Faults in each supervised task and thread, at rest and in motion: the consequences follow `runtime/ARCHITECTURE.md`.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -22,10 +22,10 @@ use crate::support::wait::{until, within};
 use Consequence::{Contained, Exits, Restarted};
 use Trigger::{Get, MqttClient, MqttHold, MqttRequest, Nothing, Post, Reconnection, Shdr};
 
-/// What lets a task run, so that it takes its fault.
+/// Condition for a task to run and reach its fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Trigger {
-    /// It runs by itself.
+    /// It runs without a trigger.
     Nothing,
     /// A request that reads over HTTP.
     Get,
@@ -41,7 +41,7 @@ enum Trigger {
     Reconnection,
 }
 
-/// Tasks and threads of a machine with an embedded broker, and what follows a fault in each.
+/// Tasks and threads of a machine with an embedded broker, and the consequence of a fault in each.
 const TASKS: [(&str, Consequence, Trigger); 22] = [
     ("journal", Restarted, Nothing),
     ("state-writer", Restarted, Nothing),

@@ -1,4 +1,4 @@
-//! The Rust of the README, compiled and run as it stands there.
+//! The Rust code of the README, compiled and run unchanged.
 #![allow(dead_code, reason = "its main function connects to a machine")]
 
 use plc_api::units::KiloNewton;

@@ -29,7 +29,7 @@ mod viewers;
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Served};
 
-/// M100 waits for somebody; M20 goes along with motion.
+/// M100 waits until a client resets it; M20 is issued along with motion.
 const M_CODES: &str = r#"
 [m_code.100]
 unhandled = "wait"

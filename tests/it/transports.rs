@@ -43,7 +43,7 @@ const PROGRAMS: &str = "programs = { 50 = \"tool.nc\", 51 = \"clamp.nc\", 52 = \
 const M_CODES: &str =
     "[m_code.100]\nunhandled = \"wait\"\nwait_state = \"TOOL_LOAD\"\n[m_code.12]\nunhandled = \"wait\"\n";
 
-/// What the plant has, and what is told of variables.
+/// Inputs and outputs of the plant, and published variables.
 const IO: &str = "[io.in.level]\nkind = \"number\"\nunit = \"l\"\nmax = 60\n[io.out.lamp]\n\
                   [[variables.published]]\nfrom = \"P300\"\ncount = 2\n";
 
@@ -65,7 +65,7 @@ pub fn broker_at(address: &str) -> String {
 /// A machine and how to reach it. Dropping it ends all of it.
 struct Reached {
     plc: Plc,
-    /// What `Plc::connect` takes; empty in process.
+    /// Address for `Plc::connect`; empty in process.
     url: String,
     _keep: Vec<Arc<dyn Send + Sync>>,
     served: Option<Served>,

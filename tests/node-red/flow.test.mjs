@@ -1,5 +1,6 @@
-// The flow of examples/node-red does what its page says: it loads and starts a program by its buttons, hears the machine wait for
-// M80, resets it, and the program is completed. Run by tests/node-red/run, in the folder of a served demo machine.
+// The flow of examples/node-red does as its page describes: it loads and starts a program by its buttons, receives the
+// wait for M80, resets it, and the program is completed. Run by tests/node-red/run, in the folder of a served demo
+// machine.
 
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
@@ -88,7 +89,7 @@ test("the flow loads, starts, resets M80 after its work, and the program is comp
     return ["PROGRAM_COMPLETED", "STOPPED"].includes(now.execution) && now;
   });
   assert.equal(end.execution, "PROGRAM_COMPLETED", JSON.stringify(end));
-  // the journal is written behind what it tells of
+  // the journal is written after the events that it records
   const by = await until("both resets in the journal", async () => {
     const { lines } = await read("journal?m=80&count=20");
     const resets = lines.filter((line) => line.event === "reset");

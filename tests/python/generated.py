@@ -24,7 +24,7 @@ from client.types import File
 for module in pkgutil.walk_packages(client.__path__, "client."):
     importlib.import_module(module.name)
 
-# every operation is there
+# every operation exists
 document = json.loads(Path(sys.argv[1]).read_text())
 operations = {
     operation["operationId"]
@@ -37,7 +37,7 @@ made = {
 }
 assert operations == made, operations ^ made
 
-# what has a member for each letter is read and written as it is
+# a type with a member for each letter is read and written unchanged
 for given in [{"A": 5.0}, {"D": 1.0, "H": -2.0}]:
     assert models.Params.from_dict(given).to_dict() == given
 

@@ -25,7 +25,7 @@ function lineOf({ m_code, mdi }) {
   return mdi ?? (m_code === undefined ? null : `M${String(m_code).padStart(2, "0")}`);
 }
 
-/** What it does, in words. @param {HmiButton} wanted */
+/** Returns a text of its action. @param {HmiButton} wanted */
 function doing(wanted) {
   const line = lineOf(wanted);
   if (line !== null) return t("added.runs_at_once", { line });

@@ -39,7 +39,7 @@ function inputText({ current }, name) {
   return isOn ? [t("card.on"), lock?.text].filter(Boolean).join(": ") : t("card.off");
 }
 
-/** Shows what the machine tells of the variable; one that it does not tell of is read again and again while it is looked at. @param {HmiCard} wanted @param {() => ReturnType<typeof seenFrom>} seen @param {HTMLElement} value */
+/** Shows the published value of a variable; an unpublished one is read repeatedly while the card is visible. @param {HmiCard} wanted @param {() => ReturnType<typeof seenFrom>} seen @param {HTMLElement} value */
 function variable({ variable: name = "", unit = "" }, seen, value) {
   const { kind, number } = variableOf(name);
   let askedAt = 0;

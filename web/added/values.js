@@ -1,11 +1,11 @@
-// What buttons and cards of the machine builder name: coordinate systems, inputs, variables, pictures.
+// Resolves names used by the machine builder's buttons and cards: coordinate systems, inputs, variables, pictures.
 
 import { h } from "../dom.js";
 
 /** @typedef {import("../model.js").Model} Model */
 
 /**
- * What is known as if this coordinate system were on the screen; without a number, the one that is.
+ * Returns the model as if this coordinate system were selected; without a number, the selected one.
  * @param {Model} model @param {number | undefined} cs
  * @returns {Pick<Model, "online" | "user" | "viewing" | "selected" | "current" | "variables">}
  */
@@ -30,7 +30,7 @@ export function variableOf(name) {
 }
 
 /**
- * The value of a variable that the machine tells of; undefined: it does not.
+ * Returns the published value of a variable; undefined if the machine does not publish it.
  * @param {Pick<Model, "variables" | "current">} seen @param {string} name
  */
 export function toldValueOf({ variables, current }, name) {

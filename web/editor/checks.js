@@ -1,4 +1,4 @@
-// Findings while somebody types: the runtime checks the text when the keys have rested, one check after the other.
+// Findings during typing: the runtime checks the text after a pause of the keys, one check after the other.
 
 /** How long the keys rest before a text is checked, ms. */
 const REST_MS = 400;
@@ -12,7 +12,7 @@ const REST_MAX_MS = 3000;
 export class Checks {
   #timer = 0;
   #tookMs = 0;
-  /** Grows with each change: what was found in another text does not count. */
+  /** Incremented by each change: findings of an earlier text are discarded. */
   #turn = 0;
   #isAsked = false;
   #check;
@@ -30,7 +30,7 @@ export class Checks {
     this.#wait();
   }
 
-  /** What was found before counts no longer, and nothing is looked for. */
+  /** Discards earlier findings, and stops checking. */
   stop() {
     this.#turn += 1;
     clearTimeout(this.#timer);

@@ -1,5 +1,5 @@
-// A text field for NC programs, by CodeMirror: line numbers, colours, search, findings in the margin. It stands in a shadow root, where
-// its styles need no style element, which the content security policy forbids.
+// A text field for NC programs, by CodeMirror: line numbers, colours, search, findings in the margin. It is in a shadow
+// root, where its styles need no style element, which the content security policy forbids.
 
 import { h } from "../dom.js";
 import { phrases } from "../language.js";
@@ -31,7 +31,7 @@ export function codeMirror() {
  * @property {boolean} [readOnly]
  * @property {() => void} [changed]
  * @property {(word: string) => void} [explain] asked for the meaning of a word
- * @property {(word: string) => Promise<HTMLElement | null>} [tip] what is shown of a word below the pointer; null: nothing
+ * @property {(word: string) => Promise<HTMLElement | null>} [tip] tooltip of the word below the pointer; null: none
  */
 
 /** Whether all lines end as on Windows. @param {string} text */
@@ -40,7 +40,7 @@ function isCrLf(text) {
 }
 
 export class Code {
-  /** What the page shows. */
+  /** The element of the text field. */
   element = h("div", { class: "code" });
   #cm;
   #view;
@@ -83,7 +83,10 @@ export class Code {
     return this.#view.state.sliceDoc();
   }
 
-  /** The whole text as it is now, as what is sent: the page is busy with no more than a piece of it at once. @returns {Promise<Blob>} */
+  /**
+   * Returns the whole current text, ready to send, in pieces, so that no single task blocks the page for long.
+   * @returns {Promise<Blob>}
+   */
   async blob() {
     const { doc, lineBreak } = this.#view.state;
     const pieces = [];
@@ -108,7 +111,7 @@ export class Code {
     this.#cm.openSearchPanel(this.#view);
   }
 
-  /** The word under the cursor, or what is selected. */
+  /** Returns the word under the cursor, or the selected text. */
   word() {
     const { state } = this.#view;
     const { from, to, head } = state.selection.main;
@@ -116,7 +119,7 @@ export class Code {
     return this.#wordAt(head).word;
   }
 
-  /** A word and where it is; empty: none is there. @param {number} place */
+  /** Returns a word and its position; empty if there is none. @param {number} place */
   #wordAt(place) {
     const line = this.#view.state.doc.lineAt(place);
     const at = place - line.from;

@@ -1,5 +1,5 @@
-// The editor of stored programs: a text, typed or from a file, is stored under a number and then checked. What is too long for it is
-// shown, and stored as it is.
+// The editor of stored programs: a text, typed or from a file, is stored under a number and then checked. A text that
+// is too long for the editor is only shown, and stored unchanged.
 
 import { openDialog } from "../dialog.js";
 import { button, fill, h, setAttr, setText } from "../dom.js";
@@ -27,7 +27,7 @@ const NUMBER_MAX = 9999;
  * @property {string} text
  * @property {string} [hash] of the program of this number that was read; it is not stored over another one
  * @property {string} [dialect] of the text; that of the coordinate system shown
- * @property {ProgramDiagnostic[]} [found] what is known to be wrong with it
+ * @property {ProgramDiagnostic[]} [found] known findings of the text
  */
 
 /** @param {import("../main.js").App} app @param {Opened} opened */
@@ -42,11 +42,11 @@ class Editor {
   #code;
   #isEditable;
   #text;
-  /** Whether there is something that is not stored. */
+  /** Whether there are unsaved changes. */
   #isChanged = false;
-  /** Whether anything was typed: otherwise the text is stored byte for byte as it came. */
+  /** Whether the text was edited; otherwise it is stored byte for byte unchanged. */
   #isTouched = false;
-  /** What was found while it was typed. */
+  /** Findings during typing. */
   #said = "";
   #checks = new Checks(() => this.#check(), (found) => this.#mark(found));
   #dialog;
@@ -86,7 +86,7 @@ class Editor {
       this.#checks.stop();
       this.#code.destroy();
     });
-    // Escape, pressed by accident, must not discard what was written
+    // Escape, pressed by accident, must not discard the text
     form.addEventListener("keydown", (event) => {
       if (event.key !== "Escape" || event.defaultPrevented || !this.#isChanged) return;
       event.stopPropagation();
@@ -126,13 +126,13 @@ class Editor {
     setAttr(this.#compare, "disabled", !there);
   }
 
-  /** What the runtime would find; null: it does not say. */
+  /** Returns the runtime's findings; null if it does not answer. */
   async #check() {
     const number = Number(this.#number.value) || this.#opened.number;
     return this.#app.api.checkText(number, await this.#code.blob(), this.#opened.dialect ?? "").catch(() => null);
   }
 
-  /** Marks what was found while it was typed; a list that is there is brought up to date. @param {ProgramDiagnostic[]} found */
+  /** Marks findings during typing, and updates a list that is shown. @param {ProgramDiagnostic[]} found */
   #mark(found) {
     this.#said = t("editor.checked", { found: summary(found) || t("findings.none") });
     if (this.#findings.hidden) this.#code.mark(found);

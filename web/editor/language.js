@@ -1,4 +1,4 @@
-// The words of an NC text for colours in the editor. This is no parser: the runtime decides what is valid.
+// Splits NC text into words for the colours of the editor. This is not a parser: the runtime decides about validity.
 
 /** @typedef {{comment: number}} State `comment`: depth 1 inside of a comment over several lines */
 

@@ -72,7 +72,7 @@ export class Chart {
     this.#scroll.scrollLeft = middle * this.#width() + NAMES_PX - clientWidth / 2;
   }
 
-  /** Marks a stretch, tells of it and brings it into view. @param {Span} span */
+  /** Marks a span, reports it and scrolls it into view. @param {Span} span */
   choose(span) {
     this.#chosen = span;
     this.#draw();

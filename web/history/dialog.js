@@ -1,4 +1,4 @@
-// What was: the timeline of all coordinate systems, all runs, the journal, curves of the last minutes, the alarms of the past.
+// The past: timeline of all coordinate systems, all runs, the journal, curves of the last minutes, earlier alarms.
 
 import { openDialog } from "../dialog.js";
 import { button, fill, h, setAttr } from "../dom.js";

@@ -13,10 +13,10 @@ import { t } from "../language.js";
 export const PAGE_LINES = 1000;
 /** Rows shown at once. */
 const ROWS_MAX = 2000;
-/** Delay before what is typed is asked for, ms. */
+/** Delay between typing and the request, ms. */
 const TYPED_MS = 300;
 
-/** What stands in columns of its own, or tells a person nothing. */
+/** Members with columns of their own, or without meaning for a person. */
 const HIDDEN = new Set(["event", "ts", "t_s", "cs", "boot_id", "hash", "n", "user", "client_id", "handler_id", "command_id", "program_hash"]);
 
 /** As the machine reads it, and in words. @type {[string, string][]} */
@@ -100,7 +100,7 @@ function row(line) {
   return h("tr", { "data-event": line.event }, ...cells.map((cell) => h("td", {}, cell)));
 }
 
-/** What else a line says. @param {Line} line */
+/** Returns the other members of a line as text. @param {Line} line */
 function what(line) {
   const told = Object.entries(line).filter(([name, value]) => !HIDDEN.has(name) && value !== null && !["", "{}", "[]", "false"].includes(typeof value === "object" ? JSON.stringify(value) : String(value)));
   return told.map(([name, value]) => `${name.replaceAll("_", " ")} ${typeof value === "object" ? JSON.stringify(value) : rounded(String(value))}`).join(" · ");

@@ -66,7 +66,7 @@ export class PlotsView {
     clearTimeout(this.#timer);
   }
 
-  /** Asks for what is new, again and again. */
+  /** Requests new values repeatedly. */
   async #read() {
     const { selected } = this.#app.model;
     this.#trace.show(selected);
@@ -78,7 +78,7 @@ export class PlotsView {
     this.#timer = setTimeout(() => void this.#read(), isWhole ? AGAIN_MS : 0);
   }
 
-  /** What is chosen, with its curves over the time that is chosen. */
+  /** Returns the selected system with its curves over the selected time. */
   #chosen() {
     const system = this.#app.model.current;
     const wanted = QUANTITIES.find(({ quantity }) => quantity === this.#what.value);
@@ -103,7 +103,7 @@ export class PlotsView {
     setText(this.#note, times.length < 2 ? t("plots.nothing_has_been_heard_yet") : t("plots.note", { unit: wanted.unit, cs: this.#app.model.selected }));
   }
 
-  /** What is drawn, as a file. */
+  /** Saves the drawn curves as a file. */
   #save() {
     const chosen = this.#chosen();
     if (!chosen) return;

@@ -14,9 +14,9 @@ import { saveCsv } from "./save.js";
 const PAGE_RUNS = 1000;
 /** Rows shown at once. */
 const ROWS_MAX = 1000;
-/** A run that has not ended, where others say how. */
+/** A run that has not ended, in the column of the ends. */
 const GOES_ON = "goes_on";
-/** How often the time of a run that goes on is told, ms. */
+/** Interval at which the time of a current run is updated, ms. */
 const TELL_MS = 1000;
 
 /** @param {import("../main.js").App} app */

@@ -21,7 +21,7 @@ export function text(x, y, says, name) {
   return element;
 }
 
-/** A picture whose content a table beside it tells, too. @param {string} name its class */
+/** Returns a picture whose content is also in a table next to it. @param {string} name its class */
 export function picture(name) {
   return shape("svg", { class: name, "aria-hidden": "true" });
 }

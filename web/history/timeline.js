@@ -1,4 +1,4 @@
-// What each coordinate system did over time, read from the journal: moved, waited for an M code, was held, stood; and what was lost.
+// Activity of each coordinate system over time, read from the journal: motion, waits for M codes, holds, stops, losses.
 
 import { listed, t } from "../language.js";
 import { reasonWord, stateWord } from "../sentence.js";
@@ -26,7 +26,7 @@ import { reasonWord, stateWord } from "../sentence.js";
  * @property {string} runId
  * @property {number} from
  * @property {number} to
- * @property {string} ended empty while it goes on
+ * @property {string} ended empty while it runs
  * @property {Span[]} spans
  */
 
@@ -36,7 +36,7 @@ const MEETING_MS = 200;
 /**
  * The runs of the journal's lines, in the order of their starts.
  * @param {Line[]} lines in the order of time
- * @param {number} now until when runs that go on last, ms since 1970
+ * @param {number} now end time of runs that have not ended, ms since 1970
  * @returns {Run[]}
  */
 export function timelineOf(lines, now) {
@@ -88,7 +88,7 @@ class Clock {
   }
 }
 
-/** A run that goes on. */
+/** A run that has not ended. */
 class Going {
   /** @type {Run} */
   run;
@@ -176,7 +176,7 @@ function findMeetings(runs) {
 }
 
 /**
- * What a stretch is called, for a person.
+ * Returns the name of a span for a person.
  * @param {Span} span
  */
 export function describe({ kind, says, who, met, line }) {
@@ -189,7 +189,7 @@ export function describe({ kind, says, who, met, line }) {
 }
 
 /**
- * What the time of these runs went into, what cost most first; moving is left out of the causes.
+ * Returns the causes of lost time of these runs, the largest first; motion is not a cause.
  * @param {Run[]} runs
  */
 export function losses(runs) {

@@ -1,4 +1,4 @@
-// What the axes did in the last minute, as the servo has kept it: all of it when it is first asked, then what is new.
+// Axis motion of the last minute, as recorded by the servo: the first request returns all, later ones the new part.
 
 /** Samples that are drawn at the most: those that the machine keeps. */
 export const SAMPLES_MAX = 6000;
@@ -7,7 +7,10 @@ export const GAP_MS = 100;
 
 /** @typedef {"error" | "position" | "velocity" | "acceleration" | "feedrate" | "spindle"} Quantity */
 /** @typedef {import("../types.d.ts").Trace} Answer */
-/** What the machine calls the values of an axis. @type {Record<string, keyof import("../types.d.ts").TraceAxis>} */
+/**
+ * Names of an axis's values in the machine's messages.
+ * @type {Record<string, keyof import("../types.d.ts").TraceAxis>}
+ */
 const OF_AXIS = { error: "following_error", position: "position", velocity: "velocity", acceleration: "acceleration" };
 /** Velocities are shown per minute. */
 const FACTORS = { velocity: 60 };
@@ -32,7 +35,10 @@ export class Trace {
     this.#forget();
   }
 
-  /** Takes an answer. False: the machine has begun anew, so all of it is to be asked for again. @param {Answer} answer */
+  /**
+   * Adds an answer. Returns false if the machine has restarted, so that everything must be requested again.
+   * @param {Answer} answer
+   */
   take(answer) {
     if (answer.cs !== this.#cs) return true;
     if (answer.next < this.#next) {
@@ -76,7 +82,7 @@ function append(column, values) {
 }
 
 /**
- * A table of what is drawn, for other programs: a point as the decimal sign, times in seconds since the first.
+ * Returns a table of the drawn curves for other programs: decimal point, times in seconds since the first.
  * @param {number[]} times ms @param {{name: string, values: number[]}[]} curves
  */
 export function csvOf(times, curves) {

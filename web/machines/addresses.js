@@ -19,7 +19,7 @@ export function keepOthers(addresses) {
   try {
     localStorage.setItem(KEY, JSON.stringify(addresses));
   } catch {
-    // without storage they are there until the page is closed
+    // without storage they are kept until the page is closed
   }
 }
 

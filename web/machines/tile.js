@@ -12,12 +12,15 @@ import { Watched } from "./watched.js";
 
 /** Tones of a machine of several coordinate systems, the first that one of them has: what asks for a person, then what runs. */
 const URGENCY = ["alarm", "attention", "wait", "active", "ended", "done", "ready"];
-/** Links of which what stands in the tile is old, and nobody can do anything about it here. */
+/** Link states in which the tile is stale, and no action here can help. */
 const AWAY = ["silent", "offline", "unheard"];
 /** Characters of the sentence. */
 const SENTENCE_CHARS = 110;
 
-/** Why nothing is heard of it, by its link. @type {Record<import("./watched.js").LinkState, import("../language.js").Key | null>} */
+/**
+ * Reasons why a machine is silent, by its link state.
+ * @type {Record<import("./watched.js").LinkState, import("../language.js").Key | null>}
+ */
 const TROUBLES = {
   online: null, connecting: "machines.connecting", silent: "machines.silent", unreachable: "machines.unreachable", refused: "machines.refused", login: "machines.login", insecure: "machines.insecure",
   offline: "machines.offline", unheard: "machines.unheard",

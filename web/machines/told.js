@@ -1,11 +1,11 @@
-// A machine of the page of which this machine's runtime tells: it has heard it at the broker that both share.
+// A machine that this machine's runtime reports, because it receives its messages at the shared broker.
 
 import { STALE_MS } from "../model.js";
 
 export class Told {
   /** @type {import("./watched.js").LinkState} */
   link = "connecting";
-  /** Where its own screen is, if it says so. @type {string | null} */
+  /** Address of its own screen, if it publishes one. @type {string | null} */
   address = null;
   name;
   /** When its newest heartbeat arrived, on the clock of `performance`; before the first one, when it was first told of. */
@@ -31,12 +31,12 @@ export class Told {
     this.systems = new Map(seen.coordinate_systems.map((told) => [told.number, systemOf(told)]));
   }
 
-  /** The broker cannot be reached from here, or this machine is not heard. */
+  /** Called if the broker is unreachable, or this machine is silent. */
   lose() {
     this.link = "unheard";
   }
 
-  /** How old what stands in the tile is, ms; 0: it is of now. */
+  /** Age of the tile's data in ms; 0 if current. */
   get staleMs() {
     const ageMs = performance.now() - this.#heardAt;
     return ageMs > STALE_MS ? ageMs : 0;

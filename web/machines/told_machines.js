@@ -1,8 +1,8 @@
-// What this machine's runtime knows of others: addresses of its configuration, and machines at the shared broker.
+// Other machines known to this machine's runtime: configured addresses, and machines at the shared broker.
 
 import { Told } from "./told.js";
 
-/** How often it is asked, ms: often enough that what is less than a second old is told. */
+/** Interval of the requests, ms; short enough to report data younger than one second. */
 const ASK_MS = 400;
 
 export class ToldMachines {

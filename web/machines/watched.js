@@ -1,4 +1,4 @@
-// One machine of the page: what it says, and why nothing is heard of it.
+// One machine of the page: its messages, and the reason if it is silent.
 
 import { MACHINE_TOPICS, Model } from "../model.js";
 import { Refusal, Tandem } from "../tandem.js";
@@ -10,9 +10,9 @@ const ANSWER_MS = 4000;
 const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state", "time_left", "start_conditions"];
 
 /**
- * `silent`: its presence is too old; `unreachable`: nothing answers; `refused`: it answers, and this page is not allowed to read
- * it; `login`: it asks who this is; `insecure`: a page over TLS may not ask an address without; `offline`: it has gone;
- * `unheard`: nothing is heard of the machines at the broker.
+ * `silent`: its presence has expired; `unreachable`: it does not answer; `refused`: it answers, but this page may not
+ * read it; `login`: it requires a login; `insecure`: a page over TLS may not use an address without TLS; `offline`: it
+ * has announced its end; `unheard`: no messages of the machines at the broker arrive.
  * @typedef {"connecting" | "online" | "silent" | "unreachable" | "refused" | "login" | "insecure" | "offline" | "unheard"} LinkState
  */
 
@@ -24,7 +24,7 @@ export class Watched {
   #tandem;
   #changed;
   #timer;
-  /** When its presence is too old unless it is said again, on the clock of `performance`. */
+  /** Time at which its presence expires, on the clock of `performance`. */
   #presentUntil = Number.POSITIVE_INFINITY;
   #isOpen = false;
   #isLooking = false;
@@ -52,7 +52,7 @@ export class Watched {
     void this.look();
   }
 
-  /** What it calls itself; null: it has not said so yet. */
+  /** Its name; null until it has published it. */
   get name() {
     return this.model.birth?.machine ?? null;
   }
@@ -73,7 +73,7 @@ export class Watched {
     return this.model.birth;
   }
 
-  /** How old what stands in the tile is, ms; 0: it is of now. */
+  /** Age of the tile's data in ms; 0 if current. */
   get staleMs() {
     return this.model.staleMs;
   }
@@ -82,7 +82,10 @@ export class Watched {
     return (/** @type {string} */ ts) => this.model.ageMs(ts);
   }
 
-  /** What its runtime knows of other machines; null: it does not answer. @returns {Promise<import("../types.d.ts").MachineList | null>} */
+  /**
+   * Returns the other machines that its runtime knows; null if it does not answer.
+   * @returns {Promise<import("../types.d.ts").MachineList | null>}
+   */
   async knows() {
     return this.link === "online" ? this.#tandem.get("/machines").catch(() => null) : null;
   }
@@ -145,7 +148,7 @@ export class Watched {
   }
 }
 
-/** Whether a server is there, whatever it says to this page. @param {string} address */
+/** Returns whether a server answers, even if this page may not read the answer. @param {string} address */
 async function answers(address) {
   try {
     await fetch(`${address}/api/v1/health`, { mode: "no-cors", cache: "no-store", signal: AbortSignal.timeout(ANSWER_MS) });

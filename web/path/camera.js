@@ -16,7 +16,7 @@ export const VIEW_NAMES = /** @type {ViewName[]} */ (Object.keys(VIEWS));
 /** Scales, px per mm. */
 const SCALE_MIN = 1e-3;
 const SCALE_MAX = 1e4;
-/** Share of the picture that is left free around what is fitted in. */
+/** Margin around the fitted content, as a share of the picture. */
 const MARGIN = 0.08;
 /** Smallest size fitted in, mm. */
 const SIZE_MIN = 10;
@@ -32,7 +32,7 @@ export class Camera {
   height = 1;
   /** @type {ViewName | ""} */
   view = "XY";
-  /** It shows what was fitted in; nobody has moved it since. */
+  /** The fitted content is shown; the user has not moved the view since. */
   isFitted = true;
 
   /** @param {ViewName} view */

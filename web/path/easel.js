@@ -1,5 +1,5 @@
-// Where a picture is drawn: by a worker on a canvas that it was given, in the page where the browser has none. An order goes when
-// the one before is drawn; of what is ordered meanwhile the last counts.
+// Location of the drawing: a worker with its own canvas, or the page if the browser has no worker canvas. An order is
+// sent when the previous one is drawn; of the orders in between, only the last is kept.
 
 import { Painter } from "./painter.js";
 
@@ -7,7 +7,7 @@ import { Painter } from "./painter.js";
 /** @typedef {import("./painter.js").Report} Report */
 
 export class Easel {
-  /** @type {((order: Order) => void) | null} null: nobody draws yet, or the last order is being drawn */
+  /** @type {((order: Order) => void) | null} null: not ready, or busy with the last order */
   #idle = null;
   /** @type {((order: Order) => void) | null} */
   #take = null;
@@ -91,7 +91,7 @@ function workerFor(canvas) {
   }
 }
 
-/** One order for two; what comes with the first and is forgotten with the second does not go. @param {Order} one @param {Order} later @returns {Order} */
+/** Merges two orders; vertices added by the first and forgotten by the second are not sent. @param {Order} one @param {Order} later @returns {Order} */
 function both(one, later) {
   const [gone, come] = [new Set(later.forgotten), new Set(one.added.map(({ id }) => id))];
   const added = [...one.added.filter(({ id }) => !gone.has(id)), ...later.added];

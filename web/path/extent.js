@@ -1,4 +1,4 @@
-// How far a path reaches where the tool works: what is fitted into the picture. Rapids to a tool change may run out of it.
+// Extent of a path in the work area, used to fit the picture. Rapids to a tool change may leave it.
 
 import { VERTEX_WORDS, wordAt } from "./vertex.js";
 

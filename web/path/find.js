@@ -6,7 +6,7 @@ import { firstFrom, linesBetween, PLACE_MASK, timeOf, VERTEX_WORDS, wordAt } fro
 /** @typedef {import("./vertex.js").Piece} Piece */
 /** @typedef {[number, number, number]} Point */
 
-/** How far a machine may be from the planned path and still be on it, mm, beside the level's tolerance. */
+/** Distance from the planned path within which a machine is on it, mm, in addition to the level's tolerance. */
 const ON_PATH_MM = 0.05;
 
 /** The finest level of a chunk that is here. @param {import("./bytes.js").Chunk} chunk @returns {Piece | null} */

@@ -1,6 +1,7 @@
-// Lines on the graphics card: each is a rectangle as wide as its kind says, made of two vertices as the runtime sent them. What is
-// done, selected or depends on run time is compared in the shader, so nothing is uploaded while the machine moves. The shader takes
-// vertices out of a texture: instances of a rectangle would be one call each where the processor draws.
+// Lines on the graphics card. Each line is a rectangle made of two vertices as the runtime sent them; its width depends
+// on its kind. The shader determines the done, selected and run-time dependent parts, so nothing is uploaded while the
+// machine moves. The shader reads vertices from a texture, because software renderers need one call for each instance
+// of a rectangle.
 
 import { PLACE_MASK, VERTEX_WORDS } from "./vertex.js";
 
@@ -56,7 +57,7 @@ void main() {
 const WIDTHS = [1.5, 0.8, 0.7, 2.6];
 
 /**
- * From where the picture is seen.
+ * The view of the picture.
  * @typedef {object} View
  * @property {Float32Array} matrix
  * @property {number} scale px per mm
@@ -75,7 +76,7 @@ const WIDTHS = [1.5, 0.8, 0.7, 2.6];
 const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "words", "first", "now", "since", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
 
 export class Lines {
-  /** What the last frame took, and all bytes uploaded so far. */
+  /** Counts of the last frame, and all bytes uploaded so far. */
   drawn = { calls: 0, lines: 0 };
   uploaded = 0;
   #gl;
@@ -98,7 +99,7 @@ export class Lines {
     gl.uniform1i(this.#at.words ?? null, 0);
   }
 
-  /** What the picture looks like from now on. @param {Look} look */
+  /** Sets the look of the following frames. @param {Look} look */
   set look(look) {
     const at = (/** @type {string} */ name) => this.#at[name] ?? null;
     this.#gl.uniform1f(at("dependsAt"), look.dependsAt);
@@ -108,7 +109,7 @@ export class Lines {
   }
 
   /**
-   * What follows is seen from there, at this time, and of what is done only that since then.
+   * Sets the view and time of the following drawing; of the done part, only that after `since` is drawn.
    * @param {View} view @param {number} now s @param {number} [since] s
    */
   begin({ matrix, ratio }, now, since = -1) {
@@ -128,13 +129,16 @@ export class Lines {
     this.#gl.clear(this.#gl.COLOR_BUFFER_BIT);
   }
 
-  /** What follows is where it is, and has the colours of the path. */
+  /** Draws the following lines at their own position, in the colours of the path. */
   colours() {
     this.place([0, 0, 0]);
     for (const name of /** @type {const} */ (["done", "rest", "rapid"])) this.#gl.uniform4fv(this.#at[name] ?? null, this.#look?.colours[name] ?? [0, 0, 0, 1]);
   }
 
-  /** What follows is moved there, and of this colour if there is one. @param {ArrayLike<number>} shift @param {number[]} [colour] */
+  /**
+   * Moves the following lines by a shift, and sets their colour if one is given.
+   * @param {ArrayLike<number>} shift @param {number[]} [colour]
+   */
   place(shift, colour) {
     const gl = this.#gl;
     gl.uniform3f(this.#at.shift ?? null, shift[0] ?? 0, shift[1] ?? 0, shift[2] ?? 0);
@@ -142,7 +146,7 @@ export class Lines {
     for (const name of ["done", "rest", "rapid"]) gl.uniform4fv(this.#at[name] ?? null, colour);
   }
 
-  /** Draws lines of a piece; without a number all. @param {{bytes: ArrayBuffer, offset: number, count: number}} piece @param {number} [line] the first one @param {number} [lines] */
+  /** Draws lines of a piece, by default all. @param {{bytes: ArrayBuffer, offset: number, count: number}} piece @param {number} [line] the first one @param {number} [lines] */
   draw({ bytes, offset, count }, line = 0, lines = count - 1) {
     if (lines < 1) return;
     const gl = this.#gl;
@@ -153,12 +157,12 @@ export class Lines {
     this.drawn.lines += lines;
   }
 
-  /** How many answers are on the card. */
+  /** Number of answers on the card. */
   get kept() {
     return this.#kept;
   }
 
-  /** Gives back what is shown no longer. @param {ArrayBuffer} bytes */
+  /** Releases data that is no longer shown. @param {ArrayBuffer} bytes */
   forget(bytes) {
     const texture = this.#textures.get(bytes);
     if (!texture) return;
@@ -167,7 +171,7 @@ export class Lines {
     this.#kept -= 1;
   }
 
-  /** Each answer goes to the card once, as it came. @param {ArrayBuffer} bytes */
+  /** Uploads each answer once, unchanged. @param {ArrayBuffer} bytes */
   #texture(bytes) {
     const known = this.#textures.get(bytes);
     if (known) return known;

@@ -1,37 +1,38 @@
-// The picture of a path, kept while the tool moves over it. What is to be drawn anew is drawn beside it, as much in a frame as the
-// card draws in time: at first the coarse lines, then those that are exact to the pixel. Nobody waits for the card.
+// The picture of a path, kept while the tool moves over it. New parts are drawn in a hidden layer, in each frame only
+// as much as the graphics card completes in time: first the coarse lines, then the lines that are exact to the pixel.
+// The page never waits for the card.
 
 import { lengthOf, linesBetween } from "./vertex.js";
 
 /** @typedef {import("./vertex.js").Piece} Piece */
 /** @typedef {import("./gl.js").View} View */
 
-/** Costs of what is drawn in one frame, in lines of no length: at first, at least, and where a card is fast. */
+/** Cost limits of one frame, in lines of zero length: at first, at least, and with a fast card. */
 const BUDGET = { first: 4_000, least: 1_000, most: 4_000_000 };
-/** A card that needs less than that for a frame gets more, one that needs longer less, ms. */
+/** A card that needs less time than this for a frame gets more work; one that needs more gets less, ms. */
 const FAST_MS = 26;
 const SLOW_MS = 40;
-/** A card that says nothing for so long is asked no more, ms. */
+/** Time after which a card without a response is no longer queried, ms. */
 const SILENT_MS = 2_000;
-/** A line of so many px costs two of no length. */
+/** A line of this length in px costs as much as two lines of zero length. */
 const PX_OF_A_LINE = 25;
 
 /**
- * What is to be seen.
+ * The content to draw.
  * @typedef {object} Scene
- * @property {string} key all that it is made of but what follows
+ * @property {string} key of everything in the scene except the members below
  * @property {View} view
  * @property {Piece[]} wanted exact to the pixel
- * @property {Piece[]} coarse the same chunks, as few lines as there are
- * @property {number} now what is reached by then is done, s
- * @property {() => void} scenery draws what is behind the path
+ * @property {Piece[]} coarse the same chunks with the fewest lines available
+ * @property {number} now the path up to this time is done, s
+ * @property {() => void} scenery draws the background of the path
  */
 
 /**
  * A scene that is drawn, or is being drawn.
  * @typedef {object} Drawn
  * @property {Scene} scene
- * @property {boolean} isFine it is given up for another one, since a coarse picture is shown
+ * @property {boolean} isFine a coarse picture is shown, so it is abandoned when another scene is needed
  * @property {Piece[]} pieces
  * @property {number} piece the next one to draw, and
  * @property {number} line its next line
@@ -39,21 +40,21 @@ const PX_OF_A_LINE = 25;
  */
 
 export class Layers {
-  /** @type {Drawn | null} what is shown */
+  /** @type {Drawn | null} the shown scene */
   shown = null;
-  /** @type {Drawn | null} what is being drawn beside it */
+  /** @type {Drawn | null} the scene being drawn in the hidden layer */
   #drawing = null;
   #budget = BUDGET.first;
-  /** What the card has not finished yet. @type {{fence: WebGLSync, at: number, cost: number} | null} */
+  /** Work that the card has not finished yet. @type {{fence: WebGLSync, at: number, cost: number} | null} */
   #asked = null;
   #spent = 0;
-  /** Of the canvas. */
+  /** Size of the canvas. */
   #size = "";
   /** Lines over the path. */
   #over = 0;
   #gl;
   #lines;
-  /** The layer that is shown, and the one beside it. */
+  /** The shown layer and the hidden one. */
   /** @type {Layer} */
   #front;
   /** @type {Layer} */
@@ -66,7 +67,10 @@ export class Layers {
     [this.#front, this.#back] = [new Layer(gl), new Layer(gl)];
   }
 
-  /** Draws a part of the scene, and what is over it. True: there is more to draw. @param {Scene} scene @param {() => void} over */
+  /**
+   * Draws a part of the scene, and its overlay. Returns true if more remains to be drawn.
+   * @param {Scene} scene @param {() => void} over
+   */
   draw(scene, over) {
     if (this.#isBusy()) return true;
     this.#spent = 0;
@@ -84,12 +88,12 @@ export class Layers {
     return this.#drawing !== null || !isSame(this.shown?.pieces, scene.wanted);
   }
 
-  /** Lines that are shown. */
+  /** Number of lines that are shown. */
   get lines() {
     return (this.shown?.lines ?? 0) + this.#over;
   }
 
-  /** @param {Scene} scene @param {boolean} isFine a coarse picture of it is shown */
+  /** @param {Scene} scene @param {boolean} isFine whether a coarse picture of it is shown */
   #begin(scene, isFine) {
     this.#spent = 0;
     const isCheap = isFine || scene.wanted.reduce((sum, piece) => sum + costOf(piece, scene.view), 0) <= this.#budget;
@@ -103,7 +107,7 @@ export class Layers {
     this.#drawing.lines = this.#lines.drawn.lines - lines;
   }
 
-  /** Draws as much as the card does in time; what is complete is shown. @param {Drawn} drawing */
+  /** Draws as much as the card completes in time, and shows a complete picture. @param {Drawn} drawing */
   #work(drawing) {
     this.#back.begin();
     this.#lines.begin(drawing.scene.view, drawing.scene.now);
@@ -123,7 +127,10 @@ export class Layers {
     [this.shown, this.#drawing] = [drawing, null];
   }
 
-  /** What is done since is drawn over what was to come. False: that is too much for one frame. @param {Scene} scene */
+  /**
+   * Draws the newly done part over the part to come. Returns false if that is too much for one frame.
+   * @param {Scene} scene
+   */
   #goOn(scene) {
     const { shown } = this;
     const from = shown?.scene.now ?? scene.now;
@@ -142,7 +149,7 @@ export class Layers {
   #show({ view, now }, over) {
     const gl = this.#gl;
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
-    // what the browser has shown it clears before it is drawn upon, but not before it is copied upon
+    // the browser clears the shown buffer before a drawing, but not before a copy
     this.#lines.clear();
     if (this.shown) this.#front.copy();
     this.#lines.begin(view, now);
@@ -151,7 +158,7 @@ export class Layers {
     this.#over = this.#lines.drawn.lines - lines;
   }
 
-  /** The card is asked to say when it has drawn this. */
+  /** Inserts a fence that reports when the card has drawn this. */
   #ask() {
     const gl = this.#gl;
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -159,7 +166,7 @@ export class Layers {
     this.#asked = fence && { fence, at: performance.now(), cost: this.#spent };
   }
 
-  /** True while the card draws; what it takes says how much it gets next. */
+  /** Returns true while the card draws; the time taken decides how much it gets next. */
   #isBusy() {
     const gl = this.#gl;
     if (!this.#asked) return false;
@@ -175,7 +182,7 @@ export class Layers {
   }
 }
 
-/** A picture beside that on the screen. */
+/** An off-screen picture. */
 class Layer {
   size = "";
   #gl;
@@ -189,7 +196,7 @@ class Layer {
     this.#frame = gl.createFramebuffer();
   }
 
-  /** What follows is drawn into it. */
+  /** Directs the following drawing into this layer. */
   begin() {
     const gl = this.#gl;
     const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
@@ -203,7 +210,7 @@ class Layer {
     gl.framebufferRenderbuffer(gl.DRAW_FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, this.#buffer);
   }
 
-  /** Copies it to where drawing goes. */
+  /** Copies it to the current drawing target. */
   copy() {
     const gl = this.#gl;
     const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
@@ -212,12 +219,15 @@ class Layer {
   }
 }
 
-/** What a piece costs, in lines of no length. @param {Piece} piece @param {View} view */
+/** Returns the cost of a piece, in lines of zero length. @param {Piece} piece @param {View} view */
 function costOf(piece, { scale, ratio }) {
   return piece.count + (lengthOf(piece) * scale * ratio) / PX_OF_A_LINE;
 }
 
-/** True: what is drawn of one scene is a part of the other one, which is later at most. @param {Scene} one @param {Scene} other */
+/**
+ * Returns true if the drawing of one scene is a part of the other one, which differs at most by a later time.
+ * @param {Scene} one @param {Scene} other
+ */
 function goesOn(one, other) {
   return one.key === other.key && isSame(one.view.matrix, other.view.matrix) && isSame(one.wanted, other.wanted) && other.now >= one.now;
 }

@@ -1,5 +1,6 @@
-// Where a run is on its planned path. Between two positions of the servo the path itself says how the tool moved, so it is drawn at
-// display rate and without corners cut off; the picture is one message behind. Off the plan it is drawn where the machine is.
+// Position of a run on its planned path. Between two servo positions the tool follows the path, so it is drawn at
+// display rate and no corners are cut off; the picture is one message late. Off the plan it is drawn at the machine
+// position.
 
 import { atTime, passedAt } from "./find.js";
 

@@ -8,7 +8,7 @@ const CHUNKS_AT_ONCE = 8;
 const CHUNKS_OF_SHORT = 8;
 /** How often an incomplete plan is looked at again, ms. */
 const AGAIN_MS = 400;
-/** How often a complete one is: it is made anew when what it was made with changes. */
+/** Request interval for a complete path, which is planned again when its inputs change. */
 const STILL_MS = 2000;
 const COARSEST_MM = 0.64;
 
@@ -20,9 +20,9 @@ export class PathLoader {
   path = null;
   /** Why there is none. */
   error = "";
-  /** False: the path that is here is of another run or text; a newer one is asked for often. */
+  /** Whether this path belongs to the current run and text; if not, a newer one is requested often. */
   isCurrent = true;
-  /** Grows when another path, or more of it, is there. */
+  /** Incremented when another path, or more of it, has arrived. */
   revision = 0;
   #program = 0;
   #cs = 0;
@@ -125,7 +125,7 @@ export class PathLoader {
     if (path.complete && path.chunks.length <= CHUNKS_OF_SHORT) this.refine(0);
   }
 
-  /** What one answer has is in the other one, too. @param {Answer} from @param {Answer} to */
+  /** Copies the chunks of one answer into another. @param {Answer} from @param {Answer} to */
   #take(from, to) {
     from.chunks.forEach((chunk, i) => {
       const known = to.chunks[i];
@@ -145,7 +145,7 @@ export class PathLoader {
   }
 }
 
-/** What the plan was made of, without how far it is. @param {string} tag */
+/** Returns the identity of a plan's inputs, without its progress. @param {string} tag */
 function identity(tag) {
   return tag.replaceAll('"', "").split("-").slice(0, 2).join("-");
 }

@@ -21,7 +21,7 @@ const PIECE_NUMBERS = 3;
  */
 
 /**
- * What is to be seen, and what has to be known for it.
+ * A drawing to make, with the necessary data.
  * @typedef {object} Order
  * @property {[number, number]} size of the canvas
  * @property {{id: number, bytes: ArrayBuffer}[]} added vertices that come for the first time
@@ -36,7 +36,7 @@ const PIECE_NUMBERS = 3;
  */
 
 /**
- * What was drawn: all is counted from the begin on but what the last frame took.
+ * Result of a drawing: totals since the start, except the values of the last frame.
  * @typedef {object} Report
  * @property {Trouble | null} trouble
  * @property {number} frames

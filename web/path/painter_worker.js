@@ -1,4 +1,4 @@
-// The worker that draws: it says that it is there, gets the canvas, then orders.
+// The worker that draws: it reports that it is ready, receives the canvas, then orders.
 
 import { Painter } from "./painter.js";
 

@@ -1,4 +1,4 @@
-// The picture of a path: orders what is to be seen when something has changed, and each frame only while the tool moves.
+// The picture of a path: orders a drawing when something has changed, and in each frame only while the tool moves.
 
 import { t } from "../language.js";
 import { wordOf } from "./bytes.js";
@@ -13,30 +13,30 @@ import { Backdrop, boxLines, toolLines, trailLines, zeroLines } from "./scenery.
 /** @typedef {import("./painter.js").Report} Report */
 /** @typedef {import("./vertex.js").Piece} Piece */
 
-/** How near a click is to a line that it means, px. */
+/** Distance from a click within which a line is selected, px. */
 const CLICK_PX = 12;
 /** Largest error of a level in the picture, px. */
 const ERROR_PX = 0.7;
 
 /**
- * What is shown.
+ * The content to show.
  * @typedef {object} Shown
  * @property {Answer | null} path
- * @property {number} now what is reached by then is done, s
+ * @property {number} now the path up to this time is done, s
  * @property {Point} tool
  * @property {number} radius of the tool, mm
  * @property {Point} zero of the work coordinates
  * @property {[Point, Point] | null} limits
- * @property {import("../trail.js").Trail | null} trail drawn where there is no plan
+ * @property {import("../trail.js").Trail | null} trail drawn if there is no plan
  * @property {number} selected place of a word, 0: none
  */
 
 export class Picture {
   camera = new Camera();
   element;
-  /** Why nothing is drawn; empty: it is. */
+  /** Reason why nothing is drawn; empty if the path is drawn. */
   trouble = "";
-  /** Milliseconds of script that the last order took. */
+  /** Script time of the last order, ms. */
   tookMs = 0;
   #back;
   #canvas;
@@ -50,17 +50,21 @@ export class Picture {
   #colours = {};
   /** @type {Record<string, number[]>} */
   #numbers = {};
-  /** Own lines by what they were made of. @type {Map<string, {key: string, bytes: ArrayBuffer}>} */
+  /** Own lines, with the key of their inputs. @type {Map<string, {key: string, bytes: ArrayBuffer}>} */
   #own = new Map();
-  /** Numbers of the vertices that the painter has. @type {Map<ArrayBuffer, number>} */
+  /** Ids of the vertices that the painter has. @type {Map<ArrayBuffer, number>} */
   #known = new Map();
   #lastId = 0;
-  /** What the next order tells of vertices. @type {{added: {id: number, bytes: ArrayBuffer}[], forgotten: number[]}} */
+  /**
+   * Vertices that the next order adds or removes.
+   * @type {{added: {id: number, bytes: ArrayBuffer}[], forgotten: number[]}}
+   */
   #news = { added: [], forgotten: [] };
-  /** Pieces ordered last. @type {{wanted: Piece[], coarse: Piece[]}} */
+  /** Pieces of the last order. @type {{wanted: Piece[], coarse: Piece[]}} */
   #pieces = { wanted: [], coarse: [] };
 
-  /** @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} back @param {HTMLElement} box @param {() => void} changed there is a trouble, or none any more */
+  /** @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} back @param {HTMLElement} box @param {() => void}
+   * changed called when a trouble appears or disappears */
   constructor(canvas, back, box, changed) {
     this.#canvas = canvas;
     this.element = box;
@@ -69,7 +73,7 @@ export class Picture {
     this.#easel = new Easel(canvas, (report) => this.#on(report));
   }
 
-  /** Nothing is drawn any more. */
+  /** Stops drawing permanently. */
   end() {
     this.#easel.end();
   }
@@ -83,13 +87,14 @@ export class Picture {
     this.#changed();
   }
 
-  /** Draw calls of the last frame, lines that are seen, bytes uploaded so far, what is kept on the card, and from where the path is seen. */
+  /** Returns the draw calls of the last frame, visible lines, bytes uploaded so far, data kept on the card, and the
+   * view. */
   get statistics() {
     const { scale, turn, tilt, centre, view } = this.camera;
     return { ...this.#report, seen: { scale, turn, tilt, centre, view }, tookMs: this.tookMs };
   }
 
-  /** Takes the size of the box and the colours of the scheme. True: it has a size. */
+  /** Reads the size of the box and the colours of the scheme. Returns true if the size is not zero. */
   measure() {
     const ratio = Math.min(devicePixelRatio || 1, 2);
     const [width, height] = [this.element.clientWidth, this.element.clientHeight];
@@ -105,7 +110,7 @@ export class Picture {
     return width > 0 && height > 0;
   }
 
-  /** Has this drawn; what takes long is coarse at first. @param {Shown} shown @param {(chunk: number) => void} refine asks for finer levels */
+  /** Orders a drawing; a slow one is coarse at first. @param {Shown} shown @param {(chunk: number) => void} refine asks for finer levels */
   draw(shown, refine) {
     if (this.trouble) return;
     const began = performance.now();
@@ -127,14 +132,20 @@ export class Picture {
     this.tookMs = performance.now() - began;
   }
 
-  /** The coarsest level that is exact to the pixel. @param {Answer} path @param {number} ratio pixels of the canvas per px */
+  /**
+   * Returns the coarsest level that is exact to the pixel.
+   * @param {Answer} path @param {number} ratio pixels of the canvas per px
+   */
   #level({ tolerances }, ratio) {
     let level = 0;
     while (level + 1 < tolerances.length && (tolerances[level + 1] ?? 0) * this.camera.scale * ratio < ERROR_PX) level += 1;
     return level;
   }
 
-  /** What is seen of a path, exact to the pixel and coarse. @param {Answer | null} path @param {number} ratio @param {(chunk: number) => void} refine */
+  /**
+   * Returns the visible pieces of a path, exact to the pixel and coarse.
+   * @param {Answer | null} path @param {number} ratio @param {(chunk: number) => void} refine
+   */
   #seen(path, ratio, refine) {
     /** @type {{wanted: Piece[], coarse: Piece[]}} */
     const pieces = { wanted: [], coarse: [] };
@@ -159,7 +170,10 @@ export class Picture {
     return placed;
   }
 
-  /** What is over the path: where the tool has been without a plan, and the tool. @param {Shown} shown @returns {Placed[]} */
+  /**
+   * Returns the overlay of the path: the trail if there is no plan, and the tool.
+   * @param {Shown} shown @returns {Placed[]}
+   */
   #over({ trail, tool, radius }) {
     const { camera } = this;
     const placed = [{ id: this.#made("tool", [radius, camera.scale, camera.turn, camera.tilt].join(), () => toolLines(radius, camera)), at: tool, colour: this.#numbers.tool }];
@@ -169,7 +183,7 @@ export class Picture {
     return placed;
   }
 
-  /** The number of own lines. @param {string} name @param {string} key @param {() => ArrayBuffer} make */
+  /** Returns the id of own lines. @param {string} name @param {string} key @param {() => ArrayBuffer} make */
   #made(name, key, make) {
     const known = this.#own.get(name);
     if (known?.key === key) return this.#idOf(known.bytes);
@@ -201,7 +215,7 @@ export class Picture {
     return Uint32Array.from(pieces.flatMap(({ bytes, offset, count }) => [this.#idOf(bytes), offset, count]));
   }
 
-  /** Gives back what no longer is shown. @param {Answer | null} path */
+  /** Releases data that is no longer shown. @param {Answer | null} path */
   tidy(path) {
     const used = new Set([...this.#own.values()].map(({ bytes }) => bytes));
     for (const chunk of path?.chunks ?? []) for (const piece of chunk.levels) if (piece) used.add(piece.bytes);
@@ -213,19 +227,25 @@ export class Picture {
     this.#back.draw(this.camera, this.#back.canvas.width / Math.max(1, this.element.clientWidth), this.#colours, lengths);
   }
 
-  /** The place of the line at a point of the picture. @param {Answer | null} path @param {number} x @param {number} y */
+  /**
+   * Returns the word index of the line at a point of the picture.
+   * @param {Answer | null} path @param {number} x @param {number} y
+   */
   pick(path, x, y) {
     return path && pick(path, this.camera, x, y, CLICK_PX, this.#level(path, 1));
   }
 
-  /** The place of a block on the path; 0: it has none. @param {Answer} path @param {number} program @param {number} line */
+  /**
+   * Returns the word index of a block on the path; 0 if it has none.
+   * @param {Answer} path @param {number} program @param {number} line
+   */
   placeOf(path, program, line) {
     const word = wordOf(program, line, path.programs);
     return word > 0 && findPlace(path, word) ? word : 0;
   }
 }
 
-/** What is said of a trouble. @type {Record<import("./gl.js").Trouble["of"], (log: string) => string>} */
+/** Messages for each trouble. @type {Record<import("./gl.js").Trouble["of"], (log: string) => string>} */
 const TROUBLES = {
   webgl: () => t("path.this_browser_has_no_webgl"),
   shader: () => t("path.webgl_gives_no_shader"),
@@ -237,7 +257,7 @@ function isSame(one, other) {
   return one.length === other.length && one.every((value, i) => value === other[i]);
 }
 
-/** A colour of the style sheet, `#rrggbb`, as numbers. @param {string} text */
+/** Converts a colour of the style sheet, `#rrggbb`, to numbers. @param {string} text */
 function numbers(text) {
   const digits = /^#([0-9a-f]{6})$/i.exec(text)?.[1] ?? "808080";
   return [...[0, 2, 4].map((i) => parseInt(digits.slice(i, i + 2), 16) / 255), 1];

@@ -1,5 +1,5 @@
-// What the planned run does: cycle time and how it is spent, M codes, ranges, peaks; a slider that moves the tool along; while the
-// program runs, how far it is and how much time is left.
+// Forecast of the planned run: cycle time and its parts, M codes, ranges, peaks; a slider that moves the tool along;
+// during the run, its progress and remaining time.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { openDialog } from "../dialog.js";
@@ -86,7 +86,10 @@ export class Rehearse {
     setAttr(this.#away, "hidden", !isAway);
   }
 
-  /** What is rehearsed of the run under way, or of the text that a start would run. @param {import("../types.d.ts").StateMessage | null | undefined} state */
+  /**
+   * Returns the rehearsal of the current run, or of the text that a start would run.
+   * @param {import("../types.d.ts").StateMessage | null | undefined} state
+   */
   #current(state) {
     const rehearsal = this.#rehearsal;
     return rehearsal && isShown(state, { runId: rehearsal.run_id ?? null, hash: rehearsal.hash }) ? rehearsal : null;

@@ -18,7 +18,7 @@ export const ENDS = {
   lease_lost: "runs.end_lease_lost", replaced: "runs.end_replaced", refused: "runs.end_refused", restarted: "runs.end_restarted",
 };
 
-/** What is known of the runs of a program; fills itself when the machine has answered. @param {number} program @param {number} cs */
+/** Returns the known runs of a program; completed when the machine has answered. @param {number} program @param {number} cs */
 export function lastRuns(program, cs) {
   const element = h("div", { class: "last-runs" });
   void read(cs).then(({ runs, production }) => {

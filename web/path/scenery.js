@@ -1,5 +1,5 @@
-// What stands around a path: grid, soft limits, work zero, tool, the way travelled without a plan. Lines of one's own, in the form of
-// the runtime's, made anew only when they change.
+// Static content around a path: grid, soft limits, work zero, tool, the travelled path without a plan. Own lines in the
+// runtime's format, created again only when they change.
 
 import { fixed, plain } from "../format.js";
 import { VERTEX_BYTES, VERTEX_WORDS } from "./vertex.js";

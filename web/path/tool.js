@@ -1,4 +1,4 @@
-// The radius of the tool in the spindle, read from the tool table when another tool is there.
+// Radius of the tool in the spindle, read from the tool table after a tool change.
 
 import { machine } from "../machine.js";
 

@@ -1,4 +1,4 @@
-// Vertices of a path as the runtime sends them: how they lie, and what is read of them wherever they are drawn.
+// Vertices of a path as the runtime sends them: their layout, and functions that read them.
 
 /** Bytes of a vertex: x y z, word, time. */
 export const VERTEX_BYTES = 20;

@@ -6,17 +6,17 @@
 /** @typedef {"edge" | "corner" | "bore" | "boss" | "surface" | "length"} Kind */
 
 /**
- * What is asked for, mm and mm/min.
+ * Inputs of a cycle, mm and mm/min.
  * @typedef {object} Asked
  * @property {Letter} axis of an edge
  * @property {1 | -1} x where the part lies, seen from the tool
  * @property {1 | -1} y the same
- * @property {number} distance the longest way of a touch
- * @property {number} feed of the ways between
+ * @property {number} distance the longest path of a touch
+ * @property {number} feed of the paths in between
  * @property {number} ball diameter of the ball of the probe
- * @property {number} clearance beside a boss, and how far a corner is passed; 0: the corner of a pocket
+ * @property {number} clearance next to a boss, and distance past a corner; 0: the corner of a pocket
  * @property {number} size about, of a boss
- * @property {number} depth to which the probe goes down beside a boss
+ * @property {number} depth to which the probe moves down next to a boss
  * @property {number} tip of Z: length of the probe, or machine position of the tool setter
  */
 
@@ -24,13 +24,13 @@
  * A cycle.
  * @typedef {object} Cycle
  * @property {string} text
- * @property {string} whole the same as if each touch went its whole way, to be planned ahead
+ * @property {string} whole the text as if each touch went its full path, for planning
  * @property {{axis: Letter, line: number, sign: 1 | -1, from: number}[]} touches in their order: line, direction, and where they begin
  */
 
-/** What does not touch ends nearer to its target than this, and what touches before it moves nearer to its start, mm. */
+/** A path without touch ends nearer to its target than this; a touch before it moved less than this, mm. */
 export const NEAR_MM = 0.0005;
-/** What a cycle begins with: millimetres and distances, and nothing that turns, scales, mirrors or compensates. */
+/** Start of a cycle: millimetres and incremental distances, and no rotation, scaling, mirroring or compensation. */
 const HEAD = ["G21 G17 G40 G49", "G50 G50.1 G69 G91"];
 
 /** A line of the text, and whether it is only for what does not touch. @typedef {{text: string, isGuard: boolean}} Line */
@@ -153,12 +153,12 @@ export function cycleOf(kind, start, asked, numbers) {
 }
 
 /**
- * What was found: machine positions for zero, a diameter, the length of a tool.
+ * Results: machine positions for zero, a diameter, the length of a tool.
  * @typedef {{zero: Partial<Place>, diameter?: number, length?: number}} Found
  */
 
 /**
- * What the touches of a cycle have found.
+ * Calculates the results of a cycle's touches.
  * @param {Kind} kind @param {Asked} asked @param {Cycle["touches"]} touches @param {number[]} captured machine positions in their order
  * @returns {Found}
  */

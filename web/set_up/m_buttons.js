@@ -4,7 +4,7 @@ import { button, fill, h, setAttr } from "../dom.js";
 import { t } from "../language.js";
 import { disableFor, whyNot } from "../why_not.js";
 
-/** What every machine means by them. @type {Record<number, string>} */
+/** Standard names of M codes. @type {Record<number, string>} */
 const NAMES = { 3: t("m_buttons.spindle_cw"), 4: t("m_buttons.spindle_ccw"), 5: t("m_buttons.spindle_stop"), 6: t("m_buttons.tool_change"), 7: t("m_buttons.mist_on"), 8: t("m_buttons.coolant_on"), 9: t("m_buttons.coolant_off"), 19: t("m_buttons.orient_spindle") };
 const SPINDLE = [3, 4, 5];
 const SPEED_MAX = 1_000_000;

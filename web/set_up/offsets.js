@@ -8,9 +8,10 @@ import { axesOf } from "../model.js";
 import { disableFor, whyNot, whyNotNow } from "../why_not.js";
 import { numberField, Undo } from "./values.js";
 
-/** What turns, scales or mirrors positions, by modal group, and what ends it: an offset of one axis does not say where zero is then. */
+/** Codes that rotate, scale or mirror positions, by modal group, with their end codes: with them, one axis offset does
+ * not define zero. */
 const TURNS = [{ group: "16", code: "G68", end: "G69" }, { group: "11", code: "G51", end: "G50" }, { group: "22", code: "G51.1", end: "G50.1" }];
-/** Positions are told by so much, mm or degrees. */
+/** Resolution of the published positions, mm or degrees. */
 const NEAR = 0.0015;
 const NAMES = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
@@ -21,10 +22,10 @@ class Offsets {
   #name = "G54";
   /** @type {Record<string, Record<string, number>>} */
   #values = {};
-  /** First of two points whose middle becomes zero, by axis: what the work position was there. @type {Map<string, number>} */
+  /** Work position of the first of two points whose middle becomes zero, by axis. @type {Map<string, number>} */
   #marks = new Map();
   #key = "";
-  /** What was told last of offsets and tools. @type {unknown[]} */
+  /** Last published offsets and tools. @type {unknown[]} */
   #told = [];
   #picks = NAMES.map((name) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(name) }, name));
   /** @type {import("../types.d.ts").ToolData[]} */
@@ -59,7 +60,7 @@ class Offsets {
   }
 
   /**
-   * What the machine tells takes the place of what was read.
+   * Replaces the values by the published ones.
    * @param {import("../types.d.ts").WorkOffsetValuesMessage | null} offsets @param {import("../types.d.ts").ToolTableMessage | null} tools
    */
   #take(offsets, tools) {
@@ -157,7 +158,10 @@ class Offsets {
     return isElsewhere ? t("offsets.elsewhere", { offset: modal.work_offset }) : "";
   }
 
-  /** The tool length in force: what it adds to Z; null: none is, undefined: nobody knows how long. @returns {{code: string, tool: number, adds: number} | null | undefined} */
+  /**
+   * Returns the tool length in force and its amount in Z; null if none is in force, undefined if the length is unknown.
+   * @returns {{code: string, tool: number, adds: number} | null | undefined}
+   */
   #length() {
     const { current } = this.app.model;
     const code = current?.modal?.g["08"] ?? "G49";
@@ -188,7 +192,7 @@ class Offsets {
     if (offset !== null) await this.#store(axis, offset);
   }
 
-  /** The offset with which the axis stands at a work position: of Z the tip of the tool, where its length is in force. @param {string} axis @param {number} value */
+  /** Returns the offset that gives the axis a work position; for Z, of the tool tip if the length is in force. @param {string} axis @param {number} value */
   #offsetFor(axis, value) {
     const machine = this.app.model.current?.position?.machine[axis];
     const length = axis === "Z" ? this.#length() : null;

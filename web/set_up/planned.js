@@ -1,4 +1,4 @@
-// What a cycle would do, as the runtime plans it: drawn with the path, and whether an alarm would end it.
+// Preview of a cycle as the runtime plans it: drawn with the path, with the alarm that would end it.
 
 import { Refusal } from "../api.js";
 import { seconds } from "../format.js";
@@ -23,7 +23,7 @@ export class Planned {
     this.app = app;
   }
 
-  /** What was planned for something else is forgotten. @param {string} key */
+  /** Discards a plan made for other inputs. @param {string} key */
   render(key) {
     if (this.#key !== "" && key !== this.#key) this.forget();
   }

@@ -18,7 +18,7 @@ import { Undo } from "./values.js";
 const KEY = "tandem-probe";
 const OFFSETS = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
-/** What each cycle asks for. @type {Record<Kind, Value[]>} */
+/** Inputs of each cycle. @type {Record<Kind, Value[]>} */
 const VALUES = {
   edge: ["distance", "ball", "feed"],
   corner: ["distance", "clearance", "ball", "feed"],
@@ -48,11 +48,11 @@ const LABELS = {
   setter: (unit) => t("probe.value_setter", { unit }),
 };
 const KINDS = /** @type {Kind[]} */ (Object.keys(VALUES));
-/** What must be more than 0. */
+/** Inputs that must be greater than 0. */
 const POSITIVE = new Set(["distance", "feed", "size", "depth"]);
 /** Those that may be on either side of 0. */
 const SIGNED = new Set(["setter"]);
-/** What counts for touches by hand. @type {Set<Value>} */
+/** Inputs used by manual touches. @type {Set<Value>} */
 const BY_HAND = new Set(["ball", "tip", "setter"]);
 /** Typed values that are larger are rejected, mm or mm/min. */
 const VALUE_MAX = 100_000;
@@ -203,7 +203,7 @@ class Probe {
     return { ...values, tip: this.#kind === "length" ? setter : tip, axis, x, y };
   }
 
-  /** What a preview is of: it counts as long as none of this changes. */
+  /** Returns the key of a preview, which is valid until one of these values changes. */
   #keyOf() {
     const { model } = this.app;
     const machine = Object.entries(model.current?.position?.machine ?? {}).map(([axis, at]) => [axis, at.toFixed(3)]);
@@ -220,7 +220,7 @@ class Probe {
     return whyNotNow(model) ?? (["ACTIVE", "WAIT"].includes(state) ? t("offsets.a_run_is_on_zero") : null);
   }
 
-  /** The cycle from where the tool stands; null: nobody knows where. */
+  /** Returns the cycle from the tool's position; null if the position is unknown. */
   #cycle() {
     const { current } = this.app.model;
     if (!current?.position) return null;
@@ -299,7 +299,7 @@ class Probe {
     this.#tell();
   }
 
-  /** Shows what was found, and what to do with it. */
+  /** Shows the results and the possible actions. */
   #tell() {
     const found = this.#found;
     const scale = lengthScale(unitOf(this.app.model.current));
@@ -355,7 +355,7 @@ class Probe {
   }
 }
 
-/** What this browser has kept. @returns {Record<Value, number>} */
+/** Returns the values stored in this browser. @returns {Record<Value, number>} */
 function stored() {
   try {
     const kept = JSON.parse(localStorage.getItem(KEY) ?? "{}");

@@ -56,7 +56,7 @@ export const tools = {
       };
       return { element, show };
     };
-    /** Rows by the numbers of their tools: a row, and what is typed in it, stays while its tool is in the table. @type {Map<number, ReturnType<typeof row>>} */
+    /** Rows by tool number: a row, with its typed text, remains while its tool is in the table. @type {Map<number, ReturnType<typeof row>>} */
     let rows = new Map();
     const [lengths, radii] = [h("span", {}), h("span", {})];
     const head = h("div", { class: "tool-row label" }, h("span", {}, t("tools.tool")), lengths, radii, h("span", {}));

@@ -26,7 +26,7 @@ export async function runCycle(app, cycle) {
   const end = machine.on(`cs/${cs}/captured`, (message) => void told.push(message));
   try {
     await api.command(cs, "mdi", { text: cycle.text, macro: true }).catch((error) => {
-      // the captured positions say which touch was missed
+      // the captured positions show which touch was missed
       if (error instanceof Refusal && error.problem.code === "no_touch") return;
       throw new Refusal(diagnosticsOf(error).map(({ message, help }) => `${message} ${help}`).join(" "));
     });

@@ -15,7 +15,7 @@ import { disableFor, whyNotNow } from "../why_not.js";
 const UNITLESS = { unit: "", size: 1, decimals: 3 };
 
 /**
- * A field of a number. What is typed counts in the unit that the field shows: if another one is shown before it is stored, it is discarded.
+ * A number field. Typed text uses the displayed unit; if the unit changes before it is stored, the text is discarded.
  * @param {import("../main.js").App} app
  * @param {string} label
  * @param {(value: number) => void} store of a length or an angle, mm or degrees
@@ -50,7 +50,7 @@ export function numberField(app, label, store) {
   });
   return {
     element: input,
-    /** Discards what is typed: from now on the field is that of another value. */
+    /** Discards typed text: from now on the field shows another value. */
     forget() {
       isTyped = false;
     },
@@ -81,7 +81,7 @@ export class Undo {
   }
 
   /**
-   * Carries out a change.
+   * Executes a change.
    * @param {string} says @param {() => Promise<void>} change @param {() => Promise<void>} back
    */
   async do(says, change, back) {

@@ -17,7 +17,7 @@ export const variables = {
   create(app) {
     /** @type {"p" | "q"} */
     let kind = "p";
-    /** What was read, and where: its rows name and change these variables, whatever is chosen meanwhile. @type {{ cs: number, kind: "p" | "q", values: [number, import("../types.d.ts").Number][] }} */
+    /** Values with their source: rows always refer to these variables, regardless of a later selection. @type {{ cs: number, kind: "p" | "q", values: [number, import("../types.d.ts").Number][] }} */
     let known = { cs: app.model.selected, kind, values: [] };
     let shown = "";
     const from = h("input", { type: "number", class: "input value", min: 0, step: 1, value: 0, "aria-label": t("variables.first_variable") });
@@ -63,7 +63,7 @@ export const variables = {
       };
       return { element: h("div", { class: "variable-row" }, h("strong", {}, name), field.element), show };
     };
-    /** Rows by their variables: what is typed in one stays when the values are read again. @type {Map<string, ReturnType<typeof row>>} */
+    /** Rows by variable: typed text remains when the values are read again. @type {Map<string, ReturnType<typeof row>>} */
     let rows = new Map();
     const none = h("p", { class: "empty" }, t("variables.none_of_these_has_a"));
     const render = () => {

@@ -1,4 +1,4 @@
-// What the elements of `elements.js` share: the machine that they show, and when they are drawn.
+// Shared parts of the elements of `elements.js`: the machine that they show, and the time of drawing.
 
 import { language } from "../language.js";
 import { MACHINE_TOPICS, Model } from "../model.js";
@@ -14,7 +14,7 @@ const TICK_MS = 250;
  * @typedef {object} Watched
  * @property {Tandem} tandem
  * @property {Model} model
- * @property {Set<() => void>} shown what is drawn when something changes
+ * @property {Set<() => void>} shown drawn after each change
  */
 
 /** By address. @type {Map<string, Watched>} */
@@ -22,7 +22,7 @@ const machines = new Map();
 
 /**
  * The machine at an address, for all elements with it; its connection begins with the first one, or here.
- * @param {import("../tandem.js").Options} [options] counts for the first who asks
+ * @param {import("../tandem.js").Options} [options] only those of the first caller are used
  * @returns {Tandem}
  */
 export function machineAt(options = {}) {
@@ -113,7 +113,7 @@ export class TandemElement extends HTMLElement {
     return this.#of.tandem;
   }
 
-  /** What is known of it. */
+  /** The known data of the machine. */
   get model() {
     return this.#of.model;
   }
@@ -130,7 +130,7 @@ export class TandemElement extends HTMLElement {
     return (written ? systems.get(written) : [...systems.values()][0]) ?? null;
   }
 
-  /** Shows what is known now. @param {CoordinateSystem} _system */
+  /** Shows the current data. @param {CoordinateSystem} _system */
   render(_system) {}
 
   /** Draws it in the next frame. */

@@ -36,7 +36,7 @@ class TandemState extends TandemElement {
     setText(this.#said, this.#trouble() ?? sentence(system, this.model.alarms, (ts) => this.model.ageMs(ts), this.model.birth));
   }
 
-  /** Why what is known is not of now; null: it is. */
+  /** Returns why the data is not current; null if it is. */
   #trouble() {
     const { online, staleMs } = this.model;
     if (!online) return t("connection.lost");

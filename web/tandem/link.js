@@ -1,4 +1,4 @@
-// The WebSocket: subscribes, passes on every message, detects silence, and reconnects by itself.
+// The WebSocket: subscribes, forwards every message, detects silence, and reconnects automatically.
 
 /** Delay before the next attempt: doubles from the first to the longest, with jitter so that screens do not reconnect at once. */
 const RETRY_FIRST_MS = 250;
@@ -11,7 +11,7 @@ const WATCH_MS = 1000;
 /**
  * @typedef {object} Ends
  * @property {() => {url: string, protocols: string[]}} address
- * @property {string} health what answers when the server is there
+ * @property {string} health a route that answers when the server is online
  * @property {(topic: string, message: any) => void} message a message of the machine
  * @property {(text: string) => void} refused the machine did not understand what this page asked
  * @property {(online: boolean, retryAt: number | null) => void} phase connected, or not and when the next try is (ms, local clock)
@@ -30,7 +30,7 @@ export class Link {
   /** @type {ReturnType<typeof setInterval> | undefined} */
   #watchTimer;
   #heardAt = 0;
-  /** When the presence of the machine is too old unless it is said again, on the clock of `performance`. */
+  /** Time at which the machine's presence expires, on the clock of `performance`. */
   #presentUntil = Number.POSITIVE_INFINITY;
   #probing = false;
   #isOpen = false;

@@ -22,7 +22,7 @@ export class TandemPath extends TandemElement {
   static observedAttributes = ["cs", "view"];
   #note = h("p", { class: "note muted", hidden: true });
   #box = h("div", { class: "box" });
-  /** As long as it stands in the page. @type {Picture | null} */
+  /** Exists while the element is in the page. @type {Picture | null} */
   #picture = null;
   #live = new Live();
   /** @type {PathLoader | null} */
@@ -69,7 +69,7 @@ export class TandemPath extends TandemElement {
     this.#frame = 0;
   }
 
-  /** What is drawn, for tests and the console. */
+  /** The picture, for tests and the console. */
   get picture() {
     return this.#picture;
   }

@@ -49,7 +49,7 @@ export class Refusal extends Error {
  */
 
 /**
- * Asks, and gives the answer: of success, or 304 where the request says what it knows.
+ * Sends a request, and returns a successful answer, or 304 if the request names the known version.
  * @param {string} url @param {string | null} token @param {string} method @param {Asked} [asked]
  * @returns {Promise<Response>}
  */

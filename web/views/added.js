@@ -17,7 +17,7 @@ export const added = {
     const buttons = h("div", { class: "m-buttons", role: "group", "aria-label": t("added.machine") });
     /** @type {{element: HTMLElement, render: () => void}[]} */
     let shown = [];
-    /** The start of the runtime whose configuration is shown, and when it was asked for. */
+    /** The boot of the configuration that is shown or requested. */
     let of = "";
     let askedAt = 0;
     const read = async () => {
@@ -33,7 +33,7 @@ export const added = {
       if (online && bootId && bootId !== of && Date.now() - askedAt > AGAIN_MS) {
         of = bootId;
         askedAt = Date.now();
-        // it is asked for again: what is wrong with the connection is told elsewhere
+        // requested again later; connection problems are shown elsewhere
         void read().catch(() => (of = ""));
       }
       if (panel === "added") for (const one of shown) one.render();

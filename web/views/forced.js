@@ -1,4 +1,4 @@
-// A line that names what is forced, wherever the operator looks, so that nobody forgets.
+// A permanently visible line with all forced values, as a reminder.
 
 import { button, h, setAttr, setText } from "../dom.js";
 import { listed, t } from "../language.js";

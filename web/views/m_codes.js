@@ -97,7 +97,10 @@ function entry(app, seq) {
   return { element, render };
 }
 
-/** What the handler asks, with a button for each choice. @param {import("../main.js").App} app @param {number} seq */
+/**
+ * Shows the handler's question, with a button for each choice.
+ * @param {import("../main.js").App} app @param {number} seq
+ */
 function question(app, seq) {
   const text = h("p", { class: "question" });
   const choices = h("div", { class: "choices", role: "group", "aria-label": t("common.answer") });
@@ -150,7 +153,7 @@ function workOf(app, output) {
   return [`${[codeName(app, output), given].filter(Boolean).join(", ")}.`, reached].join(" ");
 }
 
-/** Who is responsible for the output now. @param {import("../types.d.ts").PendingOutput} output */
+/** Returns the client responsible for the output. @param {import("../types.d.ts").PendingOutput} output */
 function responsible({ lost, handler_id }) {
   if (lost) return t("m_codes.confirm_lost");
   return handler_id ? t("m_codes.confirm_about", { handler: handler_id }) : t("m_codes.confirm_unclaimed");

@@ -38,9 +38,9 @@ class PathView {
   #rehearse;
   #views;
   #clear;
-  /** What the picture was fitted to. */
+  /** Key of the content to which the picture was fitted. */
   #fitted = "";
-  /** What the last frame showed. */
+  /** Key of the last frame. */
   #drawn = "";
   /** The unit of lengths that the picture names. */
   #unit = "";
@@ -163,7 +163,10 @@ class PathView {
     if (this.#live.isMoving(now)) this.#request();
   }
 
-  /** What is to be shown now. @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").Shown} */
+  /**
+   * Returns the content to show now.
+   * @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").Shown}
+   */
   #see(system, now) {
     const preview = this.#preview();
     const plan = preview?.path ?? this.#plan;
@@ -185,13 +188,16 @@ class PathView {
     };
   }
 
-  /** What is looked at before it runs, instead of the program. */
+  /** Returns the preview that is shown instead of the program. */
   #preview() {
     const { model } = this.app;
     return model.panel === "set-up" ? model.preview : null;
   }
 
-  /** What of the picture does not depend on a path. @param {import("../model.js").CoordinateSystem} system @param {Point} at */
+  /**
+   * Returns the parts of the picture that do not depend on a path.
+   * @param {import("../model.js").CoordinateSystem} system @param {Point} at
+   */
   #unmoved(system, at) {
     const work = point(system.position?.work);
     return {

@@ -1,4 +1,4 @@
-// The panel Plant: inputs and outputs that the configuration declares, what they are now, whose they are, and what is forced.
+// The panel Plant: declared inputs and outputs with their values, owners and forced values.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { askToForce, askToRelease } from "../force.js";

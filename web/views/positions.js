@@ -37,7 +37,7 @@ export const positions = {
         shown = key;
         build(system);
       }
-      // a jog that is held goes on until it is released: the rest of its way is none
+      // a held jog continues until release, so it has no remaining distance
       const isJog = system.state?.run_kind === "jog";
       for (const { axis, unit, sign, work, machine, toGo } of rows) {
         const scale = scaleOf(app.model, axis);

@@ -1,5 +1,5 @@
 // The text of the running program, with the current line in view. Only the visible lines exist as elements, so a program of
-// a million lines costs no more than a short one.
+// a million lines costs as much as a short one.
 
 import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { explain } from "../explain.js";
@@ -41,7 +41,7 @@ class ProgramView {
   /** When to try again to read a text, ms of the local clock. */
   #againAt = Number.POSITIVE_INFINITY;
   #following = true;
-  /** Position to which this view has scrolled by itself, px. */
+  /** Position of the last automatic scroll, px. */
   #scrolledTo = -1;
   /** The program whose text is shown. */
   #number = 0;
@@ -111,7 +111,8 @@ class ProgramView {
   }
 
   /**
-   * A start at the line that is chosen, else where the last run was cut short; nobody chooses one for that while something runs.
+   * Offers a start at the selected line, else at the line where the last run was interrupted; only the former during a
+   * run.
    * @param {boolean} runs
    */
   #offerStart(runs) {

@@ -33,7 +33,7 @@ export const setUp = {
         return;
       }
       const section = sections[at]?.section;
-      // what is shown is read anew, as others may have changed it
+      // reads the shown values again, because other clients may have changed them
       const key = `${app.model.bootId} ${app.model.selected} ${at} ${app.model.online}`;
       if (section && key !== shown) {
         shown = key;

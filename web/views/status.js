@@ -66,7 +66,10 @@ export const status = {
 /** States before a start. */
 const BEFORE = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
 
-/** What the load of the program was accepted with, until it runs. @param {import("../model.js").CoordinateSystem} system */
+/**
+ * Returns the note with which the load was accepted, until the program runs.
+ * @param {import("../model.js").CoordinateSystem} system
+ */
 function noteOfLoad({ state, note }) {
   if (!state || !note?.text || note.hash !== state.hash || !BEFORE.has(state.execution)) return "";
   return `${note.text.charAt(0).toUpperCase()}${note.text.slice(1).replace(/[^.!?]$/, "$&.")}`;

@@ -1,4 +1,4 @@
-// How long an M code takes from its output to the next one, over the embedded broker.
+// Measures the time from the output of an M code to the output of the next one, over the embedded broker.
 // TANDEM_BIN=target/release/tandem node clients/node/bench/m_codes.js [M CODES]
 
 import { SequenceProgram } from "../src/index.js";

@@ -15,8 +15,8 @@ const NODES_MAX = 16;
  */
 
 /**
- * Reads `mqtt://[user[:password]@]host[:port][,host[:port]..]/[prefix/]machine`, or `mqtts://` with TLS. An `AddressError` says what
- * is wrong with it and what to write, without the password.
+ * Reads `mqtt://[user[:password]@]host[:port][,host[:port]..]/[prefix/]machine`, or `mqtts://` with TLS. An
+ * `AddressError` describes the mistake and the correct form; its text never contains the password.
  * @param {string} text @returns {Address}
  */
 export function parseAddress(text) {
@@ -24,7 +24,7 @@ export function parseAddress(text) {
   const [authority, path] = split(rest, "/");
   const at = authority.lastIndexOf("@");
   const hosts = authority.slice(at + 1);
-  // what stands before an @ may be a password, wherever it is
+  // text before an @ may be a password, wherever the @ is
   const shown = `${scheme}://${rest.slice(rest.lastIndexOf("@") + 1)}`;
   /** @param {string} reason */
   const wrong = (reason) => new AddressError(`${shown} is not an address of a machine: ${reason}`);
@@ -57,7 +57,7 @@ function parseNode(text, port, wrong) {
   return { host, port: Number(given) };
 }
 
-/** What is before and behind the first separator. @param {string} text @param {string} separator @returns {[string, string]} */
+/** Splits a text at the first separator. @param {string} text @param {string} separator @returns {[string, string]} */
 function split(text, separator) {
   const at = text.indexOf(separator);
   return at < 0 ? [text, ""] : [text.slice(0, at), text.slice(at + separator.length)];

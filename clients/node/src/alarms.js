@@ -1,26 +1,27 @@
-// What a program says of its alarms: text, remedy, languages.
+// Alarms that a program declares: text, remedy, languages.
 
 import { Alarm, CODE_MAX, ProgramError, TEXT_MAX } from "./errors.js";
 
 const LANGUAGES_MAX = 8;
-/** Alarms of which one program may say something. */
+/** Maximum number of alarms that one program may declare. */
 export const ALARMS_MAX = 256;
 const TAG = /^[A-Za-z0-9-]{2,16}$/;
 
 /**
- * What happened, and what to do, 1 to 1000 characters each.
+ * Text of the alarm and its remedy, 1 to 1000 characters each.
  * @typedef {import("./messages.d.ts").AlarmWords} AlarmWords
  */
 
 /**
- * An alarm with all that is said of it, for a constant: `program.alarms(NO_AIR)`, and `throw NO_AIR.alarm("2.1 bar")`. A `ProgramError`
- * says that the code is not 0 to 9999, a text is empty or too long, or there are more than 8 languages.
+ * An alarm with text, remedy and languages, for a constant: `program.alarms(NO_AIR)`, and `throw NO_AIR.alarm("2.1
+ * bar")`. Throws a `ProgramError` if the code is not 0 to 9999, a text is empty or too long, or there are more than 8
+ * languages.
  */
 export class UserAlarm {
   /**
-   * @param {number} code the machine shows 10000 + code @param {string} text what happened, in the operator's words
-   * @param {{remedy?: string, languages?: Record<string, AlarmWords>}} [options] what to do, and the same in other languages, by their
-   *   tags, such as `de` or `pt-BR`
+   * @param {number} code the machine shows 10000 + code @param {string} text description of the fault for the operator
+   * @param {{remedy?: string, languages?: Record<string, AlarmWords>}} [options] the remedy, and text and remedy in
+   * other languages by language tag, such as `de` or `pt-BR`
    */
   constructor(code, text, { remedy, languages = {} } = {}) {
     const mistake = (/** @type {string} */ why) => new ProgramError(`alarm ${code}: ${why}`);
@@ -39,12 +40,12 @@ export class UserAlarm {
     this.languages = languages;
   }
 
-  /** The alarm to throw, with more of what happened behind its text. @param {unknown} [detail] */
+  /** Returns the alarm to throw, with details appended to its text. @param {unknown} [detail] */
   alarm(detail) {
     return new Alarm(this.code, detail === undefined ? this.text : `${this.text}: ${detail}`);
   }
 
-  /** Its form in the presence. @returns {import("./messages.d.ts").AlarmText} */
+  /** Returns the declaration as the presence message carries it. @returns {import("./messages.d.ts").AlarmText} */
   toJSON() {
     const { code, text, remedy, languages } = this;
     return { code, text, ...(remedy === undefined ? {} : { remedy }), languages };

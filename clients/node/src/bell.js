@@ -1,6 +1,6 @@
-// Waiting: for what another part of the program says, for a time, for what ends it.
+// Waiting for a signal from another part of the program, for a time, or for an abort.
 
-/** Rung by one part of the program, heard by another; it stays rung until it is muted. */
+/** A signal from one part of the program to another; it stays set until it is muted. */
 export class Bell {
   #isRung = false;
   /** @type {Set<() => void>} */
@@ -21,7 +21,10 @@ export class Bell {
     this.#isRung = false;
   }
 
-  /** Waits until it is rung; false: the time is over, or the signal has come before. @param {{timeoutMs?: number, signal?: AbortSignal}} [until] */
+  /**
+   * Waits until it is rung; returns false if the time is over or the signal was aborted first.
+   * @param {{timeoutMs?: number, signal?: AbortSignal}} [until]
+   */
   async rung({ timeoutMs, signal } = {}) {
     if (this.#isRung || signal?.aborted) return this.#isRung;
     return new Promise((/** @type {(isRung: boolean) => void} */ resolve) => {

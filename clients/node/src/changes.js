@@ -1,24 +1,27 @@
-// Variables as the machine publishes them whenever they change.
+// Variables, each time the machine publishes a change.
 
 import { Refused } from "./errors.js";
 
 const COUNT_MAX = 1_024;
 
-/** Numbers that have no form of their own in JSON. */
+/** Numbers that JSON cannot represent. */
 export const WORDS = new Map([
   ["NaN", NaN],
   ["inf", Infinity],
   ["-inf", -Infinity],
 ]);
 
-/** A number as JSON has it. @param {unknown} value @returns {number} */
+/** Converts a number from its JSON form. @param {unknown} value @returns {number} */
 export function numberOf(value) {
   return typeof value === "number" ? value : (WORDS.get(/** @type {string} */ (value)) ?? NaN);
 }
 
 /** @typedef {{variables: readonly {from: number, values: readonly unknown[]}[]}} Published */
 
-/** Values of variables; undefined: not all of them are published. @param {Published} published @param {number} first @param {number} count */
+/**
+ * Returns the values of variables; undefined if not all of them are published.
+ * @param {Published} published @param {number} first @param {number} count
+ */
 export function valuesOf({ variables }, first, count) {
   const values = [];
   for (let number = first; number < first + count; number += 1) {
@@ -30,7 +33,7 @@ export function valuesOf({ variables }, first, count) {
 }
 
 /**
- * Values of variables that are published on a topic: those of now, then each time that one has changed.
+ * Yields the values of variables published on a topic: first the current ones, then after each change.
  * @param {import("./plc.js").Plc} plc @param {string} path @param {"P" | "Q"} kind @param {number} first @param {number} count
  * @returns {AsyncGenerator<number[], void>}
  */

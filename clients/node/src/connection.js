@@ -1,4 +1,4 @@
-// The connection to a machine: it is made again whenever it is lost, and what was not answered is sent again.
+// The connection to a machine. It is restored after each loss, and unanswered requests are sent again.
 
 import { randomBytes } from "node:crypto";
 
@@ -12,68 +12,72 @@ import { FILTERS, numberAt, patternOf, whatIsWrong } from "./topics.js";
 
 export const ANSWER_TIMEOUT_MS = 5_000;
 export const PRESENT_TIMEOUT_MS = 10_000;
-/** Requests that wait for their end; more are refused. */
+/** Maximum number of unfinished requests; further ones are refused. */
 export const OUTBOX_MAX = 1_024;
 
-/** Characters of a user name that begins the client id. Reason: a client id has 64 characters at most. */
+/** Characters of the user name at the start of the client id, because a client id has at most 64 characters. */
 const USER_MAX = 46;
-/** What handlers set without naming themselves in the payload. */
+/** Topics that handlers publish to without their name in the payload. */
 const SET_BY_HANDLERS = /^(cs\/\d+\/(tool|spindle|variable)\/(get|set)|alarm\/raise)$/;
 
 const BACKOFF_FIRST_MS = 100;
 const BACKOFF_MAX_MS = 5_000;
 
 /**
- * Where a program says what happens to it; `console` where nothing is given.
+ * Log of a program; `console` by default.
  * @typedef {{debug: (...said: any[]) => void, warn: (...said: any[]) => void, error: (...said: any[]) => void}} Log
  */
 
 /**
  * @typedef {object} ConnectOptions
- * @property {string} [user] where the address does not say it
+ * @property {string} [user] if the address does not contain it
  * @property {string} [password]
  * @property {import("./link.js").Tls} [tls] certificates of an `mqtts://` address
- * @property {number} [timeoutMs] how long the machine may take to be there, 10 s; later it is waited for without limit
- * @property {Log} [log] hears warnings and errors; without it, `console`
+ * @property {number} [timeoutMs] time limit for the first contact with the machine, 10 s; later losses have no time
+ * limit
+ * @property {Log} [log] receives warnings and errors; `console` by default
  */
 
 /**
- * What a result answers.
+ * The request that a result answers.
  * @typedef {{path: string, seq: number, handlerId: string, kind: "claim" | "reset"}} ResultOf
  */
 
 /**
- * A message that is not known to have arrived; it is sent again on each new connection.
+ * A message whose arrival is not confirmed; it is sent again on each new connection.
  * @typedef {object} Request
  * @property {string} path
  * @property {string} topic
  * @property {string} payload
  * @property {boolean} retain
- * @property {string | undefined} commandId it ends with the reply to this command
- * @property {ResultOf | undefined} resultOf it ends with this result
- * @property {string | null} bootId of a command: the boot to which it was sent first; it is not sent to another one
+ * @property {string | undefined} commandId the request ends with the reply to this command
+ * @property {ResultOf | undefined} resultOf the request ends with this result
+ * @property {string | null} bootId of a command: the boot to which it was first sent; it is never sent to another boot
  * @property {boolean} wasSent
- * @property {boolean} isSent on the connection of now
+ * @property {boolean} isSent on the current connection
  * @property {(answer: any) => void} resolve
  * @property {(error: Error) => void} reject
  */
 
-/** Keeps a connection to one machine, and carries requests and messages. */
+/** Keeps a connection to one machine, and transfers requests and messages. */
 export class Connection {
   hub = new Hub();
-  /** Tells this process from others of the same handler id; the same over all connections. */
+  /** Distinguishes this process from others with the same handler id; unchanged over all connections. */
   instance = randomBytes(16).toString("hex");
-  /** It begins with the user, to whom the access rules of a broker tie the topics of a client. */
+  /** Begins with the user, because a broker's access rules tie the topics of a client to its user. */
   clientId;
-  /** The client that topics name: the user, or else the client id. */
+  /** The client in topics: the user, or the client id if there is no user. */
   #topicId;
-  /** Payload of the handler's presence after a loss of the connection. @type {string | null} */
+  /** Payload of the handler's last will, published if the connection is lost. @type {string | null} */
   will = null;
-  /** Hears each message of the machine before anybody who follows its topic. @type {(path: string, pattern: string, message: any) => void} */
+  /**
+   * Receives each message of the machine before the followers of its topic do.
+   * @type {(path: string, pattern: string, message: any) => void}
+   */
   onMessage = () => {};
-  /** Hears of the machine on each new connection and at each boot, before requests are sent again. */
+  /** Called on each new connection and at each boot, before requests are sent again. */
   onConnected = () => {};
-  /** Connections so far. */
+  /** Number of connections so far. */
   connections = 0;
   #options;
   /** @type {Link | null} */
@@ -88,9 +92,9 @@ export class Connection {
   #trouble = "no broker has answered";
   #refused = new Bell();
   #news = new Set();
-  /** When the machine was heard last, ms; each connection begins anew. */
+  /** Time of the last presence message, in ms; restarted with each connection. */
   #heardAt = 0;
-  /** The machine has not said in time that it is there. */
+  /** No presence arrived within `expires_ms`. */
   #isMissed = false;
   #mustReconnect = false;
 
@@ -107,7 +111,7 @@ export class Connection {
     this.log = options.log ?? { debug: () => {}, warn: console.warn, error: console.error };
   }
 
-  /** The boot of the runtime that is online; null while it is away. @returns {string | null} */
+  /** The boot of the runtime that is online; null while it is offline. @returns {string | null} */
   get bootId() {
     const presence = this.hub.last("presence");
     return presence?.online ? presence.boot_id : null;
@@ -123,7 +127,8 @@ export class Connection {
     return this.#stopped.signal;
   }
 
-  /** Connects, and waits until the machine is there; throws a `ConnectError` where it is not, or the broker refuses this client. */
+  /** Connects, and waits for the machine. Throws a `ConnectError` if it is not online in time or the broker refuses this
+   * client. */
   async start() {
     const timeoutMs = this.#options.timeoutMs ?? PRESENT_TIMEOUT_MS;
     void this.#keepConnected();
@@ -136,7 +141,7 @@ export class Connection {
   }
 
   /**
-   * Waits until something holds; it is asked again after each message and each loss of the connection.
+   * Waits until a condition holds; checked after each message and each loss of the connection.
    * @param {() => boolean} holds @param {AbortSignal} [signal]
    */
   async until(holds, signal) {
@@ -154,7 +159,7 @@ export class Connection {
     }
   }
 
-  /** Closes the connection; what waits for an answer gets none. */
+  /** Closes the connection; pending requests get no answer. */
   async stop() {
     this.#isClosing = true;
     await this.#link?.close();
@@ -172,7 +177,7 @@ export class Connection {
   async #keepConnected() {
     const { nodes } = this.address;
     let waitMs = BACKOFF_FIRST_MS;
-    // one node after the other, with a wait after each round and each connection
+    // tries one node after the other, with a wait after each round and each connection
     for (let tries = 1, at = 0; !this.stopped.aborted; tries += 1, at = (at + 1) % nodes.length) {
       const wasConnected = await this.#oneConnection(/** @type {{host: string, port: number}} */ (nodes[at]));
       if (wasConnected) {
@@ -185,14 +190,17 @@ export class Connection {
     }
   }
 
-  /** One connection to its end; whether there was one. @param {{host: string, port: number}} node */
+  /**
+   * Serves one connection until it ends; returns whether it was established.
+   * @param {{host: string, port: number}} node
+   */
   async #oneConnection({ host, port }) {
     const link = new Link(this.#linkOptions(), (topic, payload, isRetained) => this.#received(topic, payload, isRetained));
     const abandon = () => link.abandon();
     this.stopped.addEventListener("abort", abandon);
     for (const request of this.#requests) {
       request.isSent = false;
-      // the registration of its handler was lost with the connection: it would be refused
+      // the handler's registration was lost with the connection, so the machine would refuse the claim
       if (request.resultOf?.kind === "claim") request.reject(new NotConnected("the connection was lost; register, then claim again"));
     }
     let age;
@@ -244,9 +252,9 @@ export class Connection {
     return [...FILTERS, `reply/${this.clientId}`, ...own];
   }
 
-  // --- what comes in
+  // --- incoming messages
 
-  /** A machine that has not said in time that it is there counts as offline: no last will may tell of it. */
+  /** Sets the machine offline if its presence has expired: a last will may not arrive. */
   #lookAtAge() {
     const presence = this.hub.last("presence");
     if (!presence?.online || typeof presence.expires_ms !== "number") return;
@@ -279,7 +287,7 @@ export class Connection {
     }
     if (pattern === "presence" && !isRetained) {
       this.#heardAt = performance.now();
-      // a part of a cluster that was cut off may not tell what was said meanwhile: all is read and said anew
+      // a separated part of a cluster may have missed messages, so connect, read and publish everything again
       this.#mustReconnect = this.#isMissed;
     }
     this.#take(path, pattern, message);
@@ -315,7 +323,8 @@ export class Connection {
       const asked = request.resultOf;
       if (asked === undefined || asked.path !== path || asked.seq !== result.seq || asked.handlerId !== result.handler_id) continue;
       if ((result.of ?? asked.kind) !== asked.kind || (result.instance ?? this.instance) !== this.instance) continue;
-      // a late answer to its claim, of a machine that does not say what it answers: what is reset has left `pending` before
+      // a late answer to a claim, from a machine without `of` in its results; an output that is reset leaves `pending`
+      // first
       if (result.of === undefined && asked.kind === "reset" && result.status === "accepted" && this.#isOpen(path, result.seq)) continue;
       if (result.status === "refused") request.reject(new Refused("invalid", result.text ?? "it is not right"));
       else request.resolve(result);
@@ -338,12 +347,12 @@ export class Connection {
     }
   }
 
-  // --- what goes out
+  // --- outgoing messages
 
   /**
-   * Sends a message, and waits for its end: the answer, or else that the broker has it. Throws `Refused`, `NotConnected` (there was no
-   * connection in all that time, and it was not sent), `NoAnswer` (it was sent, and no answer came) or `Ended` (a handler that was
-   * cancelled sends it).
+   * Sends a message, and waits for its answer, or for the broker's acknowledgement if it has none. Throws `Refused`,
+   * `NotConnected` (no connection within the time limit, not sent), `NoAnswer` (sent, but not answered) or `Ended` (the
+   * sending handler was cancelled).
    * @param {string} path @param {object} payload
    * @param {{retain?: boolean, commandId?: string, resultOf?: ResultOf, timeoutMs?: number}} [options]
    * @returns {Promise<any>}
@@ -372,12 +381,12 @@ export class Connection {
     }
   }
 
-  /** Sends a message whose fate does not matter; it is dropped where there is no connection. @param {string} path @param {object} payload */
+  /** Sends a message without waiting for its arrival; drops it if there is no connection. @param {string} path @param {object} payload */
   post(path, payload, retain = false) {
     if (this.isConnected) this.#link?.publish(this.#topicOf(path, payload), JSON.stringify(payload), retain);
   }
 
-  /** The topic of a request, which names its sender. @param {string} path @param {any} payload */
+  /** Returns the topic of a request, which names its sender. @param {string} path @param {any} payload */
   #topicOf(path, payload) {
     const { root } = this.address;
     if (/^(handler|client)\//.test(path)) return `${root}/${path}`;
@@ -391,7 +400,7 @@ export class Connection {
     const { bootId } = this;
     if (this.#link === null || !this.#isPresent || bootId === null) return;
     if (request.commandId !== undefined) {
-      // another boot would not know the id, and carry it out a second time
+      // another boot would not know the id, and would execute the command a second time
       if (request.bootId !== null && request.bootId !== bootId) return;
       request.bootId = bootId;
     }

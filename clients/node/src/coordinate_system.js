@@ -4,15 +4,16 @@ import { CommandFailed, NotConnected, Refused } from "./errors.js";
 import { lockLevel } from "./levels.js";
 import { changesOf } from "./changes.js";
 
-/** How long a command may take until its effect, where it does not move. */
+/** Time limit of a command that does not move axes. */
 const COMMAND_TIMEOUT_MS = 5_000;
 const MDI_TIMEOUT_MS = 3_600_000;
 const MOTION_TIMEOUT_MS = 600_000;
 
 /**
  * @typedef {object} CommandOptions
- * @property {string} [commandId] names the command: one that is repeated with the id of a `NoAnswer` is not carried out twice
- * @property {number} [timeoutMs] how long it may take until its effect
+ * @property {string} [commandId] names the command: a command repeated with the id of a `NoAnswer` is not executed
+ * twice
+ * @property {number} [timeoutMs] time limit for its effect
  */
 
 /** @typedef {import("./messages.d.ts").StateMessage} State */
@@ -20,8 +21,8 @@ const MOTION_TIMEOUT_MS = 600_000;
 /** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
 
 /**
- * Commands return when they have had their effect. All throw `Refused` (nothing has changed), `CommandFailed` (it was accepted, and
- * something prevented its effect), `NotConnected` (nothing was sent) or `NoAnswer` (nobody knows).
+ * Commands return after their effect. All throw `Refused` (nothing has changed), `CommandFailed` (it was accepted, but
+ * could not take effect), `NotConnected` (nothing was sent) or `NoAnswer` (the effect is unknown).
  */
 export class CoordinateSystem {
   #plc;
@@ -39,32 +40,32 @@ export class CoordinateSystem {
     return this.command("load", { program }, options);
   }
 
-  /** Starts the loaded program from its head: ACTIVE. @param {CommandOptions} [options] */
+  /** Starts the loaded program at line 1: ACTIVE. @param {CommandOptions} [options] */
   async start(options) {
     return this.command("start", {}, options);
   }
 
-  /** Feed hold: FEED_HOLD once the axes are at rest. @param {CommandOptions} [options] */
+  /** Feed hold: FEED_HOLD once the axes are stationary. @param {CommandOptions} [options] */
   async hold(options) {
     return this.command("hold", {}, options);
   }
 
-  /** Goes on after a pause. @param {CommandOptions} [options] */
+  /** Resumes after a pause. @param {CommandOptions} [options] */
   async resume(options) {
     return this.command("resume", {}, options);
   }
 
-  /** Decelerates on the path and ends the run; open outputs are cancelled. @param {CommandOptions} [options] */
+  /** Decelerates on the path and ends the run; pending outputs are cancelled. @param {CommandOptions} [options] */
   async stop(options) {
     return this.command("stop", {}, options);
   }
 
-  /** Brakes each motor at once and ends the run; open outputs are cancelled. @param {CommandOptions} [options] */
+  /** Brakes each motor at once and ends the run; pending outputs are cancelled. @param {CommandOptions} [options] */
   async abort(options) {
     return this.command("abort", {}, options);
   }
 
-  /** Ends the run, cancels open outputs, and clears alarms. @param {CommandOptions} [options] */
+  /** Ends the run, cancels pending outputs, and clears alarms. @param {CommandOptions} [options] */
   async reset(options) {
     return this.command("reset", {}, options);
   }
@@ -85,7 +86,10 @@ export class CoordinateSystem {
     return this.command("mdi", macro ? { text, macro } : { text }, { timeoutMs: MDI_TIMEOUT_MS, ...options });
   }
 
-  /** Moves axes to their first reference points, then READY; none named: all. @param {string[]} [axes] @param {CommandOptions} [options] */
+  /**
+   * Moves axes to their first reference points, then READY; without names, all axes.
+   * @param {string[]} [axes] @param {CommandOptions} [options]
+   */
   async home(axes = [], options = {}) {
     return this.command("home", axes.length > 0 ? { axes } : {}, { timeoutMs: MOTION_TIMEOUT_MS, ...options });
   }
@@ -108,13 +112,16 @@ export class CoordinateSystem {
     return this.command("jog", { refresh_id: refreshId, end: true }, options);
   }
 
-  /** Records that an alarm has been seen, and by whom; it stays active until a reset. @param {number} id @param {CommandOptions} [options] */
+  /**
+   * Records that an alarm has been seen, and by which user; it stays active until a reset.
+   * @param {number} id @param {CommandOptions} [options]
+   */
   async acknowledgeAlarm(id, options) {
     return this.command("alarm_acknowledge", { id }, options);
   }
 
   /**
-   * Carries out a command by its verb and arguments, and returns when it has had its effect.
+   * Executes a command by its verb and arguments, and returns after its effect.
    * @param {import("./messages.d.ts").Verb} verb @param {object} [args] @param {CommandOptions} [options]
    */
   async command(verb, args = {}, { commandId, timeoutMs = COMMAND_TIMEOUT_MS } = {}) {
@@ -125,8 +132,8 @@ export class CoordinateSystem {
   }
 
   /**
-   * Loads a program where one is named, and runs it once for each part: the run that has begun. A part after the first begins after
-   * PROGRAM_COMPLETED alone; the interlock and the start lock hold it back.
+   * Loads a program if one is given, and runs it once for each part; returns the run. Each further part begins only
+   * after PROGRAM_COMPLETED; the interlock and the start lock delay it.
    * @param {number | null} [program] null: the loaded one @param {{parts?: number} & CommandOptions} [options]
    */
   async run(program = null, { parts = 1, ...options } = {}) {
@@ -137,8 +144,8 @@ export class CoordinateSystem {
   // --- the control lease
 
   /**
-   * Takes the control lease, or renews it: until it ends, only commands of this connection start motion. Throws `Refused` while another
-   * holds it. The answer is its number, which this connection sends with each of its commands.
+   * Takes or renews the control lease: until it ends, only commands of this connection start motion. Throws `Refused`
+   * while another client holds it. Returns its number, which this connection sends with each of its commands.
    * @param {string} holder @param {{ttlMs?: number}} [options]
    */
   async takeLease(holder, { ttlMs = 5_000 } = {}) {
@@ -148,7 +155,7 @@ export class CoordinateSystem {
     return lease.fence;
   }
 
-  /** Gives the control lease back; without one nothing changes. */
+  /** Releases the control lease; without one, nothing changes. */
   async releaseLease() {
     const fence = this.#fence();
     this.#plc.fences.delete(this.number);
@@ -183,9 +190,10 @@ export class CoordinateSystem {
   }
 
   /**
-   * Sets a source of the interlock: while any is on, motion is held and none starts; the text is the reason. A program that serves the
-   * machine owns its sources: they are written again on each connection and at each boot, nobody else clears them, and a machine that
-   * cannot be reached is waited for. Throws `Refused` for a source that is another handler's.
+   * Sets a source of the interlock: while any source is on, motion is held and none starts; the text is the reason. A
+   * program that serves the machine owns its sources: they are written again on each connection and at each boot, and
+   * no other client can clear them. If the machine is offline, the program waits for it. Throws `Refused` if another
+   * handler owns the source.
    * @param {boolean} value @param {string} [text] @param {{source?: string}} [options]
    */
   async setInterlock(value, text = "", { source = "default" } = {}) {
@@ -200,12 +208,15 @@ export class CoordinateSystem {
     await this.#plc.levels.set(lockLevel({ cs: this.number, kind: "start_lock", source }, value, text));
   }
 
-  /** Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; what is left out stays. @param {{feed?: number, rapid?: number, spindle?: number}} percent */
+  /**
+   * Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; omitted ones stay unchanged.
+   * @param {{feed?: number, rapid?: number, spindle?: number}} percent
+   */
   async setOverrides(percent) {
     await this.#set("override/set", percent);
   }
 
-  /** Tells which tool is in the spindle; 0: none. @param {number} id */
+  /** Sets the tool in the spindle; 0: none. @param {number} id */
   async selectTool(id) {
     await this.#set("tool/set", { id });
   }
@@ -215,12 +226,15 @@ export class CoordinateSystem {
     await this.#set("spindle/set", rpm === undefined ? { direction } : { direction, rpm });
   }
 
-  /** Raises an alarm that stops this coordinate system and cancels its open outputs. @param {import("./errors.js").Alarm} alarm */
+  /**
+   * Raises an alarm that stops this coordinate system and cancels its pending outputs.
+   * @param {import("./errors.js").Alarm} alarm
+   */
   async raiseAlarm(alarm) {
     await this.#plc.raiseAlarm(alarm, { cs: this.number });
   }
 
-  /** Q variables, up to 1024 as they were at one moment. @param {number} first @param {number} [count] */
+  /** Reads up to 1024 Q variables, all from one moment. @param {number} first @param {number} [count] */
   async readQ(first, count = 1) {
     return this.#plc.readVariables(this.number, "Q", first, count);
   }
@@ -230,7 +244,10 @@ export class CoordinateSystem {
     await this.#plc.writeVariables(this.number, "Q", first, values);
   }
 
-  /** Answers the question of an open output, as an operator does. @param {PendingOutput} output @param {string} choice */
+  /**
+   * Answers the question of a pending output, as an operator does.
+   * @param {PendingOutput} output @param {string} choice
+   */
   async answer({ m, seq, question }, choice) {
     if (question === undefined) throw new Refused("not_found", `M${m} asks nothing`);
     const { bootId, connection } = this.#plc;
@@ -285,12 +302,12 @@ export class CoordinateSystem {
     return this.#last("input/optional_skip/state");
   }
 
-  /** Open outputs. @returns {readonly PendingOutput[]} */
+  /** Pending outputs. @returns {readonly PendingOutput[]} */
   get pending() {
     return this.#last("m_code/pending").outputs;
   }
 
-  /** The state of now, then each that comes. @returns {AsyncIterableIterator<State>} */
+  /** Yields the current state, then each new one. @returns {AsyncIterableIterator<State>} */
   states() {
     return this.#plc.connection.hub.follow(`cs/${this.number}/state`);
   }
@@ -301,19 +318,26 @@ export class CoordinateSystem {
   }
 
   /**
-   * Work offsets `G54` to `G59`, each by axis letter, mm or degrees: those of now, and again each time that one has changed.
+   * Yields the work offsets `G54` to `G59`, each by axis letter, mm or degrees: the current ones, then after each
+   * change.
    * @returns {AsyncGenerator<Record<string, Record<string, number>>, void>}
    */
   async *workOffsetChanges() {
     for await (const { work_offsets: offsets } of this.#plc.connection.hub.follow(`cs/${this.number}/work_offsets`)) yield offsets;
   }
 
-  /** Waits for a state word, and gives that state. @param {import("./messages.d.ts").Execution} execution @param {{signal?: AbortSignal}} [options] */
+  /**
+   * Waits for a state word, and returns that state.
+   * @param {import("./messages.d.ts").Execution} execution @param {{signal?: AbortSignal}} [options]
+   */
   async waitUntil(execution, options) {
     return this.waitFor((state) => state.execution === execution, options);
   }
 
-  /** Waits for a state that fits, and gives it. @param {(state: State) => boolean} fits @param {{signal?: AbortSignal}} [options] @returns {Promise<State>} */
+  /**
+   * Waits for a state that fits, and returns it.
+   * @param {(state: State) => boolean} fits @param {{signal?: AbortSignal}} [options] @returns {Promise<State>}
+   */
   async waitFor(fits, { signal } = {}) {
     const { hub } = this.#plc.connection;
     const found = await hub.find(`cs/${this.number}/state`, (/** @type {State} */ state) => (fits(state) ? state : undefined), signal);
@@ -329,7 +353,7 @@ export class CoordinateSystem {
   }
 }
 
-/** A run of a program, from its begin on. */
+/** A run of a program, from its start. */
 export class Run {
   #plc;
   #cs;
@@ -338,13 +362,13 @@ export class Run {
   constructor(plc, cs, id) {
     this.#plc = plc;
     this.#cs = cs;
-    /** Names it for ever. */
+    /** Identifies the run permanently. */
     this.id = id;
   }
 
   /**
-   * Waits until all parts are made or the run has ended otherwise: `end.how` of the answer says how. Throws a `CommandFailed` where a later
-   * run has taken its place before this one was heard to end.
+   * Waits until all parts are made or the run ends otherwise; `end.how` of the result is the reason. Throws a
+   * `CommandFailed` if a later run replaced this one before its end was received.
    * @param {{signal?: AbortSignal}} [options] @returns {Promise<EndedRun>}
    */
   async ended({ signal } = {}) {

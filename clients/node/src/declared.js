@@ -1,4 +1,4 @@
-// What a program declares of its M codes: their names, and what VA to VH mean.
+// Declarations of a program's M codes: their names, and the meaning of VA to VH.
 
 import { Alarm, CODE_OF_PARAMETER, ProgramError } from "./errors.js";
 import { LETTERS, WHOLE_WITHIN } from "./params.js";
@@ -9,7 +9,7 @@ const UNIT_MAX = 16;
 /** @typedef {import("./messages.d.ts").ParamDeclaration} Param */
 /** @typedef {import("./params.js").Letter} Letter */
 
-/** What is declared of the M codes of a handler. */
+/** The declaration of a handler's M codes. */
 export class Declared {
   /** @param {string | undefined} name @param {Partial<Record<Letter, Param>> | undefined} params */
   constructor(name, params) {
@@ -25,13 +25,19 @@ export class Declared {
     }
   }
 
-  /** Its form in the presence. @param {number} m @param {number | undefined} cs @returns {import("./messages.d.ts").MCodeDeclaration} */
+  /**
+   * Returns the declaration as the presence message carries it.
+   * @param {number} m @param {number | undefined} cs @returns {import("./messages.d.ts").MCodeDeclaration}
+   */
   toJson(m, cs) {
     const { name, params } = this;
     return { m, ...(cs === undefined ? {} : { cs }), ...(name === undefined ? {} : { name }), ...(params === undefined ? {} : { params }) };
   }
 
-  /** Throws an `Alarm` where the parameters of an output are not as declared. @param {number} m @param {import("./params.js").Params} given */
+  /**
+   * Throws an `Alarm` if the parameters of an output do not match the declaration.
+   * @param {number} m @param {import("./params.js").Params} given
+   */
   check(m, given) {
     const { params } = this;
     if (params === undefined) return;
@@ -68,13 +74,13 @@ function checkLength(what, text, most) {
   throw new ProgramError(`${what} ${JSON.stringify(text)}: write 1 to ${most} characters`);
 }
 
-/** A whole number may be as far off as calculations make it. @param {Param} param @param {number} value */
+/** Accepts a whole number with the rounding error of a calculation. @param {Param} param @param {number} value */
 function takes({ min = -Infinity, max = Infinity, whole }, value) {
   const meant = whole ? Math.round(value) : value;
   return Number.isFinite(value) && Math.abs(value - meant) <= WHOLE_WITHIN && meant >= min && meant <= max;
 }
 
-/** What to write, such as `1 to 20 kN`. @param {Param} param */
+/** Returns the permitted values, such as `1 to 20 kN`. @param {Param} param */
 function range({ min, max, whole, unit: named }) {
   const unit = named ? ` ${named}` : "";
   if (min === undefined && max === undefined) return `${whole ? "a whole number" : "a number"}${named ? ` in ${named}` : ""}`;

@@ -1,9 +1,9 @@
-// What goes wrong between a program and a machine.
+// Errors between a program and a machine.
 
 /** First alarm number of sequence programs: a number is this plus the code. */
 const USER_ALARM_BASE = 10_000;
 export const CODE_MAX = 9_999;
-/** Characters of an alarm's text; a longer one is cut. */
+/** Maximum number of characters of an alarm's text; a longer one is cut. */
 export const TEXT_MAX = 1_000;
 
 /** Code of the alarm that a `TandemError` in a handler becomes. */
@@ -14,11 +14,11 @@ export const CODE_OF_EXCEPTION = 9_998;
 export const CODE_OF_PARAMETER = 9_997;
 
 /**
- * An alarm of a sequence program: thrown in a handler, it stops the NC program. The machine shows number 10000 + code and the text,
- * unchanged. A `RangeError` says that the code is not 0 to 9999, or the text is empty.
+ * An alarm of a sequence program: thrown in a handler, it stops the NC program. The machine shows number 10000 + code
+ * and the unchanged text. Throws a `RangeError` if the code is not 0 to 9999, or the text is empty.
  */
 export class Alarm extends Error {
-  /** @param {number} code 0 to 9999 @param {string} text in the operator's words; of more than 1000 characters the first */
+  /** @param {number} code 0 to 9999 @param {string} text for the operator; cut after 1000 characters */
   constructor(code, text) {
     if (!Number.isInteger(code) || code < 0 || code > CODE_MAX) throw new RangeError(`alarm code ${code}: write 0 to ${CODE_MAX}`);
     if (text === "") throw new RangeError("an alarm needs a text: say what has happened, in the operator's words");
@@ -27,7 +27,7 @@ export class Alarm extends Error {
     this.code = code;
   }
 
-  /** What is shown. */
+  /** The text as shown. */
   get text() {
     return this.message;
   }
@@ -47,22 +47,22 @@ export class TandemError extends Error {
   }
 }
 
-/** The address is not one of a machine. */
+/** The address is not a valid address of a machine. */
 export class AddressError extends TandemError {}
 
 /** A sequence program has a mistake, such as two handlers for one M code. */
 export class ProgramError extends TandemError {}
 
-/** Another process with this handler id serves the machine: this one has ended, or has not begun. */
+/** Another process with this handler id serves the machine: this one has ended, or was refused. */
 export class TakenOver extends TandemError {}
 
 /** The machine was not found in time, or the broker refuses this client for good. */
 export class ConnectError extends TandemError {}
 
-/** There is no connection, and nothing was sent: nothing has changed. */
+/** There is no connection; nothing was sent and nothing has changed. */
 export class NotConnected extends TandemError {}
 
-/** The machine has refused a request: nothing has changed. */
+/** The machine has refused a request; nothing has changed. */
 export class Refused extends TandemError {
   /** @param {string} code @param {string} text */
   constructor(code, text) {
@@ -80,40 +80,41 @@ export class CommandFailed extends TandemError {
     this.verb = verb;
     /** Machine-readable reason. */
     this.code = code;
-    /** Of `jog`, `mdi` and `home`: the distance covered by axis letter, mm or degrees. */
+    /** Distance covered by `jog`, `mdi` or `home`, by axis letter, mm or degrees. */
     this.moved = moved;
   }
 }
 
 /**
- * The machine did not answer in time: nobody knows whether the request has had its effect. It is safe to repeat a command with
- * `{ commandId: error.commandId }`: within 10 minutes and one boot the machine answers it as it did before, and does nothing twice.
+ * The machine did not answer within the time limit, so the effect of the request is unknown. A command can be repeated
+ * safely with `{ commandId: error.commandId }`: within 10 minutes and one boot the machine repeats its answer and does
+ * not execute it twice.
  */
 export class NoAnswer extends TandemError {
   /** @param {string} what @param {number} timeoutMs @param {string | undefined} commandId */
   constructor(what, timeoutMs, commandId) {
     super(`${what}: no answer within ${timeoutMs / 1000} s; whether it has had its effect is not known`);
-    /** Id of the command; undefined for what is no command. */
+    /** Id of the command; undefined if the request was not a command. */
     this.commandId = commandId;
   }
 }
 
-/** The output is no longer this handler's: it was cancelled, reset by hand, or belongs to another boot. */
+/** The output no longer belongs to this handler: it was cancelled, reset by hand, or belongs to another boot. */
 export class Ended extends TandemError {
   /** @param {string} text @param {import("./messages.d.ts").CancelReason | null} reason */
   constructor(text, reason) {
     super(text);
-    /** Why it was cancelled; null if that was lost with a connection. */
+    /** Reason of the cancellation; null if it was lost with a connection. */
     this.reason = reason;
   }
 }
 
-/** The first characters of a text, none of them halved. @param {string} text @param {number} most */
+/** Returns the first characters of a text, without splitting one. @param {string} text @param {number} most */
 export function cut(text, most) {
   return text.length <= most ? text : [...text].slice(0, most).join("");
 }
 
-/** What an error says of itself. @param {unknown} error */
+/** Returns the message of an error. @param {unknown} error */
 export function sentence(error) {
   return error instanceof Error ? `${error.name}: ${error.message}` : String(error);
 }

@@ -1,8 +1,8 @@
-// The last word on each topic, and who follows it.
+// Last message of each topic, and the followers of each topic.
 
-/** Topics that are kept; the one that was silent for longest gives way. */
+/** Maximum number of topics kept; the one without messages for the longest time is evicted. */
 export const TOPICS_MAX = 4_096;
-/** Messages that wait for one follower; the oldest give way to newer ones. */
+/** Maximum number of messages that wait for one follower; the oldest are dropped. */
 export const BACKLOG_MAX = 256;
 
 /** @typedef {{push: (message: any) => void, close: () => void}} Listener */
@@ -15,7 +15,10 @@ export class Hub {
   #listeners = new Map();
   #isClosed = false;
 
-  /** Keeps a message as the last one of its topic, and tells whoever follows it. @param {string} path @param {any} message */
+  /**
+   * Stores a message as the last one of its topic, and passes it to the followers.
+   * @param {string} path @param {any} message
+   */
   publish(path, message) {
     this.#last.delete(path);
     this.#last.set(path, message);
@@ -23,24 +26,27 @@ export class Hub {
     for (const listener of [...(this.#listeners.get(path) ?? [])]) listener.push(message);
   }
 
-  /** Drops what a topic has said. @param {string} path */
+  /** Drops the last message of a topic. @param {string} path */
   forget(path) {
     this.#last.delete(path);
   }
 
-  /** The last message of a topic; undefined before the first. @param {string} path */
+  /** Returns the last message of a topic; undefined before the first. @param {string} path */
   last(path) {
     return this.#last.get(path);
   }
 
-  /** Ends all that follow a topic. */
+  /** Ends all followers. */
   close() {
     this.#isClosed = true;
     for (const listeners of this.#listeners.values()) [...listeners].forEach((listener) => listener.close());
     this.#listeners.clear();
   }
 
-  /** Tells a listener the last message of a topic, then each one that comes; the answer ends it. @param {string} path @param {Listener} listener */
+  /**
+   * Passes the last message of a topic and each later one to a listener; the returned function ends it.
+   * @param {string} path @param {Listener} listener
+   */
   listen(path, listener) {
     const known = this.#listeners.get(path) ?? new Set();
     this.#listeners.set(path, known.add(listener));
@@ -54,7 +60,7 @@ export class Hub {
   }
 
   /**
-   * The first message of a topic for which a function gives something, as what it gives; undefined: nothing more comes.
+   * Returns the first defined result of a function over a topic's messages; undefined if the topic ends first.
    * @template T @param {string} path @param {(message: any) => T | undefined} fits @param {AbortSignal} [signal]
    * @returns {Promise<T | undefined>}
    */
@@ -76,8 +82,8 @@ export class Hub {
   }
 
   /**
-   * The last message of a topic, then each one that comes; it ends with the connection. Of messages that come faster than they are
-   * taken, the oldest are left out.
+   * Yields the last message of a topic, then each later one, until the connection ends. If messages arrive faster than
+   * they are read, the oldest are dropped.
    * @param {string} path @returns {AsyncIterableIterator<any>}
    */
   follow(path) {

@@ -1,11 +1,11 @@
-// Inputs and outputs of the plant: what its sensors tell, and what sequence programs command its valves.
+// Inputs and outputs of the plant: sensor values, and the commands of sequence programs to actuators.
 
 import { NotConnected, Refused } from "./errors.js";
 
 /** @typedef {import("./messages.d.ts").IoStateMessage} IoState */
 /** @typedef {import("./messages.d.ts").IoValue} IoValue */
 
-/** Names in the text of a refusal. */
+/** Maximum number of names in the text of a refusal. */
 const NAMED_MAX = 20;
 
 /** One input or output, by its name in the configuration: `plc.ioIn("door_closed")`, `plc.ioOut("lamp")`. */
@@ -25,8 +25,8 @@ export class Io {
   }
 
   /**
-   * Its value with its owner, and whether it is forced. Throws `Refused`: the configuration does not declare it, or the machine has
-   * not told of it yet.
+   * Its value with its owner, and whether it is forced. Throws `Refused` if the configuration does not declare it, or
+   * the machine has not published it yet.
    * @returns {IoState}
    */
   get state() {
@@ -36,12 +36,15 @@ export class Io {
     throw new Refused("not_found", `${this.path}: the machine has not told of it yet`);
   }
 
-  /** What it is now: the forced value, else what its owner has written, else its safe value. @returns {IoValue} */
+  /** Current value: the forced value, else the value written by its owner, else its safe value. @returns {IoValue} */
   get value() {
     return this.state.value;
   }
 
-  /** The value of now, then each other one; it ends with the connection. @returns {AsyncGenerator<IoValue, void>} */
+  /**
+   * Yields the current value, then each different one, until the connection ends.
+   * @returns {AsyncGenerator<IoValue, void>}
+   */
   async *values() {
     /** @type {IoValue | undefined} */
     let last;
@@ -53,7 +56,7 @@ export class Io {
   }
 
   /**
-   * Waits for a value that fits, and gives it: until it is on, or such as `(value) => value > 12.5`.
+   * Waits for a value that fits, and returns it: until it is on, or a condition such as `(value) => value > 12.5`.
    * @param {(value: IoValue) => boolean} [fits] @param {{signal?: AbortSignal}} [options] @returns {Promise<IoValue>}
    */
   async waitUntil(fits = (value) => value === true, { signal } = {}) {
@@ -65,11 +68,12 @@ export class Io {
   }
 
   /**
-   * Writes it. What a program that serves the machine has written is the program's: it is written again on each connection and at each
-   * boot, nobody else writes it while the program is there, and it has its safe value when that has gone. A machine that cannot be
-   * reached is waited for. A client without handlers writes what no handler owns.
+   * Writes it. A program that serves the machine owns each output that it writes: the value is written again on each
+   * connection and at each boot, and no other client writes it while the program is online. After that it gets its safe
+   * value. If the machine is offline, the program waits for it. A client without handlers writes outputs that no
+   * handler owns.
    *
-   * Throws `Refused`: it is not declared, the value is not of its kind or range, or it is another handler's.
+   * Throws `Refused` if it is not declared, the value has the wrong kind or range, or another handler owns it.
    * @param {IoValue} value
    */
   async set(value) {
@@ -78,13 +82,13 @@ export class Io {
     await this.#plc.levels.set({ name: this.path, topic: `${this.path}/set`, payload: { value } });
   }
 
-  /** Puts a value in the place of the written one, as an operator does, until `release`. @param {IoValue} value */
+  /** Replaces the written value, as an operator does, until `release`. @param {IoValue} value */
   async force(value) {
     this.#check(value);
     await this.#putInPlace(value);
   }
 
-  /** Takes a forced value back: what its owner has written counts again. */
+  /** Removes the forced value: the value written by its owner applies again. */
   async release() {
     this.#check();
     await this.#putInPlace(null);
@@ -101,7 +105,10 @@ export class Io {
     return this.#plc.connection.hub.last(this.path);
   }
 
-  /** Judges by what the machine has said: over a broker nobody answers a write that is refused. @param {IoValue} [value] */
+  /**
+   * Validates a write against the machine's messages, because the broker does not report a refused write.
+   * @param {IoValue} [value]
+   */
   #check(value) {
     const { birth } = this.#plc;
     if (birth === undefined) return;
@@ -124,7 +131,10 @@ export class Io {
   }
 }
 
-/** Why one cannot have a value; null: it can. @param {import("./messages.d.ts").IoDeclaration} declared @param {IoValue} value */
+/**
+ * Returns why it cannot have a value; null if it can.
+ * @param {import("./messages.d.ts").IoDeclaration} declared @param {IoValue} value
+ */
 function whatIsWrong({ kind, min = -Infinity, max = Infinity }, value) {
   if (kind === "bool") return typeof value === "boolean" ? null : `${value}: write true or false`;
   if (typeof value !== "number" || !Number.isFinite(value)) return `${value}: write a finite number`;

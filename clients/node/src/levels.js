@@ -1,11 +1,12 @@
-// Interlocks, start locks, and inputs and outputs of the plant that a program has set: they are written again on each connection and at each boot.
+// Interlocks, start locks, inputs and outputs that a program has set: written again on each connection and at each
+// boot.
 
 import { Bell, sleep } from "./bell.js";
 import { Ended, NoAnswer, NotConnected, Refused } from "./errors.js";
 
 const RETRY_MS = 500;
 const TIMEOUT_MS = 2_000;
-/** Sources, inputs and outputs that one program sets. A plant has up to 256 of each. */
+/** Maximum number of sources, inputs and outputs that one program sets; a plant has up to 256 of each. */
 export const LEVELS_MAX = 1_024;
 
 /**
@@ -14,16 +15,19 @@ export const LEVELS_MAX = 1_024;
  */
 
 /**
- * What is wanted: its name in the log, the topic that sets it, and its payload without the owner.
+ * A value to write: its name in the log, its topic, and its payload without the owner.
  * @typedef {{name: string, topic: string, payload: object}} Wanted
  */
 
-/** What sets a source of a lock. @param {Place} place @param {boolean} value @param {string} text @returns {Wanted} */
+/**
+ * Returns the message that sets a source of a lock.
+ * @param {Place} place @param {boolean} value @param {string} text @returns {Wanted}
+ */
 export function lockLevel({ cs, kind, source }, value, text) {
   return { name: `${kind} ${source} of coordinate system ${cs}`, topic: `cs/${cs}/input/${kind}/set`, payload: { value, text, source } };
 }
 
-/** What is wanted of each, and who owns it. */
+/** The wanted values and their owner. */
 export class Levels {
   #connection;
   /** @type {Map<string, Wanted>} */
@@ -32,7 +36,7 @@ export class Levels {
   #dirty = new Set();
   #announced = new Bell();
   #work = new Bell();
-  /** The handler that owns them; it must be announced before they are written. @type {string | null} */
+  /** The handler that owns them; it must be registered before they are written. @type {string | null} */
   owner = null;
 
   /** @param {import("./connection.js").Connection} connection */
@@ -41,8 +45,8 @@ export class Levels {
   }
 
   /**
-   * Sets a level. Throws `Refused`, such as for one that is another handler's; and `NotConnected` or `NoAnswer`, but that a
-   * program that serves the machine waits for a connection instead.
+   * Sets a level. Throws `Refused`, for example if another handler owns it, and `NotConnected` or `NoAnswer`; a program
+   * that serves the machine waits for a connection instead of these two.
    * @param {Wanted} wanted
    */
   async set(wanted) {
@@ -68,14 +72,14 @@ export class Levels {
     }
   }
 
-  /** Sets a level, without waiting; `keepWritten` writes it. @param {Wanted} wanted */
+  /** Sets a level without waiting; `keepWritten` writes it. @param {Wanted} wanted */
   want(wanted) {
     this.#wanted.set(wanted.name, wanted);
     this.#dirty.add(wanted.name);
     this.#work.ring();
   }
 
-  /** Writes all again: the machine has been told anew who is there. @param {string} owner */
+  /** Writes all values again after a new registration. @param {string} owner */
   onAnnounced(owner) {
     this.owner = owner;
     this.#announced.ring();
@@ -83,12 +87,12 @@ export class Levels {
     this.#work.ring();
   }
 
-  /** Waits with writing: the machine does not know the owner any more. */
+  /** Pauses writing: the machine no longer knows the owner. */
   onAway() {
     this.#announced.mute();
   }
 
-  /** Writes what has changed, until the connection is closed. */
+  /** Writes changed values until the connection is closed. */
   async keepWritten() {
     const { stopped, log } = this.#connection;
     while (!stopped.aborted) {

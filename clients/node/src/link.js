@@ -9,28 +9,28 @@ const CLOSE_TIMEOUT_MS = 500;
 const KEEP_ALIVE_S = 5;
 export const limits = {
   /**
-   * A broker that acknowledges nothing for so long, while something waits for it, is left for the next node. Reason: a node of a
-   * cluster that has lost the others may take messages and never acknowledge them, also when it has found them again.
+   * A broker that acknowledges nothing for this time, although messages wait for it, is left for the next node. A
+   * cluster node that has lost the others may accept messages and never acknowledge them, even after it has rejoined.
    */
   silenceMs: 10_000,
-  /** How often the age of the machine's presence and such silence are looked at. */
+  /** Interval of the checks of the machine's presence and of missing acknowledgements. */
   lookMs: 1_000,
 };
-/** Bytes of one message; more is not read. */
+/** Maximum bytes of one message; longer ones are not read. */
 const PAYLOAD_MAX = 1 << 20;
-/** Messages that are not acknowledged; more are refused. */
+/** Maximum number of unacknowledged messages; further ones are refused. */
 const UNACKNOWLEDGED_MAX = 2_048;
-/** CONNACK: the client identifier is refused, the password is wrong, or the user may not. */
+/** CONNACK codes: client identifier refused, wrong password, or user not permitted. */
 const REFUSED_FOR_GOOD = [2, 4, 5];
 
 /**
  * Certificates and keys, as PEM or as `node:tls` takes them.
  * @typedef {object} Tls
- * @property {string | Buffer} [ca] of the broker, where the system does not know it
+ * @property {string | Buffer} [ca] certificate authority of the broker, if the system does not know it
  * @property {string | Buffer} [cert] of this client
  * @property {string | Buffer} [key]
  * @property {string} [passphrase] of the key
- * @property {string} [servername] the broker's name in its certificate, where it is not that of the address
+ * @property {string} [servername] the broker's name in its certificate, if it differs from the address
  */
 
 /**
@@ -42,18 +42,18 @@ const REFUSED_FOR_GOOD = [2, 4, 5];
  * @property {{topic: string, payload: string} | null} will the last will, retained
  */
 
-/** A connection, from `open` to its loss, which `lost` tells. It is not used twice. */
+/** A connection from `open` to its loss, which `lost` reports. It is not reused. */
 export class Link {
   #options;
   #onMessage;
   /** @type {import("mqtt").MqttClient | null} */
   #client = null;
   #unacknowledged = 0;
-  /** Since when messages wait for an acknowledgement and none has come, ms. */
+  /** Time since when unacknowledged messages wait without any acknowledgement, in ms. */
   #silentSince = 0;
   #why = "the connection was lost";
   #end = (/** @type {string} */ _why) => {};
-  /** Why the connection has ended, once it has. @type {Promise<string>} */
+  /** Reason for the end of the connection, once it has ended. @type {Promise<string>} */
   lost;
 
   /** @param {LinkOptions} options @param {(topic: string, payload: Buffer, isRetained: boolean) => void} onMessage */
@@ -66,7 +66,7 @@ export class Link {
   }
 
   /**
-   * Connects, and waits until the broker has accepted; a `ConnectError` says that it never will.
+   * Connects, and waits until the broker has accepted; throws a `ConnectError` if it refuses permanently.
    * @param {string} host @param {number} port
    */
   async open(host, port) {
@@ -115,7 +115,7 @@ export class Link {
     this.#client?.subscribe(filters, { qos: 1 }, acknowledged);
   }
 
-  /** One more message waits for its acknowledgement; what is called when it has come. */
+  /** Counts a message as unacknowledged; returns the function to call when its acknowledgement arrives. */
   #awaitsAcknowledgement() {
     if (this.#unacknowledged === 0) this.#silentSince = performance.now();
     this.#unacknowledged += 1;
@@ -133,7 +133,7 @@ export class Link {
   }
 
   /**
-   * Sends a message with quality of service 1; false: it cannot be taken.
+   * Sends a message with quality of service 1; returns false if it cannot be accepted.
    * @param {string} topic @param {string} payload @param {boolean} retain @param {() => void} [acknowledged]
    */
   publish(topic, payload, retain, acknowledged) {
@@ -147,7 +147,7 @@ export class Link {
     return true;
   }
 
-  /** Sends what waits, says goodbye, and closes. */
+  /** Sends waiting messages, disconnects, and closes. */
   async close(reason = "closed here") {
     const client = this.#client;
     if (client?.connected) {
@@ -159,7 +159,7 @@ export class Link {
     this.abandon();
   }
 
-  /** Closes without a goodbye: the broker sends the will. */
+  /** Closes without a disconnect message: the broker publishes the will. */
   abandon() {
     this.#client?.end(true);
     this.#end("closed here");

@@ -1,2 +1,2 @@
-// What the machine says: the forms of its topics, those of the HMI. In the package this file is they themselves.
+// Messages of the machine: types of its topics, re-exported from the HMI. The package has the types here.
 export * from "../../../web/types.d.ts";

@@ -16,12 +16,12 @@ const CHOICE_MAX = 40;
 const PROGRESS_MAX = 200;
 const CHECKPOINT_MAX = 4096;
 
-/** How long a handler may still send after its output was cancelled, to clean up. */
+/** Time after a cancellation in which a handler may still send messages, to clean up. */
 export const limits = { cleanUpMs: 5_000 };
-/** The output whose handler is at work in what runs now. @type {AsyncLocalStorage<Output>} */
+/** The output whose handler runs in the current asynchronous context. @type {AsyncLocalStorage<Output>} */
 const atWork = new AsyncLocalStorage();
 
-/** Throws an `Ended` where the handler that would send now was cancelled, and has had its time to clean up. */
+/** Throws an `Ended` if the running handler was cancelled and its clean-up time is over. */
 export function checkMaySend() {
   atWork.getStore()?.checkMaySend();
 }
@@ -29,16 +29,19 @@ export function checkMaySend() {
 /** @typedef {{handler_id: string, instance?: string}} Identity */
 
 /**
- * An auxiliary function output: an M code with its parameters, on which a handler works. When it is cancelled, `signal` is aborted:
- * give it to whatever the handler waits for. A handler that is cancelled has 5 s to clean up; what it sends later by any `Plc` is
- * refused with an `Ended`, and does not reach the machine.
+ * An auxiliary function output: an M code with its parameters, on which a handler works. When it is cancelled, `signal`
+ * is aborted: pass it to every wait of the handler. A cancelled handler has 5 s to clean up; after that, anything that
+ * it sends through any `Plc` is refused with an `Ended`, and does not reach the machine.
  */
 export class Output {
-  /** Aborted when the output is no longer this handler's; its `reason` is an `Ended`, whose `reason` says why. @type {AbortSignal} */
+  /**
+   * Aborted when the output no longer belongs to this handler; its `reason` is an `Ended`, whose `reason` is the cause.
+   * @type {AbortSignal}
+   */
   signal;
   /** VA to VH. @type {Params} */
   params;
-  /** True when the work may have been begun before and it was decided to look first: check the machine. */
+  /** True if the work may already have begun and the redelivery is `verify`: check the machine first. */
   redelivered;
   #connection;
   #identity;
@@ -60,9 +63,9 @@ export class Output {
     this.#connection = connection;
     this.#identity = identity;
     this.#notice = notice;
-    /** The boot of the runtime that has put it out. */
+    /** The boot of the runtime that issued it. */
     this.bootId = bootId;
-    /** Coordinate system that has put it out. */
+    /** Coordinate system that issued it. */
     this.cs = cs;
     this.params = new Params(notice.params);
     this.redelivered = redelivered;
@@ -74,7 +77,8 @@ export class Output {
     return this.#notice.m;
   }
 
-  /** Names this output for ever, also over restarts: what is done once for each output is kept by it. */
+  /** Identifies this output permanently, also across restarts: use it as the key of work that must be done only
+   * once. */
   get id() {
     return this.#notice.id;
   }
@@ -94,7 +98,7 @@ export class Output {
     return this.#notice.line;
   }
 
-  /** The program run that has put it out. */
+  /** The program run that issued it. */
   get runId() {
     return this.#notice.run_id;
   }
@@ -104,7 +108,7 @@ export class Output {
     return this.signal.aborted;
   }
 
-  /** Why it was cancelled; null if it is not, or if the reason was lost with a connection. */
+  /** Reason of the cancellation; null if it is not cancelled, or if the reason was lost with a connection. */
   get cancelReason() {
     return this.signal.reason instanceof Ended ? this.signal.reason.reason : null;
   }
@@ -114,9 +118,9 @@ export class Output {
   }
 
   /**
-   * Tells what the handler does now; panels show it while the program waits. It is told again after a loss of the connection, and has
-   * no effect once the output is no longer this handler's.
-   * @param {string} text of more than 200 characters the first @param {number} [percent] 0 to 100
+   * Reports the current step of the handler; panels show it while the program waits. It is sent again after a loss of
+   * the connection, and has no effect once the output no longer belongs to this handler.
+   * @param {string} text cut after 200 characters @param {number} [percent] 0 to 100
    */
   progress(text, percent) {
     const share = percent === undefined || Number.isNaN(percent) ? {} : { percent: Math.min(Math.max(percent, 0), 100) };
@@ -124,16 +128,17 @@ export class Output {
     this.#tell("progress", this.#progress);
   }
 
-  /** What the last `checkpoint` of whoever worked on it before has noted; undefined where nothing was. */
+  /** The last `checkpoint` of a previous handler of this output; undefined if there is none. */
   get lastCheckpoint() {
     return this.#notice.checkpoint;
   }
 
   /**
-   * Notes how far the work has come, in place of what was noted before. When this handler is lost and another takes the output up, that
-   * one has it as `lastCheckpoint`. The machine keeps it as long as the output is open. It is told again after a loss of the
-   * connection, and has no effect once the output is no longer this handler's. Throws a `RangeError` where it is too long.
-   * @param {unknown} value anything that has at most 4096 bytes as JSON; null takes it away
+   * Stores how far the work has come, and replaces the previous checkpoint. If this handler is lost, the next one finds
+   * it in `lastCheckpoint`. The machine keeps it until the output ends. It is sent again after a loss of the
+   * connection, and has no effect once the output no longer belongs to this handler. Throws a `RangeError` if it is too
+   * long.
+   * @param {unknown} value at most 4096 bytes as JSON; null removes the checkpoint
    */
   checkpoint(value) {
     const size = Buffer.byteLength(JSON.stringify(value) ?? "");
@@ -144,8 +149,9 @@ export class Output {
   }
 
   /**
-   * Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it; several are asked one
-   * after the other. Throws `Ended` once the output is no longer this handler's, and a `RangeError` for what cannot be asked.
+   * Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it;
+   * several questions are asked one after the other. Throws `Ended` once the output no longer belongs to this handler,
+   * and a `RangeError` for an invalid question.
    * @template {string} Choice
    * @param {string} text 1 to 200 characters @param {readonly Choice[]} choices 1 to 8 different texts of 1 to 40 characters
    * @returns {Promise<Choice>}
@@ -175,7 +181,7 @@ export class Output {
   }
 
   /**
-   * While it is not shown it is asked again: the claim may have been lost with the connection.
+   * Repeats the question until it is shown: the claim may have been lost with the connection.
    * @param {object} question @param {Bell} isHidden @param {AbortSignal} over
    */
   async #keepShown(question, isHidden, over) {
@@ -183,7 +189,7 @@ export class Output {
     while (!over.aborted && !stopped.aborted) {
       await isHidden.rung({ signal: over });
       if (over.aborted) return;
-      // without an answer it is asked once more
+      // without an answer it is asked again
       await this.#connection.request(this.path("ask"), question, { timeoutMs: ASK_TIMEOUT_MS }).catch(() => {});
       await sleep(RETRY_MS, over);
     }
@@ -204,17 +210,17 @@ export class Output {
     return answer;
   }
 
-  /** Where something is said of it. @internal @param {string} what */
+  /** Returns the topic for a report of this output. @internal @param {string} what */
   path(what) {
     return `cs/${this.cs}/m_code/${this.m}/${what}`;
   }
 
-  /** What names it in a message. @internal */
+  /** Returns the members that identify it in a message. @internal */
   named() {
     return { boot_id: this.bootId, seq: this.seq, ...this.#identity };
   }
 
-  /** Tells the last progress and checkpoint again. @internal */
+  /** Sends the last progress and checkpoint again. @internal */
   tellAgain() {
     this.#tell("progress", this.#progress);
     this.#tell("checkpoint", this.#checkpoint);
@@ -225,7 +231,10 @@ export class Output {
     if (report !== null && !this.cancelled) this.#connection.post(this.path(what), report);
   }
 
-  /** Does the work of its handler; what that sends is known by it. @internal @template Value @param {() => Value} work */
+  /**
+   * Runs the work of its handler, so that messages sent by it can be attributed to this output.
+   * @internal @template Value @param {() => Value} work
+   */
   work(work) {
     return atWork.run(this, work);
   }

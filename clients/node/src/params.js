@@ -6,13 +6,14 @@ import { Alarm, CODE_OF_PARAMETER } from "./errors.js";
 
 export const LETTERS = /** @type {const} */ (["A", "B", "C", "D", "E", "F", "G", "H"]);
 
-/** NC text calculates in binary fractions: 0.1 * 30 is meant as 3. */
+/** NC text calculates in binary fractions: 0.1 * 30 must be accepted as 3. */
 export const WHOLE_WITHIN = 1e-9;
 
 /**
- * VA to VH as the program wrote them; undefined for what it did not write.
+ * VA to VH as the program wrote them; undefined if omitted.
  *
- * A function that reads what an M code needs serves twice, in its handler and as its check when a program is loaded:
+ * A function that reads the parameters of an M code is used twice, in its handler and as its check when a program is
+ * loaded:
  * `const pocket = (params) => params.whole("A", 1, 24, "the pocket")`.
  */
 export class Params {
@@ -31,9 +32,9 @@ export class Params {
   }
 
   /**
-   * A parameter that must be there and in a range, both ends included; otherwise an `Alarm` is thrown.
+   * Returns a required parameter within a range, both ends included; otherwise throws an `Alarm`.
    * @param {Letter} letter @param {number} low @param {number} high
-   * @param {string} what it is, with its unit, such as "the clamping force, kN": a part of the alarm's text
+   * @param {string} what name with its unit, such as "the clamping force, kN": a part of the alarm's text
    */
   real(letter, low, high, what) {
     if (!LETTERS.includes(letter)) throw new RangeError(`${JSON.stringify(letter)} is no parameter; write "A" to "H"`);
@@ -44,7 +45,7 @@ export class Params {
   }
 
   /**
-   * A whole number, as `real` reads it.
+   * Returns a whole number, with the checks of `real`.
    * @param {Letter} letter @param {number} low @param {number} high @param {string} what
    */
   whole(letter, low, high, what) {

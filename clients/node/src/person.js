@@ -5,7 +5,7 @@ import { NotConnected } from "./errors.js";
 /** Time after the newest heartbeat within which a request of a person takes effect, ms. */
 export const NOT_AFTER_MS = 1000;
 
-/** Ends of topics after whose messages nothing can move, or that have an end of their own. */
+/** Suffixes of topics whose messages cannot cause motion, or that carry their own time limit. */
 const WITHOUT = ["variable/get", "lease/take", "lease/release", "alarm/raise"];
 
 /**
@@ -28,7 +28,7 @@ export function personConnection(connection, withinMs) {
   });
 }
 
-/** Sets locks, and inputs and outputs of the plant once, as a person does: nothing is written again. */
+/** Sets locks, inputs and outputs of the plant once, as a person does: nothing is written again. */
 export class PersonLevels {
   #connection;
   owner = null;

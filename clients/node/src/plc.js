@@ -12,7 +12,8 @@ import { changesOf, numberOf } from "./changes.js";
 /** @typedef {import("./messages.d.ts").AlarmRecord} AlarmRecord */
 /** @typedef {import("./messages.d.ts").ToolData} ToolData */
 
-/** One machine behind a broker: `const plc = await Plc.connect("mqtt://127.0.0.1:1883/mill-1"); await plc.cs(1).start()`. */
+/** One machine on a broker: `const plc = await Plc.connect("mqtt://127.0.0.1:1883/mill-1"); await
+ * plc.cs(1).start()`. */
 export class Plc {
   /** @internal */
   connection;
@@ -20,7 +21,7 @@ export class Plc {
   levels;
   /** Numbers of the control leases of this connection, by coordinate system. @internal @type {Map<number, number>} */
   fences = new Map();
-  /** Numbers commands, also those of a person's handle. */
+  /** Counters of commands, shared with a person's handle. */
   #ids = { commands: 0 };
 
   /** @param {Connection} connection */
@@ -30,8 +31,9 @@ export class Plc {
   }
 
   /**
-   * Connects to a machine. Of several nodes of a broker the first that answers is used until it is lost. Throws an `AddressError`, or a
-   * `ConnectError`: no broker answers, it refuses the user, or no machine of that name is online.
+   * Connects to a machine. Of several broker nodes, the first that answers is used until it is lost. Throws an
+   * `AddressError`, or a `ConnectError` if no broker answers, the broker refuses the user, or no machine of that name
+   * is online.
    * @param {string} address `mqtt://[user:password@]host[:port][,host[:port]..]/[prefix/]machine`, `mqtts://` with TLS
    * @param {import("./connection.js").ConnectOptions} [options]
    */
@@ -47,9 +49,10 @@ export class Plc {
   }
 
   /**
-   * A handle for what a person has requested just now: its requests expire 1 s after the newest heartbeat that this connection has
-   * received. The machine then rejects them as `expired`, however long they were under way. Take a new handle for each press of a button.
-   * Sequence programs need none: what a handler does follows from an output. Throws `NotConnected`: no heartbeat has been received.
+   * Returns a handle for requests that a person has just made: they expire 1 s after the newest heartbeat that this
+   * connection has received. The machine then rejects them as `expired`, regardless of their time in transit. Take a
+   * new handle for each press of a button. Sequence programs need none, because their requests follow from an output.
+   * Throws `NotConnected` if no heartbeat has been received.
    * @param {{withinMs?: number}} [options] at most 60,000
    */
   forPerson({ withinMs = NOT_AFTER_MS } = {}) {
@@ -61,17 +64,20 @@ export class Plc {
     return person;
   }
 
-  /** A coordinate system by its number, from 1. If there is none, each call on it is an error. @param {number} number */
+  /**
+   * Returns a coordinate system by its number, from 1. If it does not exist, each call on it fails.
+   * @param {number} number
+   */
   cs(number) {
     return new CoordinateSystem(this, number);
   }
 
-  /** An input of the plant, by its name in the configuration (`[io.in.NAME]`). @param {string} name */
+  /** Returns an input of the plant by its name in the configuration (`[io.in.NAME]`). @param {string} name */
   ioIn(name) {
     return new Io(this, "in", name);
   }
 
-  /** An output of the plant, by its name in the configuration (`[io.out.NAME]`). @param {string} name */
+  /** Returns an output of the plant by its name in the configuration (`[io.out.NAME]`). @param {string} name */
   ioOut(name) {
     return new Io(this, "out", name);
   }
@@ -81,25 +87,25 @@ export class Plc {
     return this.connection.isConnected;
   }
 
-  /** The boot of the runtime that is online; null while it is away. */
+  /** The boot of the runtime that is online; null while it is offline. */
   get bootId() {
     return this.connection.bootId;
   }
 
-  /** What the machine is. @returns {import("./messages.d.ts").BirthMessage | undefined} */
+  /** Description of the machine. @returns {import("./messages.d.ts").BirthMessage | undefined} */
   get birth() {
     return this.connection.hub.last("birth");
   }
 
   /**
-   * Waits until what the machine has said makes something hold, such as `() => plc.cs(1).interlock.value`.
+   * Waits until the received messages satisfy a condition, such as `() => plc.cs(1).interlock.value`.
    * @param {() => boolean} holds @param {{signal?: AbortSignal}} [options]
    */
   async until(holds, { signal } = {}) {
     await this.connection.until(holds, signal);
   }
 
-  /** Whether the runtime is there: now, and each time that it changes. @returns {AsyncIterableIterator<import("./messages.d.ts").PresenceMessage>} */
+  /** Yields whether the runtime is online: now, and after each change. @returns {AsyncIterableIterator<import("./messages.d.ts").PresenceMessage>} */
   presences() {
     return this.connection.hub.follow("presence");
   }
@@ -109,13 +115,13 @@ export class Plc {
     return this.connection.hub.last("alarm/active")?.alarms ?? [];
   }
 
-  /** Each alarm that is raised, acknowledged or cleared. @returns {AsyncIterableIterator<AlarmRecord>} */
+  /** Yields each alarm that is raised, acknowledged or cleared. @returns {AsyncIterableIterator<AlarmRecord>} */
   alarmEvents() {
     return this.connection.hub.follow("alarm/event");
   }
 
   /**
-   * Raises an alarm that belongs to no output, such as low air pressure: it stops one coordinate system, or all.
+   * Raises an alarm that belongs to no output, such as low air pressure; it stops one coordinate system or all.
    * @param {import("./errors.js").Alarm} alarm @param {{cs?: number}} [options]
    */
   async raiseAlarm({ code, text }, { cs } = {}) {
@@ -123,34 +129,35 @@ export class Plc {
   }
 
   /**
-   * Sets the skip input of a motor (G31). Not real time: it captures where the motor is when the servo hears it.
+   * Sets the skip input of a motor (G31). Not real time: the position is captured when the servo receives the message.
    * @param {number} motor @param {boolean} value
    */
   async setSkipInput(motor, value) {
     await this.connection.request(`motor/${motor}/skip_input/set`, { value });
   }
 
-  /** P variables, up to 1024 as they were at one moment. @param {number} first @param {number} [count] */
+  /** Reads up to 1024 P variables, all from one moment. @param {number} first @param {number} [count] */
   async readP(first, count = 1) {
     return this.readVariables(1, "P", first, count);
   }
 
-  /** Writes P variables, up to 1024, all or none. @param {number} first @param {readonly number[]} values */
+  /** Writes up to 1024 P variables, all or none. @param {number} first @param {readonly number[]} values */
   async writeP(first, values) {
     await this.writeVariables(1, "P", first, values);
   }
 
   /**
-   * P variables: their values now, and again each time that one of them has changed, whoever wrote it. A machine publishes the variables
-   * that its configuration names in `[[variables.published]]`, at most 10 times a second; of values that follow each other faster, the latest.
-   * A program writes a variable when its block is interpreted, ahead of the motion. Throws `Refused`: not all of them are published.
+   * Yields P variables: their current values, then after each change by any writer. A machine publishes the variables
+   * listed in `[[variables.published]]` of its configuration, at most 10 times a second; if values change faster, the
+   * latest. A program writes a variable when its block is interpreted, ahead of the motion. Throws `Refused` if not all
+   * of them are published.
    * @param {number} first @param {number} [count] @returns {AsyncGenerator<number[], void>}
    */
   pChanges(first, count = 1) {
     return changesOf(this, "variables", "P", first, count);
   }
 
-  /** The tool table, ascending by number: that of now, and again each time that it has changed. @returns {AsyncGenerator<ToolData[], void>} */
+  /** Yields the tool table, ascending by number: the current one, then after each change. @returns {AsyncGenerator<ToolData[], void>} */
   async *toolChanges() {
     for await (const { tools } of this.connection.hub.follow("tools")) yield tools;
   }
@@ -170,7 +177,7 @@ export class Plc {
   }
 
   /**
-   * Sends a command, and waits for its last reply.
+   * Sends a command, and waits for its final reply.
    * @internal
    * @param {string} path @param {object} payload @param {{commandId?: string | undefined, timeoutMs?: number | undefined}} [options]
    * @returns {Promise<CommandReply>}

@@ -1,4 +1,4 @@
-// A sequence program: handlers by M code, and what is no M code beside them.
+// A sequence program: handlers by M code, and its alarms, locks and tasks.
 
 import { ALARMS_MAX } from "./alarms.js";
 import { Bell } from "./bell.js";
@@ -24,33 +24,37 @@ const REDELIVERIES = ["ask", "redo", "verify"];
 
 /** The NC program waits until it returns. @callback Handler @param {Output} output @param {Plc} plc @returns {unknown} */
 
-/** Throws an `Alarm` for parameters that are wrong; what it gives is passed over. @callback Check @param {Params} params @returns {unknown} */
+/** Throws an `Alarm` for invalid parameters; its return value is ignored. @callback Check @param {Params} params @returns {unknown} */
 
-/** What runs beside the handlers, until the signal. @callback Task @param {Plc} plc @param {AbortSignal} signal @returns {unknown} */
+/**
+ * Runs in parallel to the handlers until the signal is aborted.
+ * @callback Task @param {Plc} plc @param {AbortSignal} signal @returns {unknown}
+ */
 
 /**
  * @typedef {object} HandlerOptions
- * @property {number} [cs] its coordinate system; without it, all that have no handler of their own for the M code
+ * @property {number} [cs] its coordinate system; without it, all that have no own handler for the M code
  * @property {Check} [validate] checks parameters when a program is loaded: one for which it throws an `Alarm` is not loaded
- * @property {Redelivery} [redelivery] what is done with an output on which this program may have worked before it was lost: `ask` (an
- *   operator decides), `redo` (the handler runs again), `verify` (it runs with `output.redelivered` true); without it, what the program
- *   says of all
+ * @property {Redelivery} [redelivery] how to treat an output that this program may have begun before it was lost: `ask`
+ * (an operator decides), `redo` (the handler runs again), `verify` (it runs with `output.redelivered` true); by
+ * default, the setting of the program
  * @property {string} [name] what the M codes do, such as "clamp", for alarms and panels
- * @property {Partial<Record<import("./params.js").Letter, import("./declared.js").Param>>} [params] what their parameters are, such as
- *   `{ A: { name: "force", unit: "kN", min: 1, max: 20 } }`. A program with others is not loaded, and the handler is not begun with
- *   others. `{}`: they take none
+ * @property {Partial<Record<import("./params.js").Letter, import("./declared.js").Param>>} [params] their parameters,
+ * such as `{ A: { name: "force", unit: "kN", min: 1, max: 20 } }`. A program with other parameters is not loaded, and
+ * the handler is not started with others. `{}`: no parameters
  */
 
 /**
  * @typedef {object} ServeOptions
- * @property {boolean} [takeOver] take the place of another process of the same name, which ends; otherwise this one is refused
+ * @property {boolean} [takeOver] replace another process of the same name, which ends; by default this one is refused
  */
 
 /**
  * @typedef {object} LeaveOptions
- * @property {number} [returnsWithinMs] time in which the program is back, 1 minute without it, up to 1 h; 0: it does not come back
- * @property {number} [endsWithinMs] how long handlers may go on; without it, as long as they need. The signal of those that are still at
- *   work then is aborted, and their outputs are lost: `redelivery` says what becomes of them
+ * @property {number} [returnsWithinMs] time within which the program returns, up to 1 h, 1 minute by default; 0: it
+ * does not return
+ * @property {number} [endsWithinMs] time limit for running handlers, none by default. After it, the signals of running
+ * handlers are aborted and their outputs are lost: `redelivery` decides how they are treated
  */
 
 /** A source of an interlock or start lock that belongs to the program. */
@@ -64,14 +68,17 @@ export class Level {
     this.value = value;
   }
 
-  /** Sets it; the machine is told as soon as it can be, and again on each connection and at each boot. @param {boolean} value @param {string} [text] */
+  /**
+   * Sets it. The machine receives it as soon as it is connected, and again on each connection and at each boot.
+   * @param {boolean} value @param {string} [text]
+   */
   set(value, text = this.text) {
     this.value = value;
     this.text = text;
     this.#changed(this);
   }
 
-  /** Tells of the level of now, and of each that comes. @internal @param {(level: Level) => void} changed */
+  /** Calls a function with the current level and each later one. @internal @param {(level: Level) => void} changed */
   follow(changed) {
     this.#changed = changed;
     changed(this);
@@ -94,9 +101,9 @@ export class Serving {
   }
 
   /**
-   * Takes no further output, and closes when the handlers that are at work have ended. What runs beside them goes on until then. The
-   * machine is told that the program comes back: until then its M codes count as served, and NC programs wait at them. Throws what has
-   * ended the program meanwhile.
+   * Accepts no further output, and closes when all running handlers have ended. Tasks run until then. The machine is
+   * notified that the program will return: until then its M codes are treated as served, and NC programs wait at them. Throws
+   * the error that ended the program in the meantime.
    * @param {LeaveOptions} [options]
    */
   async leave({ returnsWithinMs = RETURNS_WITHIN_MS, endsWithinMs } = {}) {
@@ -109,18 +116,18 @@ export class Serving {
     }
   }
 
-  /** Ends all handlers, tells the machine that they have gone, and ends the connection. */
+  /** Ends all handlers, notifies the machine that they are offline, and ends the connection. */
   async close() {
     await this.#close();
   }
 }
 
 /**
- * What serves M codes of a machine, under one name:
+ * Serves M codes of a machine under one name:
  * `new SequenceProgram("changer").on(6, async (output, plc) => { .. }).run("mqtt://127.0.0.1:1883/mill-1")`.
  *
- * A handler that returns resets its output, and the NC program goes on. An `Alarm` stops it with its text, and so does any other
- * exception.
+ * If a handler returns, its output is reset and the NC program continues. An `Alarm` stops the NC program with its
+ * text; so does any other exception.
  */
 export class SequenceProgram {
   /** @type {Map<string, import("./runner.js").Entry>} */
@@ -136,10 +143,10 @@ export class SequenceProgram {
   #redelivery;
 
   /**
-   * @param {string} handlerId 1 to 64 characters without `/ + #`, always the same, so that the machine knows it again
-   * @param {{redelivery?: Redelivery}} [options] what is done with outputs on which this program may have worked before it was lost,
-   *   where `on` says nothing else of them. The strictest counts of this and of the configuration; where neither says anything, an
-   *   operator decides
+   * @param {string} handlerId 1 to 64 characters without `/ + #`, always the same, so that the machine recognizes it
+   * @param {{redelivery?: Redelivery}} [options] how to treat outputs that this program may have begun before it was
+   * lost, unless `on` sets it. The stricter of this and the machine's configuration applies; if neither is set, an
+   * operator decides
    */
   constructor(handlerId, { redelivery } = {}) {
     if (!/^[^/+#\0]{1,64}$/s.test(handlerId)) {
@@ -150,10 +157,10 @@ export class SequenceProgram {
     this.#redelivery = redelivery;
   }
 
-  // --- what it consists of
+  // --- declarations
 
   /**
-   * Registers a handler. Throws a `ProgramError`: two handlers for one M code, or a declaration of what cannot be.
+   * Registers a handler. Throws a `ProgramError` for two handlers of one M code, or an invalid declaration.
    * @param {Codes} codes @param {Handler} handler @param {HandlerOptions} [options]
    */
   on(codes, handler, { cs, validate, redelivery = this.#redelivery, name, params } = {}) {
@@ -179,9 +186,9 @@ export class SequenceProgram {
   }
 
   /**
-   * Says what to do about alarms, and what they are in other languages; the machine shows it where one is raised. Its configuration may
-   * say the same in `[alarm.N]`, which counts first. Throws a `ProgramError`: two different alarms have one code, or there are more
-   * than 256.
+   * Declares remedies and translations of alarms; the machine shows them when an alarm is raised. `[alarm.N]` of the
+   * machine's configuration takes precedence. Throws a `ProgramError` if two different alarms have one code, or there
+   * are more than 256.
    * @param {UserAlarm[]} alarms
    */
   alarms(...alarms) {
@@ -197,15 +204,18 @@ export class SequenceProgram {
   }
 
   /**
-   * Owns a source of the interlock, which holds motion: a door, the air pressure.
+   * Owns a source of the interlock, which holds motion, such as a door or the air pressure.
    * @param {number} cs @param {string} source its name, such as one of `[input.interlock.source.NAME]`
-   * @param {string} text why it is on, in the operator's words @param {{value?: boolean}} [options] on until it is set
+   * @param {string} text the reason for the operator @param {{value?: boolean}} [options] on until it is set
    */
   interlock(cs, source, text, { value = true } = {}) {
     return this.#addLevel(new Level({ cs, kind: "interlock", source }, text, value));
   }
 
-  /** Owns a source of the start lock, which refuses starts; as `interlock`. @param {number} cs @param {string} source @param {string} text @param {{value?: boolean}} [options] */
+  /**
+   * Owns a source of the start lock, which refuses starts; see `interlock`.
+   * @param {number} cs @param {string} source @param {string} text @param {{value?: boolean}} [options]
+   */
   startLock(cs, source, text, { value = true } = {}) {
     return this.#addLevel(new Level({ cs, kind: "start_lock", source }, text, value));
   }
@@ -220,8 +230,9 @@ export class SequenceProgram {
   }
 
   /**
-   * Registers what runs beside the handlers. It begins when the machine knows them, so that it may start a program, and runs through
-   * losses of the connection. When it throws, the program ends with that.
+   * Registers a task that runs in parallel to the handlers. It begins after the machine has accepted the handlers, so
+   * that it may start a program, and continues after losses of the connection. If it throws, the program ends with that
+   * error.
    * @param {Task} task
    */
   task(task) {
@@ -230,8 +241,8 @@ export class SequenceProgram {
   }
 
   /**
-   * What it serves, as a file for `[machine] served` of a configuration: with it `tandem check`, `tandem explain` and editors know its M
-   * codes without it. `await writeFile("served.json", program.served())`
+   * Returns its declarations as a file for `[machine] served` of a configuration, so that `tandem check`, `tandem
+   * explain` and editors know its M codes while it is not running. `await writeFile("served.json", program.served())`
    */
   served() {
     const entries = [...this.#handlers.values()].sort((one, other) => one.m - other.m || (one.cs ?? 0) - (other.cs ?? 0));
@@ -243,11 +254,12 @@ export class SequenceProgram {
     return `${JSON.stringify({ serves }, null, 2)}\n`;
   }
 
-  // --- what it does
+  // --- running
 
   /**
-   * Serves the machine at an address, through every loss of the connection, until the signal. Throws `TakenOver`, `AddressError`,
-   * `ConnectError` (no machine is there within 10 s, or the broker refuses this client), `ProgramError`, or what a task has thrown.
+   * Serves the machine at an address, across all losses of the connection, until the signal is aborted. Throws
+   * `TakenOver`, `AddressError`, `ConnectError` (no machine online within 10 s, or the broker refuses this client),
+   * `ProgramError`, or the error of a task.
    * @param {string} address as `Plc.connect` takes it
    * @param {ServeOptions & import("./connection.js").ConnectOptions & {signal?: AbortSignal}} [options]
    */
@@ -265,7 +277,8 @@ export class SequenceProgram {
   }
 
   /**
-   * Serves as `run` until a signal, and loses no work: as `Serving.leave`. `await program.runUntil("mqtt://127.0.0.1:1883/mill-1", stopSignal())`
+   * Serves like `run` until a signal, without losing work; see `Serving.leave`.
+   * `await program.runUntil("mqtt://127.0.0.1:1883/mill-1", stopSignal())`
    * @param {string} address as `Plc.connect` takes it @param {AbortSignal} stop such as `stopSignal()`
    * @param {ServeOptions & LeaveOptions & import("./connection.js").ConnectOptions} [options]
    */
@@ -284,8 +297,8 @@ export class SequenceProgram {
   }
 
   /**
-   * Serves the machine from now on, when it knows the handlers; where it refuses them, `ended` of what this gives says why. Throws as
-   * `run`.
+   * Serves the machine, and returns once it has accepted or refused the handlers; after a refusal, `ended` of the
+   * result rejects with the reason. Throws like `run`.
    * @param {string} address @param {ServeOptions & import("./connection.js").ConnectOptions} [options]
    */
   async serve(address, { takeOver = false, ...options } = {}) {
@@ -303,7 +316,7 @@ export class SequenceProgram {
     if (runner.announced.isRung) for (const task of this.#tasks) jobs.push(forever(task, plc, stopped.signal));
     const closed = new Bell();
     const ended = Promise.race([Promise.all(jobs), closed.rung()]).then(() => {});
-    // whoever does not wait for it closes it
+    // a caller that does not await it calls `close`
     ended.catch(() => {});
     /** @type {Promise<void> | null} */
     let closing = null;
@@ -330,12 +343,15 @@ async function forever(task, plc, signal) {
   try {
     await task(plc, signal);
   } catch (error) {
-    // what it waited for has ended with the program
+    // the task stopped waiting because the program ended
     if (!signal.aborted) throw error;
   }
 }
 
-/** Aborted by Ctrl-C, or by SIGTERM, by which systemd and others end a program; the next one ends it at once. @returns {AbortSignal} */
+/**
+ * Returns a signal that Ctrl-C or SIGTERM (systemd and others) aborts; the next one ends the process at once.
+ * @returns {AbortSignal}
+ */
 export function stopSignal() {
   const stop = new AbortController();
   const names = /** @type {const} */ (["SIGINT", "SIGTERM"]);

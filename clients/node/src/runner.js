@@ -1,4 +1,4 @@
-// The loop of a sequence program: it reads what the machine says, and starts handlers.
+// The loop of a sequence program: it receives messages of the machine, and starts handlers.
 
 import { Bell, sleep } from "./bell.js";
 import { Alarm, CODE_OF_ERROR, CODE_OF_EXCEPTION, cut, NoAnswer, NotConnected, ProgramError, Refused, sentence, TakenOver, TandemError } from "./errors.js";
@@ -6,19 +6,19 @@ import { Output } from "./output.js";
 import { Params } from "./params.js";
 import { numberAt } from "./topics.js";
 
-/** The machine takes handlers for lost when it has not heard of them for so long; it is told at a third of it. */
+/** The machine considers the handlers lost after this time without a presence; one is published every third of it. */
 const PRESENCE_EXPIRES_MS = 15_000;
 const REFRESH_MS = PRESENCE_EXPIRES_MS / 3;
 const RETRY_MS = 500;
-/** Outputs remembered as begun; `pending` is old by far fewer. */
+/** Maximum number of outputs remembered as begun; a stale `pending` is behind by far fewer. */
 const BEGUN_MAX = 4_096;
 const CLEAN_UP_MS = 5_000;
 const LEAVE_TIMEOUT_MS = 1_000;
-/** How long a program that stops waits until the machine knows that it takes nothing more. */
+/** Time limit for the machine's confirmation that a stopping program accepts no further output. */
 const LEAVE_MAX_MS = 2_000;
 export const RETURNS_WITHIN_MS = 60_000;
 const RETURNS_WITHIN_MAX_MS = 3_600_000;
-/** Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s. */
+/** Tries of 1 s, because a broker reports a dead process after one and a half times its keep-alive of 5 s. */
 const REFUSALS_MAX = 10;
 const REFUSAL_RETRY_MS = 1_000;
 const INSTANCE_TRIES = 4;
@@ -36,9 +36,9 @@ const STRICTEST_FIRST = ["ask", "verify", "redo"];
  * A handler of the table.
  * @typedef {object} Entry
  * @property {number} m
- * @property {number | undefined} cs undefined: all that have no handler of their own for the M code
+ * @property {number | undefined} cs undefined: all that have no own handler for the M code
  * @property {(output: Output, plc: import("./plc.js").Plc) => unknown} call
- * @property {Redelivery | undefined} redelivery undefined: the machine's configuration says it
+ * @property {Redelivery | undefined} redelivery undefined: the machine's configuration applies
  * @property {import("./declared.js").Declared} declared
  */
 
@@ -46,29 +46,29 @@ const STRICTEST_FIRST = ["ask", "verify", "redo"];
  * @typedef {object} Running
  * @property {Output} output
  * @property {string} boot
- * @property {boolean} isAnswering its reset is on the way: it is not cancelled any more
+ * @property {boolean} isAnswering its reset was sent, so it is no longer cancelled
  * @property {boolean} isReclaiming
  * @property {Promise<void>} ended
  */
 
-/** Where a handler or check stands in its table. @param {number | undefined} cs @param {number} m */
+/** Returns the key of a handler or check in its table. @param {number | undefined} cs @param {number} m */
 export function place(cs, m) {
   return `${cs ?? "all"}/${m}`;
 }
 
-/** Throws a `ProgramError` where a program cannot be back in this time. @param {number} ms */
+/** Throws a `ProgramError` if the time is not a valid return time. @param {number} ms */
 export function checkReturnsWithin(ms) {
   if (!(ms >= 0 && ms <= RETURNS_WITHIN_MAX_MS)) throw new ProgramError(`returnsWithinMs ${ms}: write 0 to ${RETURNS_WITHIN_MAX_MS}`);
 }
 
 /** Presence, claims, handlers and resets of one handler id. */
 export class Runner {
-  /** Rung once the machine knows these handlers. */
+  /** Rung once the machine has accepted these handlers. */
   announced = new Bell();
-  /** Said to the machine at the end; 0: the program does not come back. */
+  /** Reported to the machine at the end; 0: the program does not return. */
   returnsWithinMs = 0;
   #isStopping = false;
-  /** Rung once the machine knows that this takes nothing more. */
+  /** Rung once the machine knows that this program accepts no further output. */
   #isKnownToStop = new Bell();
   #alarms;
   #connection;
@@ -81,11 +81,11 @@ export class Runner {
   #takeOver;
   /** @type {Map<string, Running>} */
   #running = new Map();
-  /** What this instance has taken up, the oldest first. @type {Set<string>} */
+  /** Outputs that this instance has begun, the oldest first. @type {Set<string>} */
   #begun = new Set();
   #mustAnnounce = new Bell();
   #hasAnnounced = false;
-  /** The machine has not answered to the last announcement. */
+  /** The machine has not answered the last registration. */
   #awaitsAcceptance = false;
   /** @type {number[]} */
   #announcedSystems = [];
@@ -116,7 +116,7 @@ export class Runner {
     };
   }
 
-  /** Announces the handlers whenever that must be, until `leave`; throws `TakenOver`. */
+  /** Registers the handlers whenever necessary, until `leave`; throws `TakenOver`. */
   async run() {
     const { signal } = this.#left;
     this.#mustAnnounce.ring();
@@ -142,13 +142,13 @@ export class Runner {
     }
   }
 
-  /** Takes nothing more, and waits until the handlers that are at work have ended, or the time is over. @param {number | undefined} withinMs */
+  /** Accepts no further output, and waits until the running handlers have ended or the time is over. @param {number | undefined} withinMs */
   async finish(withinMs) {
     this.#isStopping = true;
     this.#mustAnnounce.ring();
     const late = new AbortController();
     const timer = withinMs === undefined ? undefined : setTimeout(() => late.abort(), withinMs);
-    // what the machine has claimed for this program before it knew is still done
+    // outputs that the machine claimed for this program before it knew of the stop are still executed
     await this.#isKnownToStop.rung({ timeoutMs: LEAVE_MAX_MS, signal: late.signal });
     while (this.#running.size > 0 && !late.signal.aborted && !this.#left.signal.aborted) {
       await Promise.race([Promise.all([...this.#running.values()].map(({ ended }) => ended)), new Bell().rung({ signal: late.signal })]);
@@ -157,7 +157,7 @@ export class Runner {
     if (this.#running.size > 0) this.#connection.log.warn(`${this.#running.size} handlers had not ended within ${withinMs} ms`);
   }
 
-  /** Ends all handlers, and tells the machine that they have gone. */
+  /** Ends all handlers, and notifies the machine that they are offline. */
   async leave() {
     this.#left.abort();
     this.#cancel(() => true, "shutdown");
@@ -204,7 +204,7 @@ export class Runner {
 
   async #announce() {
     const connection = this.#connection;
-    // releases claims of an earlier program of the same name whose end was not noticed
+    // releases claims of an earlier program of the same name that ended unnoticed
     if (!this.#hasAnnounced) await connection.request(this.#presencePath, this.#offline(), { retain: true });
     this.#announcedSystems = this.#systems();
     this.#awaitsAcceptance = true;
@@ -223,7 +223,7 @@ export class Runner {
     this.#lookAtAll();
   }
 
-  // --- what the machine says
+  // --- messages of the machine
 
   /** @param {string} path @param {string} pattern @param {any} message */
   #onMessage(path, pattern, message) {
@@ -237,18 +237,18 @@ export class Runner {
     } else if (pattern === "birth") {
       if (this.#hasAnnounced && this.#systems().join() !== this.#announcedSystems.join()) this.#mustAnnounce.ring();
     } else if (pattern === "handler/+/result" && message.instance === this.#connection.instance) this.#onResult(message);
-    // the last will of an earlier connection, which came after the announcement
+    // the last will of an earlier connection, which arrived after the registration
     else if (pattern === "handler/+/presence" && !message.online && this.#hasAnnounced) this.#mustAnnounce.ring();
   }
 
-  /** Hears what became of the presence. @param {import("./messages.d.ts").HandlerResultMessage} result */
+  /** Processes the machine's answer to the presence. @param {import("./messages.d.ts").HandlerResultMessage} result */
   #onResult({ status, text }) {
     if (status === "accepted") this.#onAccepted();
     else if (status === "confirm") {
-      // another process has come, and the machine asks whether this one is still there
+      // another process wants the name, and the machine asks whether this one is still online
       this.#mustAnnounce.ring();
     } else if (status === "refused" && this.#refusals < REFUSALS_MAX) {
-      // the process before this one may just be ending
+      // the previous process may be about to end
       this.#refusals += 1;
       void sleep(REFUSAL_RETRY_MS, this.#left.signal).then(() => this.#mustAnnounce.ring());
     } else {
@@ -287,7 +287,10 @@ export class Runner {
     }
   }
 
-  /** Ends handlers whose output is over or another handler's, and starts handlers of open ones. @param {number} cs @param {PendingMessage} pending */
+  /**
+   * Ends handlers whose output is over or belongs to another handler, and starts handlers of pending ones.
+   * @param {number} cs @param {PendingMessage} pending
+   */
   #lookAt(cs, { boot_id: boot, outputs }) {
     if (boot !== this.#connection.bootId || !this.announced.isRung || this.#left.signal.aborted || this.#ended !== null) return;
     const ours = outputs.filter((output) => output.handler_id === null || output.handler_id === this.#handlerId);
@@ -300,13 +303,16 @@ export class Runner {
     }
   }
 
-  /** Whether the machine has claimed an output for this instance when it made it. @param {PendingOutput} output */
+  /**
+   * Returns whether the machine already claimed an output for this instance when it issued it.
+   * @param {PendingOutput} output
+   */
   #isClaimedForUs(output) {
     const isOurs = output.handler_id === this.#handlerId && output.instance === this.#connection.instance;
     return output.state === "CLAIMED" && output.attempt === 1 && isOurs;
   }
 
-  /** Whether an output was never taken up: an old `pending` may come again after its end. @param {string} id */
+  /** Returns whether an output was never begun here: a stale `pending` may arrive after its end. @param {string} id */
   #isNew(id) {
     return !this.#running.has(id) && !this.#begun.has(id);
   }
@@ -319,7 +325,7 @@ export class Runner {
   }
 
   /**
-   * Whether an output was claimed for this instance and lost on the way, so that it was never taken up (H20).
+   * Returns whether an output was claimed for this instance but lost in transit, so that it was never begun (H20).
    * @param {string} id @param {PendingOutput} pending
    */
   #isNeverBegun(id, pending) {
@@ -332,7 +338,7 @@ export class Runner {
   #takeUp(id, boot, cs, pending, isClaimed) {
     const working = this.#running.get(id);
     if (working !== undefined) {
-      // the handler still works: only its connection was lost
+      // the handler still works; only its connection was lost
       if (pending.lost && !working.isAnswering && !working.output.cancelled) this.#reclaim(working);
       return;
     }
@@ -406,7 +412,7 @@ export class Runner {
   }
 
   /**
-   * Claims or resets until the machine answers; null: it refuses that for good, or this program ends.
+   * Claims or resets until the machine answers; null if it refuses permanently, or this program ends.
    * @param {Output} output @param {"claim" | "reset"} kind @param {object} more @returns {Promise<Result | null>}
    */
   async #untilAnswered(output, kind, more) {
@@ -422,7 +428,7 @@ export class Runner {
             log.warn(`${kind} of ${output} is refused: ${error.message}`);
             return null;
           }
-          // a machine that knows no instances; an answer to an earlier try may still come
+          // a machine without support for instances; an answer to an earlier try may still arrive
           delete this.#identity.instance;
           tries += 1;
         } else if (error instanceof NotConnected || error instanceof NoAnswer) {
@@ -458,7 +464,10 @@ export class Runner {
   }
 }
 
-/** How an output is taken up, as the machine decides at the claim: of a lost one the strictest counts. @param {PendingOutput} pending @param {Redelivery | undefined} own */
+/**
+ * Returns how an output is begun, as the machine decides at the claim: for a lost one the strictest setting applies.
+ * @param {PendingOutput} pending @param {Redelivery | undefined} own
+ */
 function howOf({ lost, how, redelivery }, own) {
   if (!lost) return "redo";
   const said = [own, redelivery];

@@ -37,7 +37,7 @@ const RUN_TIMEOUT_MS = 60_000;
 const REST_TIMEOUT_MS = 30_000;
 const POLL_MS = 10;
 const SAID_MAX = 100_000;
-/** Number under which `run` stores its text, plus the coordinate system. */
+/** Number under which `run` stores its text; the number of the coordinate system is added. */
 const PROGRAM = 9_000;
 
 /** @typedef {import("./messages.d.ts").StateMessage} State */
@@ -45,13 +45,13 @@ const PROGRAM = 9_000;
 /**
  * A run that has ended.
  * @typedef {object} Ended
- * @property {boolean} completed the program has come to its end
+ * @property {boolean} completed the program has reached its end
  * @property {string} execution `PROGRAM_COMPLETED` or `STOPPED`
  * @property {string | null} reason
- * @property {string[]} alarms texts of those that are active at its end
+ * @property {string[]} alarms texts of the active alarms at its end
  */
 
-/** A machine that runs: `const machine = await Machine.start(); .. await machine.close()`. */
+/** A running machine: `const machine = await Machine.start(); .. await machine.close()`. */
 export class Machine {
   /** `http://host:port` */
   http = "";
@@ -67,8 +67,9 @@ export class Machine {
   }
 
   /**
-   * Starts `tandem serve`: the command of `TANDEM_BIN`, else `tandem` in PATH. Throws where it does not start, with what it says.
-   * @param {{config?: string}} [options] a configuration, to which free ports are added where it names none
+   * Starts `tandem serve`: the command in `TANDEM_BIN`, else `tandem` in PATH. If it does not start, throws with its
+   * output.
+   * @param {{config?: string}} [options] a configuration; free ports are added if it sets none
    */
   static async start({ config = DEFAULT_CONFIG } = {}) {
     const machine = new Machine(await mkdtemp(join(tmpdir(), "tandem-")));
@@ -89,7 +90,7 @@ export class Machine {
 
   // --- life
 
-  /** Starts the process after `kill`, on other ports where they are free ones. */
+  /** Starts the process after `kill`; free ports are chosen again. */
   async startAgain() {
     const { TANDEM_BIN: named } = process.env;
     const command = named ? resolve(named) : "tandem";
@@ -160,7 +161,7 @@ export class Machine {
   }
 
   /**
-   * Starts the loaded program, and goes on while it runs: call the answer to wait for its end.
+   * Starts the loaded program, and returns while it runs: call the result to wait for its end.
    * @param {{cs?: number}} [options] @returns {Promise<() => Promise<Ended>>}
    */
   async started({ cs = 1 } = {}) {
@@ -182,7 +183,7 @@ export class Machine {
     return end();
   }
 
-  // --- what an operator does and sees
+  // --- actions and views of an operator
 
   /** State of a coordinate system. @param {number} [cs] @returns {Promise<State>} */
   async state(cs = 1) {
@@ -190,7 +191,7 @@ export class Machine {
   }
 
   /**
-   * Waits for a state that fits, and gives it; throws with the last one where none comes in time.
+   * Waits for a state that fits, and returns it; throws with the last state after the time limit.
    * @param {(state: State) => boolean} fits @param {{cs?: number, timeoutMs?: number}} [options]
    */
   async waitFor(fits, { cs = 1, timeoutMs = WAIT_TIMEOUT_MS } = {}) {
@@ -203,7 +204,7 @@ export class Machine {
     }
   }
 
-  /** Waits for a question, answers it, and gives its text. @param {string} choice @param {{cs?: number}} [options] */
+  /** Waits for a question, answers it, and returns its text. @param {string} choice @param {{cs?: number}} [options] */
   async answer(choice, { cs = 1 } = {}) {
     const { boot_id: boot, waiting_on: waiting } = await this.waitFor((state) => isOpen(state.waiting_on?.question), { cs });
     const question = waiting?.question;
@@ -211,13 +212,14 @@ export class Machine {
     return question?.text ?? "";
   }
 
-  /** The machine's journal, up to its last 1000 lines. @returns {Promise<any[]>} */
+  /** Returns the machine's journal, up to its last 1000 lines. @returns {Promise<any[]>} */
   async journal() {
     return (await this.rest("GET", "/journal?count=1000")).lines;
   }
 
   /**
-   * Sends a request below `/api/v1`: a text as it is, anything else as JSON; gives the JSON of the answer. Throws `Refused`.
+   * Sends a request below `/api/v1`: a text unchanged, anything else as JSON; returns the JSON of the answer. Throws
+   * `Refused`.
    * @param {string} method @param {string} path @param {unknown} [body] @returns {Promise<any>}
    */
   async rest(method, path, body) {

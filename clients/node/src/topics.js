@@ -1,7 +1,9 @@
-// Topics of a machine below its root that this package uses, and what each message must have: what comes in is data that may be wrong.
+// Topics that this package uses, below a machine's root, and the form of their messages, which are validated on
+// arrival.
 
 /**
- * What a member must be: the word of its type, or words with `|` between them, `?` behind it where it may be missing or null; a list of such; an object of members.
+ * Form of a member: the name of its type, or several with `|` between them, with `?` at the end if it may be missing or
+ * null; a list of a form; or an object of members.
  * @typedef {string | ListOf | Members} Form
  * @typedef {{[member: string]: Form}} Members
  */
@@ -61,10 +63,10 @@ const FORMS = {
   "cs/+/m_code/+/validate": { request_id: "string", params: PARAMS },
 };
 
-/** What each client subscribes to, beside its `reply` and what is said to its handler. */
+/** Topics to which each client subscribes, in addition to its `reply` and the topics of its handler. */
 export const FILTERS = Object.keys(FORMS).filter((path) => !/^(handler|reply)\//.test(path));
 
-/** The pattern of a topic; undefined for one that this package does not use. @param {string} path */
+/** Returns the pattern of a topic; undefined if this package does not use it. @param {string} path */
 export function patternOf(path) {
   const levels = path.split("/");
   if (levels.length > 1) levels[1] = FORMS[path] === undefined ? "+" : /** @type {string} */ (levels[1]);
@@ -74,7 +76,10 @@ export function patternOf(path) {
   return Object.hasOwn(FORMS, pattern) ? pattern : undefined;
 }
 
-/** What is wrong with a message, in a sentence; null: nothing. @param {string} pattern @param {unknown} message */
+/**
+ * Returns the first mistake of a message as a sentence; null if there is none.
+ * @param {string} pattern @param {unknown} message
+ */
 export function whatIsWrong(pattern, message) {
   return lookAt(FORMS[pattern] ?? "object", message, "the message");
 }
@@ -105,7 +110,7 @@ function first(all) {
   return null;
 }
 
-/** The number that a level of a path is; -1 where it is none. @param {string} path @param {number} level */
+/** Returns the number in a level of a path; -1 if there is none. @param {string} path @param {number} level */
 export function numberAt(path, level) {
   const text = path.split("/")[level] ?? "";
   return /^\d{1,9}$/.test(text) ? Number(text) : -1;

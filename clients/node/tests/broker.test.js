@@ -1,4 +1,4 @@
-// What a program does at a broker that does not do what it should.
+// A program at a broker that behaves wrongly.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -11,7 +11,7 @@ import { FakeBroker } from "./fake_broker.js";
 limits.silenceMs = 500;
 limits.lookMs = 50;
 
-/** What is said. @type {string[]} */
+/** Log entries. @type {string[]} */
 const said = [];
 const log = { debug: () => {}, warn: (/** @type {any[]} */ ...words) => said.push(words.join(" ")), error: () => {} };
 const program = () => new SequenceProgram("cell").on(20, () => {});
@@ -70,7 +70,7 @@ test("a task begins when the machine knows the handlers, and not when the broker
     hasBegun = true;
   });
   const serve = tasked.serve(`mqtt://${broker.node}/mill-1`, { log });
-  // it goes first, and then comes: the broker has both
+  // goes offline first and online afterwards: the broker has received both
   while (broker.heard.filter((path) => path === "handler/cell/presence").length < 2) await delay(10);
   await delay(100);
   assert.ok(!hasBegun);

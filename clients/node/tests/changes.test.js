@@ -1,4 +1,4 @@
-// Variables and tools are followed as they change, at a real machine.
+// Follows variables and tools as they change, at a real machine.
 
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";

@@ -1,4 +1,4 @@
-// What needs no machine: addresses, parameters, mistakes, and data that is not right.
+// Tests without a machine: addresses, parameters, mistakes, and invalid data.
 
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
@@ -134,7 +134,7 @@ test("parameters that are not as declared are an alarm that says what to write",
   assert.match(wrong({ A: 5, C: 1 }), /^M12 clamp takes no VC; it takes VA \(force, 1 to 20 kN\), VB \(a whole number, 1 to 2; may be left out\)/);
 });
 
-/** The messages of the contract that have an example, by path. @returns {Promise<[string, any][]>} */
+/** Returns the messages of the contract that have an example, by path. @returns {Promise<[string, any][]>} */
 async function examples() {
   const contract = new URL("../../../runtime/gateway/api/asyncapi.json", import.meta.url);
   const { channels, components } = JSON.parse(await readFile(contract, "utf8"));

@@ -1,4 +1,4 @@
-// A broker that does as a test says: with a machine that is there, and acknowledgements that come or not.
+// A scripted broker with an online machine; the test decides whether messages are acknowledged.
 
 import { once } from "node:events";
 import { readFile } from "node:fs/promises";
@@ -9,16 +9,16 @@ const packets = createRequire(createRequire(import.meta.url).resolve("mqtt"))("m
 const MACHINE = "tandem/v1/mill-1/";
 const { channels } = JSON.parse(await readFile(new URL("../../../runtime/gateway/api/asyncapi.json", import.meta.url), "utf8"));
 
-/** The example that the contract has of a message. @param {string} address */
+/** Returns the contract's example of a message. @param {string} address */
 function example(address) {
   const channel = /** @type {any[]} */ (Object.values(channels)).find((one) => one.address === `tandem/v1/{machine}/${address}`);
   const [message] = /** @type {any[]} */ (Object.values(channel.messages));
   return message.examples[0].payload;
 }
 
-/** Accepts connections, and tells each that the machine is there. */
+/** Accepts connections, and publishes to each that the machine is online. */
 export class FakeBroker {
-  /** Topics of what has come, below the machine. @type {string[]} */
+  /** Topics of received messages, below the machine. @type {string[]} */
   heard = [];
   connections = 0;
   goodbyes = 0;
@@ -31,8 +31,8 @@ export class FakeBroker {
   /**
    * @typedef {object} Does
    * @property {boolean} acknowledges
-   * @property {boolean} accepts the machine knows a handler as soon as it hears of it
-   * @property {number} [expiresMs] how old the machine's presence may become; it is not said again by itself
+   * @property {boolean} accepts the machine accepts a handler as soon as it registers
+   * @property {number} [expiresMs] validity of the machine's presence, which is not repeated automatically
    */
 
   /** @param {Does} does */
@@ -58,19 +58,19 @@ export class FakeBroker {
     this.#lines.forEach((line) => line.destroy());
   }
 
-  /** Has the machine say that it knows the handler that has come. */
+  /** Publishes that the machine has accepted the registered handler. */
   accept() {
     const result = { ...example("handler/{id}/result"), instance: this.#instance };
     this.#lines.forEach((line) => this.#say(line, "handler/cell/result", result));
   }
 
-  /** Has the machine say that it is there. */
+  /** Publishes that the machine is online. */
   sayPresence() {
     const presence = { ...example("presence"), expires_ms: this.does.expiresMs ?? 30_000 };
     this.#lines.forEach((line) => this.#say(line, "presence", presence));
   }
 
-  /** Has the machine put out an M code that nobody has claimed. @param {number} m */
+  /** Publishes a pending M code that no handler has claimed. @param {number} m */
   putOut(m) {
     const pending = example("cs/{cs}/m_code/pending");
     const output = { ...pending.outputs[0], m, state: "OUTPUT", handler_id: null, instance: null, progress: null, question: null };

@@ -16,7 +16,7 @@ before(async () => {
 });
 after(() => machine.close());
 
-/** A connection while something is done. @param {(plc: Plc) => Promise<unknown>} work */
+/** Runs a function with a connection. @param {(plc: Plc) => Promise<unknown>} work */
 async function connected(work) {
   const plc = await Plc.connect(machine.mqtt, { log: quiet });
   try {

@@ -1,4 +1,5 @@
-// Handlers, commands and inputs against a real machine: what the list of behaviours (tests/it/clients) does not look at.
+// Handlers, commands and inputs against a real machine: cases that the list of behaviours (tests/it/clients) does not
+// cover.
 
 import assert from "node:assert/strict";
 import { after, before, beforeEach, test } from "node:test";
@@ -21,7 +22,7 @@ before(async () => {
 after(() => machine.close());
 beforeEach(() => machine.rest("POST", "/cs/1/reset?wait=1"));
 
-/** Serves a program while something is done. @param {SequenceProgram} program @param {(plc: Plc) => Promise<unknown>} work */
+/** Serves a program while a function runs. @param {SequenceProgram} program @param {(plc: Plc) => Promise<unknown>} work */
 async function serving(program, work) {
   const served = await program.serve(machine.mqtt, { log: quiet });
   try {
@@ -32,19 +33,19 @@ async function serving(program, work) {
   await served.ended;
 }
 
-/** Waits until something holds. @param {() => Promise<unknown>} holds */
+/** Waits until a condition holds. @param {() => Promise<unknown>} holds */
 async function until(holds) {
   while (!(await holds())) await delay(10);
 }
 
-/** Waits until the machine has heard that the program has gone, which the broker hears before; what it says of it. */
+/** Waits until the machine knows that the program is offline (the broker knows it earlier), and returns its record. */
 async function cellHasGone() {
   const cell = async () => (await machine.rest("GET", "/handlers")).handlers.cell;
   await until(async () => !(await cell())?.online);
   return cell();
 }
 
-/** A connection while something is done. @param {(plc: Plc) => Promise<unknown>} work */
+/** Runs a function with a connection. @param {(plc: Plc) => Promise<unknown>} work */
 async function connected(work) {
   const plc = await Plc.connect(machine.mqtt, { log: quiet });
   try {
@@ -162,7 +163,7 @@ test("what a handler sends that works on after its cancel is refused here, once 
   let error;
   const program = new SequenceProgram("rinse").on(20, async (output, plc) => {
     output.progress("it rinses");
-    while (!output.cancelled) await delay(10); // the signal is given to nothing
+    while (!output.cancelled) await delay(10); // the handler passes the signal to no wait
     await plc.writeP(100, [1]); // the clean-up
     while (error === undefined) {
       await delay(10);

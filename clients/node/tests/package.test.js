@@ -1,4 +1,4 @@
-// The package that is packed: it imports what is in it, its declarations are right, and what a reader writes from the page works.
+// The packed package: its modules can be imported, its declarations are right, and the examples of the page work.
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
@@ -49,7 +49,7 @@ export const rest = new Tandem({ url: "http://127.0.0.1:8080" });
 program.on(8, () => {}, { redelivery: "twice" });
 // @ts-expect-error: there is no such parameter
 program.on(8, ({ params }) => params.J);
-// @ts-expect-error: what belongs to the package alone is not declared
+// @ts-expect-error: internal members are not declared
 export const connection = (plc: Plc) => plc.connection;
 `);
   const { NodeNext } = ts.ModuleKind;

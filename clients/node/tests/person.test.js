@@ -6,7 +6,7 @@ import { test } from "node:test";
 import { NotConnected } from "../src/index.js";
 import { Plc } from "../src/plc.js";
 
-/** A connection that notes what is sent. @param {object | undefined} heartbeat */
+/** Returns a connection that records the messages sent. @param {object | undefined} heartbeat */
 function noting(heartbeat) {
   /** @type {[string, any][]} */
   const sent = [];

@@ -1,4 +1,4 @@
-"""A broker that does as a test says: with a machine that is there, and acknowledgements that come or not."""
+"""A scripted broker with an online machine; the test decides whether messages are acknowledged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CONNECT, DISCONNECT = 1, 14
 
 
 def example(address: str) -> dict[str, Any]:
-    """Give the example that the contract has of a message."""
+    """Return the contract's example of a message."""
     document = json.loads((ROOT / "runtime/gateway/api/asyncapi.json").read_text())
     for channel in document["channels"].values():
         if channel["address"] == f"tandem/v1/{{machine}}/{address}":
@@ -27,22 +27,22 @@ def example(address: str) -> dict[str, Any]:
 
 
 class FakeBroker:
-    """Accepts connections, and tells each that the machine is there."""
+    """Accepts connections, and publishes to each that the machine is online."""
 
     def __init__(self, *, acknowledges: bool, accepts: bool, expires_ms: int = 30_000) -> None:
         self.acknowledges = acknowledges
         self.accepts = accepts
-        """The machine knows a handler as soon as it hears of it."""
+        """The machine accepts a handler as soon as it registers."""
         self.expires_ms = expires_ms
-        """How old the machine's presence may become; it is not said again by itself."""
+        """Validity of the machine's presence, which is not repeated automatically."""
         self.is_connected = asyncio.Event()
-        """A client has come."""
+        """A client has connected."""
         self.goodbyes = 0
         self.heard: list[str] = []
-        """Topics of what has come, below the machine."""
+        """Topics of received messages, below the machine."""
         self._has_heard = asyncio.Event()
         self.has_come = asyncio.Event()
-        """A handler has said that it is there."""
+        """A handler has published its presence."""
         self.port = 0
         self._instance: str | None = None
         self._lines: set[asyncio.StreamWriter] = set()
@@ -65,18 +65,18 @@ class FakeBroker:
                 line.close()
 
     def accept(self) -> None:
-        """Have the machine say that it knows the handler that has come."""
+        """Publish that the machine has accepted the registered handler."""
         result = {**example("handler/{id}/result"), "instance": self._instance}
         for line in self._lines:
             self._say(line, "handler/cell/result", result)
 
     def say_presence(self) -> None:
-        """Have the machine say that it is there."""
+        """Publish that the machine is online."""
         for line in self._lines:
             self._say(line, "presence", {**example("presence"), "expires_ms": self.expires_ms})
 
     def put_out(self, m: int) -> None:
-        """Have the machine put out an M code that nobody has claimed."""
+        """Publish a pending M code that no handler has claimed."""
         pending = example("cs/{cs}/m_code/pending")
         nobody = dict.fromkeys(("handler_id", "instance", "progress", "question"))
         output = {**pending["outputs"][0], "m": m, "state": "OUTPUT", **nobody}
@@ -84,7 +84,7 @@ class FakeBroker:
             self._say(line, "cs/1/m_code/pending", {**pending, "outputs": [output]})
 
     async def until_heard(self, topic: str) -> None:
-        """Wait until something has come on a topic."""
+        """Wait until a message has arrived on a topic."""
         while topic not in self.heard:
             self._has_heard.clear()
             await self._has_heard.wait()

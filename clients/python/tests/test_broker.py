@@ -1,4 +1,4 @@
-"""What a program does at a broker that does not do what it should."""
+"""A program at a broker that behaves wrongly."""
 
 from __future__ import annotations
 

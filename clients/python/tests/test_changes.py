@@ -1,4 +1,4 @@
-"""Variables and tools are followed as they change, at a real machine."""
+"""Follows variables and tools as they change, at a real machine."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from = "Q7"
 
 @pytest.fixture
 def tandem_config() -> str:
-    """Let the machine tell of variables."""
+    """Configure the machine to publish variables."""
     return DEFAULT_CONFIG + PUBLISHED
 
 

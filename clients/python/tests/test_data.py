@@ -1,4 +1,4 @@
-"""What needs no machine: addresses, parameters, mistakes, and data that is not right."""
+"""Tests without a machine: addresses, parameters, mistakes, and invalid data."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def test_a_hub_keeps_so_many_topics_and_a_follower_so_many_messages() -> None:
 
 
 NEWER = {"HandshakeResult.of", "HandshakeResult.instance", "HandshakeResult.how"}
-"""Said by machines that tell processes of one handler id apart; others leave it out."""
+"""Sent by machines that distinguish processes of one handler id; others omit it."""
 
 
 def schema_of(document: dict[str, Any], name: str) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def test_the_forms_are_those_of_the_asyncapi_document() -> None:
             where = f"{form.__name__}.{item.name}"
             assert item.name in schema["properties"] or where in NEWER, where
             is_required = item.default is MISSING and item.default_factory is MISSING
-            # what this package needs is there always
+            # fields that this package needs are always present
             assert not is_required or item.name in schema["required"], where
     enumerations: list[type[enum.Enum]] = [
         messages.Execution,

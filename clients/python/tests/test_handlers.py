@@ -37,7 +37,7 @@ def pocket(params: Params) -> int:
 
 
 def gone(machine: Machine) -> dict[str, Any]:
-    """Wait until the machine has heard that the program has gone, which the broker hears before; what it says of it."""
+    """Wait until the machine knows that the program is offline (the broker knows earlier), and return its record."""
     while (cell := machine.rest("GET", "/handlers")["handlers"].get("cell", {})).get("online"):
         time.sleep(0.01)
     said: dict[str, Any] = cell
@@ -87,7 +87,7 @@ def test_a_program_with_parameters_that_are_not_declared_is_not_loaded(tandem_ma
             with pytest.raises(Refused, match=message):
                 tandem_machine.run(f"{text}\nM30")
         assert tandem_machine.run("M12 VA5\nM12 VA20 VB2\nM30").completed
-        # what a variable holds is known only when the block runs
+        # the value of a variable is known only when the block runs
         run = tandem_machine.run("P3 = 50\nM12 VA[P3]\nM30")
         serves = tandem_machine.rest("GET", "/machine")["serves"]
     late = "A word's value is out of its range: M12 clamp: VA (force) is 50 kN; write 1 to 20 kN"
@@ -218,7 +218,7 @@ def test_a_program_that_is_stopped_lets_its_handlers_end_and_says_when_it_is_bac
         known.set()
 
     async def at_work() -> None:
-        # it is waited for from the beginning on, and a start before the machine knows the handler is an alarm
+        # the program is awaited from the start; starting before the machine knows the handler raises an alarm
         await known.wait()
         await asyncio.to_thread(tandem_machine.load, "M20\nM20\nM30")
         await asyncio.to_thread(tandem_machine.started)

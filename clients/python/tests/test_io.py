@@ -75,7 +75,7 @@ def test_a_handler_commands_an_output_and_waits_for_an_input(tandem_machine: Mac
         assert tandem_machine.state()["execution"] == "WAIT"
         tandem_machine.rest("PUT", "/io/in/flows", {"value": True})
         assert started.end().completed
-    # safe without its program, as soon as the machine has heard that it has gone
+    # safe without its program, as soon as the machine knows that it is offline
     tandem_machine.wait_for(lambda _: tandem_machine.rest("GET", "/io/out/valve")["lost"])
     assert tandem_machine.rest("GET", "/io/out/valve")["value"] is False
 

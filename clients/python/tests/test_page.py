@@ -1,4 +1,4 @@
-"""The page of the book: what a reader writes from it works as it stands."""
+"""The page of the book: code copied from it works unchanged."""
 
 from __future__ import annotations
 

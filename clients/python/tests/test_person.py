@@ -23,7 +23,7 @@ class _Hub:
 
 
 class _Noting:
-    """A connection that notes what is sent."""
+    """A connection that records the messages sent."""
 
     client_id = "py-1"
     handler_id = None

@@ -144,7 +144,7 @@ impl System {
         }
     }
 
-    /// Carries out a command if it is allowed. Returns the reason to cancel outputs, if they are to be cancelled.
+    /// Executes a command if it is allowed. Returns the reason to cancel outputs, if they are to be cancelled.
     ///
     /// # Errors
     /// Not allowed now, or a lock is on.

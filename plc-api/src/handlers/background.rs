@@ -1,4 +1,5 @@
-//! The parts of a program that serve no M code: alarms that follow a level, and tasks. They start anew at each boot of the machine.
+//! The parts of a program that serve no M code: alarms that follow a level, and tasks. They restart at each boot of the
+//! machine.
 
 use std::future::{Future, pending};
 use std::panic::AssertUnwindSafe;
@@ -60,12 +61,13 @@ impl<Scope> SequenceProgram<Scope> {
 }
 
 impl SequenceProgram {
-    /// Runs a task beside the handlers, such as one that reads a sensor. It begins when the machine knows this program, and is
-    /// dropped where it waits when the machine or the program goes. At the next start of the machine it begins anew.
+    /// Runs a task together with the handlers, such as one that reads a sensor. It starts when the machine knows this
+    /// program, and is dropped at its current await point when the machine or the program ends. At the next start of
+    /// the machine it starts again.
     ///
-    /// `Ok` ends it until then. An error of the connection, which may pass, is logged, and the task begins anew after a second.
-    /// Any other error, or a panic, ends the sequence program with it: a task that has failed is not missed in silence. Sleep by
-    /// [`Plc::sleep`], or [`Plc::interval`].
+    /// `Ok` ends it until then. A temporary error of the connection is logged, and the task starts again after a
+    /// second. Any other error, or a panic, also ends the sequence program, so that the failure of a task is always
+    /// noticed. Sleep by [`Plc::sleep`], or [`Plc::interval`].
     ///
     /// ```
     /// # use plc_api::{SequenceProgram, fake::FakePort};

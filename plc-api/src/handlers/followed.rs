@@ -19,10 +19,10 @@ pub(super) struct Followed {
 }
 
 impl Followed {
-    /// Follows it forever. When its sender has gone, the level is unknown, and counts as on.
+    /// Follows the level without end. If the sender of the level is dropped, the level is unknown and treated as on.
     ///
     /// # Errors
-    /// The machine refuses it.
+    /// Fails if the machine refuses it.
     pub(super) async fn run(mut self, plc: Plc) -> Result<()> {
         loop {
             let value = *self.level.borrow_and_update();

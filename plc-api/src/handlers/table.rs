@@ -37,7 +37,7 @@ pub trait Handler<Arguments, By = ByNumber>: Send + Sync + 'static {
     /// Starts the work.
     fn call(&self, output: AuxOutput, plc: Plc) -> BoxFuture<'static, Result<(), Alarm>>;
 
-    /// What it takes of an output and of the sequence program.
+    /// Returns the values that it takes of an output and of the sequence program.
     fn takes(&self) -> Takes {
         Takes::default()
     }
@@ -100,7 +100,7 @@ by_name!(A a, B b, C c, D d);
 by_name!(A a, B b, C c, D d, E e);
 by_name!(A a, B b, C c, D d, E e, G g);
 
-/// A handler with shared state: each call receives a clone of `shared`, such as an `Arc`. For an example see
+/// Creates a handler with shared state: each call receives a clone of `shared`, such as an `Arc`. For an example see
 /// [parameters and shared state](crate#parameters-and-shared-state).
 pub fn with<S, F, Work>(
     shared: S,
@@ -118,7 +118,7 @@ pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
 
 pub(super) type Boxed = Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
 
-/// The codes of a range, of those above the highest only the first.
+/// Returns the codes of a range; of those above the highest code only the first.
 fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
     let first_above = (M_CODE_MAX + 1).max(*codes.start());
     codes.take_while(move |m| *m <= first_above)
@@ -132,15 +132,15 @@ fn place(cs: Option<CoordinateSystemNumber>) -> String {
 #[derive(Clone, Default)]
 pub(super) struct Table {
     handlers: BTreeMap<ServedCode, Boxed>,
-    /// What handlers of M codes with names say of them.
+    /// Declarations by handlers of M codes with names.
     declared: BTreeMap<ServedCode, MCodeDeclaration>,
     /// States that handlers take, by type.
     wanted: Vec<(MCode, TypeId, &'static str)>,
     pub(super) states: States,
     checks: BTreeMap<ServedCode, Check>,
-    /// What is done with lost outputs of single M codes.
+    /// Treatment of lost outputs of single M codes.
     redeliveries: BTreeMap<ServedCode, Redelivery>,
-    /// What is said of its alarms, by their codes.
+    /// Texts of its alarms, by their codes.
     pub(super) alarms: BTreeMap<u16, AlarmText>,
     // of single calls
     pub(super) mistakes: Vec<String>,
@@ -185,7 +185,7 @@ impl Table {
         }
     }
 
-    /// Notes what a handler says of an M code.
+    /// Records a handler's declaration of an M code.
     fn declare(&mut self, cs: Option<CoordinateSystemNumber>, code: MCode, takes: &Takes) {
         let declaration = MCodeDeclaration {
             m: code.m(),
@@ -201,14 +201,15 @@ impl Table {
         self.declared.insert((cs, code.m()), declaration);
     }
 
-    /// Why the handler of an M code is not begun with these parameters.
+    /// Returns the alarm for parameters with which the handler of an M code is not started.
     fn refuses(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Alarm> {
         let declaration = self.declared.get(&self.handler_place(Some(cs), m))?;
         let fault = declaration.check(params).err()?;
         Some(Alarm::user(Alarm::CODE_OF_PARAMS, fault.text))
     }
 
-    /// What is said of the M codes. A handler of one coordinate system that says nothing hides what is said for all.
+    /// Returns the declarations of the M codes. A handler of one coordinate system without a declaration hides the one
+    /// for all.
     pub(super) fn declarations(&self) -> Vec<MCodeDeclaration> {
         let hidden = self.handlers.keys().filter(|(cs, m)| {
             let of_all = (None, *m);
@@ -228,13 +229,13 @@ impl Table {
         said.into_iter().map(of).collect()
     }
 
-    /// Where the handler of an M code stands: of the coordinate system, else of all.
+    /// Returns the key of the handler of an M code: of the coordinate system, otherwise of all.
     fn handler_place(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> ServedCode {
         let has_its_own = self.handlers.contains_key(&(cs, m));
         (cs.filter(|_| has_its_own), m)
     }
 
-    /// What is done with a lost output of an M code; `None`: as with those of all.
+    /// Returns the treatment of a lost output of an M code, or `None` if that of all M codes applies.
     pub(super) fn redelivery(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> Option<Redelivery> {
         let said = self.redeliveries.get(&(cs, m));
         said.or_else(|| self.redeliveries.get(&self.handler_place(cs, m)))
@@ -255,7 +256,7 @@ impl Table {
         }
     }
 
-    /// Adds what another program serves.
+    /// Adds the handlers of another program.
     pub(super) fn merge(&mut self, other: Self) {
         for (code, handler) in other.handlers {
             self.insert(code, handler);
@@ -274,7 +275,7 @@ impl Table {
         self.add_alarms(other.alarms.into_values());
     }
 
-    /// Adds what is said of alarms.
+    /// Adds texts of alarms.
     pub(super) fn add_alarms(&mut self, texts: impl IntoIterator<Item = AlarmText>) {
         for text in texts {
             let code = text.code;
@@ -291,7 +292,7 @@ impl Table {
         }
     }
 
-    /// Adds what another program serves, at M codes of a range, with its own states.
+    /// Adds the handlers of another program, at M codes of a range, with its own states.
     pub(super) fn nest(
         &mut self,
         codes: &RangeInclusive<u16>,
@@ -347,7 +348,7 @@ impl Table {
         }
     }
 
-    /// All mistakes in the calls so far, as texts.
+    /// Returns all mistakes in the calls so far, as texts.
     pub(super) fn all_mistakes(&self) -> Vec<String> {
         let is_handled = |cs: Option<CoordinateSystemNumber>, m| match cs {
             None => self.handlers.keys().any(|(_, handled)| *handled == m),
@@ -389,12 +390,13 @@ impl Table {
         })
     }
 
-    /// The handler of an M code: one for the coordinate system, else one for all.
+    /// Returns the handler of an M code: one for the coordinate system, otherwise one for all.
     pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&Boxed> {
         self.handlers.get(&self.handler_place(Some(cs), m))
     }
 
-    /// What is done with an output of these parameters: the handler's work, or the alarm that it does not take them.
+    /// Returns the action for an output with these parameters: the handler's work, or the alarm that it does not accept
+    /// them.
     pub(super) fn work(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Boxed> {
         let handler = self.find(cs, m)?;
         Some(match self.refuses(cs, m, params) {

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use crate::types::output::HandshakeStatus;
 
-/// Closed outputs that are remembered. Reason: a message that is this many outputs late has no sender that waits for
-/// it. An older output is answered `stale`, which also means that nothing has changed.
+/// Number of closed outputs that are remembered. Reason: no sender still waits for a message that is this many outputs
+/// late. An older output is answered `stale`, which also means that nothing has changed.
 pub const CLOSED_REMEMBERED: usize = 4_096;
 
 /// How an output ended.
@@ -41,7 +41,7 @@ impl ClosedOutputs {
         }
     }
 
-    /// The answer to a claim or reset of an output of this boot that is not open.
+    /// Returns the answer to a claim or reset of an output of this boot that is not open.
     pub(super) fn answer(&self, seq: u64, m: Option<u16>) -> HandshakeStatus {
         let Some(closed) = self.get(seq) else {
             return HandshakeStatus::Stale;

@@ -21,7 +21,7 @@ pub struct Now {
     pub time: SystemTime,
 }
 
-/// An output to be put out.
+/// An output to be issued.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputSpec {
     /// The program run.
@@ -38,11 +38,11 @@ pub struct OutputSpec {
     pub line: u32,
     /// Time limit of its reset from OUTPUT on, seconds (D36).
     pub timeout_s: Option<f64>,
-    /// What the configuration says of its redelivery.
+    /// `redelivery` of the configuration.
     pub redelivery: Option<Redelivery>,
 }
 
-/// The queue is full: `open_outputs_max` outputs are open. Nothing has changed; ask again when one has been closed.
+/// The queue is full: `open_outputs_max` outputs are open. Nothing has changed; try again when one has been closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("as many outputs are open as open_outputs_max allows")]
 pub struct Full;
@@ -50,27 +50,27 @@ pub struct Full;
 /// An output that is queued, made or claimed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OpenOutput {
-    /// What handlers receive.
+    /// The notice that handlers receive.
     pub notice: OutputNotice,
     /// Its state.
     pub state: OutputState,
-    /// Its owner once claimed.
+    /// Its owner, once claimed.
     pub handler_id: Option<String>,
-    /// Which instance of its owner, where it is known.
+    /// Instance of its owner, if it is known.
     pub instance: Option<String>,
-    /// Since when it is in this state.
+    /// Time when it entered this state.
     pub since: SystemTime,
     /// True while it waits because its owner was lost (`HANDLER_LOST`).
     pub lost: bool,
-    /// From whom it was lost: handler and instance.
+    /// Handler and instance that lost it.
     pub lost_by: Option<(String, Option<String>)>,
-    /// What the configuration says of its redelivery, and once it is lost, its last owner; the stricter.
+    /// `redelivery` of the configuration or, once it is lost, the stricter of that and its last owner's.
     pub redelivery: Option<Redelivery>,
     /// The decision of an operator on how to continue.
     pub how: Option<Redelivery>,
     /// The last progress of its owner.
     pub progress: Option<Progress>,
-    /// What its owner, or one before, has noted of how far it has come.
+    /// Last checkpoint of its owner or of an earlier one.
     pub checkpoint: Option<Value>,
     /// The question of its owner to the operator.
     pub question: Option<Question>,
@@ -80,12 +80,12 @@ pub struct OpenOutput {
 }
 
 impl OpenOutput {
-    /// Sequence number, M number and state.
+    /// Returns sequence number, M number and state.
     pub(super) fn in_short(&self) -> (u64, u16, OutputState) {
         (self.notice.seq, self.notice.m, self.state)
     }
 
-    /// Its entry in `m_code/pending`.
+    /// Returns its entry in `m_code/pending`.
     pub fn to_pending(&self) -> PendingOutput {
         PendingOutput {
             output: self.notice.clone(),
@@ -104,7 +104,7 @@ impl OpenOutput {
     }
 }
 
-/// What the caller publishes or does, in this order.
+/// An action of the caller; actions are executed in this order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
     /// Publish [`Ledger::pending`](super::Ledger::pending). Comes before the output that it shows.
@@ -113,7 +113,7 @@ pub enum Effect {
     Output(OutputNotice),
     /// Publish on `m_code/{m}/result`: the answer to a claim or a reset.
     Result {
-        /// M number of the topic: that of the request, else the output's.
+        /// M number of the topic: that of the request, otherwise that of the output.
         m: u16,
         /// The answer.
         result: HandshakeResult,
@@ -122,7 +122,7 @@ pub enum Effect {
     Cancel {
         /// M number.
         m: u16,
-        /// What is cancelled and why.
+        /// The cancelled output and the reason.
         cancel: Cancel,
     },
     /// An output is no longer open.
@@ -143,10 +143,10 @@ pub enum Closed {
     Reset,
     /// Failed: the alarm stops the coordinate system.
     Failed {
-        /// Raised as it is.
+        /// The alarm, raised unchanged.
         alarm: Alarm,
     },
-    /// Not reset in its time: an alarm of the runtime stops the coordinate system (D36).
+    /// Not reset within its time limit: an alarm of the runtime stops the coordinate system (D36).
     TimedOut,
     /// Cancelled (D34).
     Cancelled(CancelReason),

@@ -1,4 +1,4 @@
-//! Which instance speaks for a handler, and which handler may take an output whose owner was lost.
+//! The instance that represents a handler, and the handlers that may claim an output after the loss of its owner.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -9,22 +9,22 @@ use crate::types::{CoordinateSystemNumber, Timestamp};
 
 use super::effect::OpenOutput;
 
-/// Why something does not count, and the reason in words where the status does not say it.
+/// Status of a rejection, and its reason in words if the status is not sufficient.
 pub(super) type Denied = (HandshakeStatus, Option<String>);
 
-/// A handler that is there.
+/// A handler that is online.
 #[derive(Debug, Clone)]
 struct Live {
     instance: Option<String>,
-    /// M codes of the coordinate system that it serves, and what it does with a lost output of each.
+    /// M codes of the coordinate system that it serves, with the treatment of a lost output of each.
     serves: BTreeMap<u16, Option<Redelivery>>,
-    /// The same for others.
+    /// Treatment of the lost outputs of all other M codes.
     redelivery: Option<Redelivery>,
     is_exclusive: bool,
     since: SystemTime,
 }
 
-/// Handlers that are there, by id.
+/// Handlers that are online, by id.
 #[derive(Debug, Default)]
 pub(super) struct LiveHandlers(BTreeMap<String, Live>);
 
@@ -52,13 +52,13 @@ impl LiveHandlers {
         self.0.insert(id.to_owned(), live);
     }
 
-    /// The instance of a handler that is registered.
+    /// Returns the registered instance of a handler.
     #[cfg(test)]
     pub(super) fn instance(&self, id: &str) -> Option<String> {
         self.0.get(id)?.instance.clone()
     }
 
-    /// Another instance that has come since stays.
+    /// Removes a handler, unless another instance of it has come online in the meantime.
     pub(super) fn go(&mut self, id: &str, instance: Option<&str>) {
         let goes = |live: &Live| instance.is_none() || live.instance.as_deref() == instance;
         if self.0.get(id).is_some_and(goes) {
@@ -66,7 +66,7 @@ impl LiveHandlers {
         }
     }
 
-    /// Handler and instance that own an output of an M code as soon as it is made (H20).
+    /// Returns the handler and instance that own an output of an M code from its creation (H20).
     pub(super) fn owner_at_once(&self, m: u16) -> Option<(&str, &str)> {
         let mut serving = self.0.iter().filter(|(_, live)| live.serves.contains_key(&m));
         let (id, live) = serving.next().filter(|(_, live)| live.is_exclusive)?;
@@ -74,16 +74,16 @@ impl LiveHandlers {
         serving.next().is_none().then_some((id, instance))
     }
 
-    /// What a handler does with a lost output of an M code.
+    /// Returns how a handler treats a lost output of an M code.
     pub(super) fn redelivery(&self, id: &str, m: u16) -> Option<Redelivery> {
         let live = self.0.get(id)?;
         live.serves.get(&m).copied().unwrap_or(live.redelivery)
     }
 
-    /// The instance that speaks: that which is there, if none is named.
+    /// Returns the instance that sends a message: the online one, if the message names none.
     ///
     /// # Errors
-    /// Another one is there.
+    /// Fails if another instance is online.
     pub(super) fn speaker(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denied> {
         match (self.0.get(id), instance) {
             (Some(live), Some(named)) if live.instance.as_ref() != Some(named) => {
@@ -95,10 +95,10 @@ impl LiveHandlers {
         }
     }
 
-    /// The instance that claims: it is registered, and named where the registration names one.
+    /// Returns the instance that claims: it is registered, and named if the registration names one.
     ///
     /// # Errors
-    /// The handler is not registered, by another instance, or the claim does not say by which one it is made.
+    /// Fails if the handler is not registered, another instance is registered, or the claim does not name its instance.
     pub(super) fn claimant(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denied> {
         let Some(live) = self.0.get(id) else {
             let text = format!(
@@ -112,10 +112,10 @@ impl LiveHandlers {
         self.speaker(id, instance)
     }
 
-    /// How a handler takes up an output; `None` within: nobody has worked on it, or this instance still does.
+    /// Returns how a handler continues an output; `None` if no handler has worked on it, or this instance still does.
     ///
     /// # Errors
-    /// It is withheld from this one.
+    /// Fails if the output is withheld from this handler.
     pub(super) fn take_up(
         &self,
         output: &OpenOutput,
@@ -143,8 +143,8 @@ impl LiveHandlers {
         }
     }
 
-    /// The same for a reset without a claim. Whoever is neither a handler that is there nor the one that was lost decides as an
-    /// operator does.
+    /// Checks a reset without a claim in the same way. A sender that is neither an online handler nor the lost one
+    /// decides as an operator does.
     pub(super) fn end(&self, output: &OpenOutput, id: &str, instance: Option<&String>) -> Result<(), Denied> {
         let is_lost_one = output.lost_by.as_ref().is_some_and(|(by, _)| by == id);
         if output.handler_id.is_some() || !(self.0.contains_key(id) || is_lost_one) {
@@ -156,7 +156,7 @@ impl LiveHandlers {
 
 impl OpenOutput {
     /// # Errors
-    /// Somebody else owns it, or nobody.
+    /// Fails if the output has another owner, or none.
     pub(super) fn check_owner(&self, handler_id: &str, instance: Option<&String>) -> Result<(), Denied> {
         if self.handler_id.as_deref() != Some(handler_id) {
             return Err((HandshakeStatus::NotOwner, None));
@@ -171,28 +171,28 @@ impl OpenOutput {
         }
     }
 
-    /// True when it is a handler's; `None`: whichever instance of it.
+    /// Returns true if the handler owns the output; `None` stands for any of its instances.
     pub fn is_owned_by(&self, handler_id: &str, instance: Option<&str>) -> bool {
         let owner = self.instance.as_deref();
         self.handler_id.as_deref() == Some(handler_id)
             && (instance.is_none() || owner.is_none() || owner == instance)
     }
 
-    /// True for the instance from which it was taken: the same process still works on it.
+    /// Returns true for the instance that lost it: the same process still works on it.
     fn is_lost_by(&self, handler_id: &str, instance: Option<&String>) -> bool {
         let named = instance.map(String::as_str);
         self.lost_instance().is_some_and(|by| Some(by) == named)
             && self.lost_by.as_ref().is_some_and(|(id, _)| id == handler_id)
     }
 
-    /// The instance from which it was taken, where that has named itself.
+    /// Returns the instance that lost it, if that instance named itself.
     pub(super) fn lost_instance(&self) -> Option<&str> {
         let (_, instance) = self.lost_by.as_ref()?;
         instance.as_deref().filter(|named| is_own_instance(named))
     }
 }
 
-/// A message that names no instance, where a process has named its own.
+/// Rejects a message that names no instance although the registered process has named its own.
 fn check_named(id: &str, there: Option<&str>) -> Result<(), Denied> {
     if there.is_none_or(|there| !is_own_instance(there)) {
         return Ok(());
@@ -200,19 +200,19 @@ fn check_named(id: &str, there: Option<&str>) -> Result<(), Denied> {
     Err((HandshakeStatus::NotOwner, Some(unnamed_text(id))))
 }
 
-/// That a message does not name the instance that sends it, and what to do.
+/// Returns the text for a message that does not name its instance, with what to do.
 pub(crate) fn unnamed_text(id: &str) -> String {
     format!(
         "this message does not say which process of handler {id} sends it: name the instance of its presence (instance)"
     )
 }
 
-/// The stricter of what two say; `None`: neither says anything.
+/// Returns the stricter of two values; `None` if neither is set.
 pub(crate) fn strictest(one: Option<Redelivery>, other: Option<Redelivery>) -> Option<Redelivery> {
     one.max(other)
 }
 
-/// That another instance of a handler is there, and what to do.
+/// Returns the text for another online instance of a handler, with what to do.
 pub(crate) fn taken_text(
     handler_id: &str,
     there: Option<&str>,

@@ -10,16 +10,16 @@ use crate::types::output::{CheckpointReport, HandshakeStatus, Progress, Progress
 use crate::types::question::{Ask, OperatorAnswer, Question};
 use crate::types::refusal::Refusal;
 
-/// Characters of a progress text; a longer one is cut. Reason: it is one line of a panel.
+/// Largest number of characters of a progress text; a longer text is cut. Reason: it is one line of a panel.
 pub const PROGRESS_TEXT_MAX: usize = 200;
 
 impl Ledger {
-    /// The owner reports progress (H13). `not_owner` for anyone else, also while nobody owns the output.
+    /// Records the progress that the owner reports (H13). `not_owner` for any other sender, also if there is no owner.
     pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
         status_of(&self.report(m, report))
     }
 
-    /// The machine itself says what an output that no handler serves waits for; without text, nothing.
+    /// Sets the text of the machine about the wait of an output that no handler serves; `None` removes it.
     pub fn note_wait(&mut self, seq: u64, text: Option<&str>) {
         let boot_id = self.boot_id.clone();
         // an output that is closed waits for nothing
@@ -46,7 +46,7 @@ impl Ledger {
         })
     }
 
-    /// The owner notes how far it has come, which is kept when it is lost (H21).
+    /// Stores a checkpoint of the owner, which is kept when the owner is lost (H21).
     pub(super) fn note_checkpoint(
         &mut self,
         m: Option<u16>,
@@ -60,11 +60,11 @@ impl Ledger {
         }))
     }
 
-    /// The owner asks the operator, which replaces an earlier question, or without choices withdraws its question. The
-    /// same id is the same question. `not_owner` for anyone else (H14).
+    /// Records a question of the owner to the operator, which replaces an earlier one. Without choices the owner
+    /// withdraws its question. The same id is the same question. `not_owner` for any other sender (H14).
     ///
     /// # Errors
-    /// Text or choices are out of range.
+    /// Fails if the text or the choices are out of range.
     pub fn ask(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<HandshakeStatus, Refusal> {
         Ok(status_of(&self.put_question(now, m, ask)?))
     }
@@ -94,7 +94,8 @@ impl Ledger {
         }))
     }
 
-    /// An operator answers. `unknown` if there is no such question or choice, `duplicate` if it has an answer.
+    /// Records an operator's answer. `unknown` if the question or choice does not exist, `duplicate` if it has an
+    /// answer.
     pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
         status_of(&self.take_answer(m, answer))
     }

@@ -16,7 +16,7 @@ pub(super) fn status_of<T>(changed: &Result<T, Denied>) -> HandshakeStatus {
     }
 }
 
-/// The answer to what was said of an output.
+/// Returns the answer to a message about an output.
 pub(super) fn result_of(
     of: OutputAct,
     (seq, handler_id, instance): (u64, &str, &Option<String>),
@@ -37,7 +37,7 @@ pub(super) fn result_of(
     }
 }
 
-/// The number of an alarm is 10000 + code: a code out of range would be the number of another alarm.
+/// Checks the code of a fault. The alarm number is 10000 + code: a code out of range would be another alarm's number.
 pub(super) fn check_code(reset: &Reset) -> Result<(), Refusal> {
     match reset.code {
         Some(code) if code > USER_CODE_MAX => Err(Refusal::new(
@@ -48,7 +48,7 @@ pub(super) fn check_code(reset: &Reset) -> Result<(), Refusal> {
     }
 }
 
-/// The alarm of a handler that has failed.
+/// Returns the alarm of a handler that has failed.
 pub(super) fn fault_alarm(m: u16, reset: &Reset) -> Alarm {
     let text = reset.text.clone().unwrap_or_else(|| {
         let mut handler_id = reset.handler_id.clone();

@@ -1,6 +1,6 @@
-//! The ledger under random schedules: messages lost, doubled, late and out of order, handlers that die and come back,
-//! questions asked, answered and taken back, cancels at every point. Each run follows from its seed. The model beside
-//! the ledger is the plain list of outputs.
+//! The ledger under random schedules: messages lost, doubled, late and out of order, handlers that fail and return,
+//! questions asked, answered and withdrawn, cancels at every point. Each run is determined by its seed. The model of
+//! the ledger is a plain list of outputs.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -38,14 +38,14 @@ enum InFlight {
     Answer(Option<u16>, OperatorAnswer),
 }
 
-/// What the model knows of one output.
+/// State of one output in the model.
 struct Known {
     m: u16,
     made: bool,
     owner: Option<String>,
-    /// The question that stands, and its answer.
+    /// The current question, and its answer.
     question: Option<(String, Option<String>)>,
-    /// Its owner that was lost and the instance, while nobody has decided yet.
+    /// The lost owner and its instance, until a decision.
     withheld_from: Option<(String, Option<String>)>,
     closed: Option<Closed>,
 }
@@ -60,7 +60,7 @@ struct World {
     notices: BTreeMap<u64, u32>,
     asked: u32,
     answered: u32,
-    // the handlers that are there: their instance, and whether they are exclusive
+    // handlers that are online: their instance, and whether they are exclusive
     there: BTreeMap<&'static str, (String, bool)>,
     instances: u32,
     claimed_at_once: u32,
@@ -123,7 +123,7 @@ impl World {
         self.check();
     }
 
-    /// A handler for every M code of even number comes, or says that it is there in another way.
+    /// Brings a handler for every even M code online, or changes its presence.
     fn come(&mut self) {
         let handler = HANDLERS[self.random.below(HANDLERS.len())];
         let exclusive = self.random.below(2) == 0;
@@ -141,7 +141,7 @@ impl World {
         self.there.insert(handler, (instance, exclusive));
     }
 
-    /// The owner of an output from its first moment on, by rule H20.
+    /// Returns the owner of an output from its creation, by rule H20.
     fn owner_at_once(&self, m: u16) -> Option<String> {
         let only = self.there.first_key_value().filter(|_| self.there.len() == 1);
         let (handler, _) = only.filter(|(_, (_, exclusive))| *exclusive && m != 101)?;
@@ -196,7 +196,7 @@ impl World {
         }
     }
 
-    /// A claim, reset or decision about any output, past ones and ones that never were included.
+    /// Sends a claim, reset or decision about any output, including past and non-existent ones.
     fn send_something(&mut self) {
         let made: Vec<u64> = self
             .known
@@ -204,7 +204,7 @@ impl World {
             .filter(|(_, known)| known.made && known.closed.is_none())
             .map(|(&seq, _)| seq)
             .collect();
-        // every other message is about one that is open, so that many count
+        // every other message is about an open output, so that a large part is accepted
         let seq = match self.random.below(2) {
             0 if !made.is_empty() => made[self.random.below(made.len())],
             _ => self.random.below(self.known.len() + 3) as u64,
@@ -245,7 +245,8 @@ impl World {
         self.messages.push(message);
     }
 
-    /// A question or an answer about an output that was put out. Mostly it is the owner's, so that many count.
+    /// Sends a question or an answer about an output that was issued, mostly in the owner's name, so that a large part
+    /// is accepted.
     fn send_about_a_question(&mut self) {
         let owned = self.known.iter().filter(|(_, known)| known.owner.is_some());
         let owned: Vec<u64> = owned.map(|(&seq, _)| seq).collect();
@@ -293,18 +294,18 @@ impl World {
         self.messages.push(message);
     }
 
-    /// The instance of a handler that is there.
+    /// Returns the instance of an online handler.
     fn instance(&self, handler_id: &str) -> Option<String> {
         self.there.get(handler_id).map(|(instance, _)| instance.clone())
     }
 
-    /// True for the instance that is there: no message of another one counts for an owner.
+    /// Returns true for the online instance: messages of another instance are never accepted for an owner.
     fn speaks(&self, handler_id: &str, instance: Option<&String>) -> bool {
         let there = self.instance(handler_id);
         there.is_some() && there.as_ref() == instance
     }
 
-    /// One message arrives, in any order; it may stay in flight (doubled), or be lost.
+    /// Delivers one message, in any order; it may stay in flight (doubled), or be lost.
     fn deliver(&mut self) {
         if self.messages.is_empty() {
             return;
@@ -340,7 +341,7 @@ impl World {
                 let open_before = self.ledger.open().len();
                 let status = self.ledger.reset(now, m, &reset).status;
                 assert_eq!(status, expected, "seed {} {reset:?}", self.seed);
-                // a reset that counts ends its output and no other; any other ends none
+                // an accepted reset ends its output and no other; any other reset ends none
                 let ended = usize::from(status == HandshakeStatus::Accepted);
                 assert_eq!(
                     self.ledger.open().len(),
@@ -362,7 +363,7 @@ impl World {
         }
     }
 
-    /// What a reset is answered: for an owner only its instance speaks.
+    /// Returns the expected answer to a reset: for an owner only its online instance is accepted.
     fn expected_of_reset(&self, m: Option<u16>, reset: &Reset) -> HandshakeStatus {
         let force = reset.force == Some(true);
         let mut expected = self.expected(&reset.boot_id, reset.seq, m, &reset.handler_id, force);
@@ -376,7 +377,7 @@ impl World {
         if expected == HandshakeStatus::Accepted && !force && is_of_another {
             expected = HandshakeStatus::NotOwner;
         }
-        // an operator's way out stays open, and that of the instance that worked on it
+        // an operator can always end it, and so can the instance that worked on it
         if expected == HandshakeStatus::Accepted
             && !force
             && let Some((lost, instance)) = &self.known[&reset.seq].withheld_from
@@ -390,7 +391,7 @@ impl World {
         expected
     }
 
-    /// Only the owner asks; a question replaces another one, and its own repetition changes nothing.
+    /// Delivers a question. Only the owner asks; a question replaces another one, and its repetition changes nothing.
     fn deliver_ask(&mut self, now: Now, m: Option<u16>, ask: Ask) {
         let mut expected = self.expected(&ask.boot_id, ask.seq, m, &ask.handler_id, false);
         let speaks = self.speaks(&ask.handler_id, ask.instance.as_ref());
@@ -411,7 +412,7 @@ impl World {
         }
     }
 
-    /// The first answer to the question that stands counts, whoever owns the output.
+    /// Delivers an answer. The first answer to the current question is accepted, for any owner of the output.
     fn deliver_answer(&mut self, now: Now, m: Option<u16>, answer: OperatorAnswer) {
         let mut expected = self.expected(&answer.boot_id, answer.seq, m, "", true);
         if expected == HandshakeStatus::Accepted {
@@ -432,7 +433,7 @@ impl World {
         }
     }
 
-    /// The answer by the words of the interface.
+    /// Returns the answer that the interface defines.
     fn expected(&self, boot: &BootId, seq: u64, m: Option<u16>, id: &str, force: bool) -> HandshakeStatus {
         if boot.0 != "b" {
             return HandshakeStatus::Stale;
@@ -467,7 +468,8 @@ impl World {
                 Effect::PendingChanged | Effect::Result { .. } | Effect::Cancel { .. } => {}
             }
         }
-        // nothing lost: what has not ended is in pending, with its owner and its question, and what was made was told
+        // nothing is lost: each open output is in pending, with its owner and question, and each output made was
+        // published
         let pending = self.ledger.pending();
         let shown: Vec<_> = pending
             .outputs
@@ -488,7 +490,7 @@ impl World {
         }
     }
 
-    /// No wait that cannot be ended: an operator ends whatever is open, whoever owns it.
+    /// Checks that every wait can be ended: an operator ends any open output, for any owner.
     fn end_all(&mut self) {
         while self
             .known

@@ -1,4 +1,4 @@
-//! Carries out the writes of a scan.
+//! Executes the writes of a scan.
 
 use std::collections::BTreeMap;
 use std::mem::take;
@@ -18,7 +18,7 @@ use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
 use crate::types::request::{Input, Refusal, Request};
 use crate::types::state::{Lock, LockSet};
 
-/// Carries out writes of one scan after the other.
+/// Executes the writes of one scan after the other.
 #[derive(Debug, Default)]
 pub(super) struct Writer {
     /// The last value of each flag that the machine accepted.
@@ -34,7 +34,7 @@ impl Writer {
         take(&mut self.refusals)
     }
 
-    /// Carries out variables, flags and commands, then answers, so that the block after an M code sees all writes.
+    /// Executes variables, flags and commands, then answers, so that the block after an M code sees all writes.
     pub(super) async fn carry_out(&mut self, plc: &Plc, flags: &Flags, mut image: Image) {
         let writes = take(&mut image.writes);
         for (output, text, percent) in writes.progress {

@@ -1,4 +1,4 @@
-//! What a machine builder says of its own alarms: text, remedy, languages.
+//! Texts of a machine builder's own alarms: text, remedy, languages.
 
 use std::collections::BTreeMap;
 
@@ -9,53 +9,55 @@ use super::refusal::{Refusal, RefusalCode};
 /// Highest code of a handler's alarm.
 pub const USER_CODE_MAX: u16 = 9_999;
 
-/// Characters of an alarm's text; a longer one is cut. Reason: panels show it, and histories keep it.
+/// Largest number of characters of an alarm's text; a longer text is cut. Reason: panels show it, and histories keep
+/// it.
 pub const ALARM_TEXT_MAX: usize = 1_000;
 
-/// Alarms that one handler or configuration says something of.
+/// Largest number of alarm texts of one handler or configuration.
 pub const ALARM_TEXTS_MAX: usize = 256;
 
-/// Languages of one alarm, beside that of its own text.
+/// Largest number of languages of one alarm, in addition to that of its own text.
 pub const LANGUAGES_MAX: usize = 8;
 
-/// Characters of a language, such as `de` or `pt-BR`.
+/// Number of characters of a language tag, such as `de` or `pt-BR`.
 const LANGUAGE_CHARS: std::ops::RangeInclusive<usize> = 2..=16;
 
-/// What happened and what to do, in one language.
+/// Text and remedy of an alarm in one language.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AlarmWords {
-    /// What happened, 1 to 1000 characters.
+    /// Description of the event, 1 to 1000 characters.
     pub text: String,
-    /// What to do, 1 to 1000 characters.
+    /// Remedy, 1 to 1000 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
 }
 
-/// What is said of an alarm of a sequence program. An alarm that is raised shows the remedy, and panels show the text of
-/// their language.
+/// Texts of an alarm of a sequence program. A raised alarm shows the remedy, and panels show the text in their
+/// language.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AlarmText {
-    /// 0 to 9999; its number is 10000 + this.
+    /// 0 to 9999; the alarm number is 10000 + this code.
     pub code: u16,
-    /// What happened, 1 to 1000 characters.
+    /// Description of the event, 1 to 1000 characters.
     pub text: String,
-    /// What to do, 1 to 1000 characters.
+    /// Remedy, 1 to 1000 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
-    /// The same in other languages, by their tags, such as `de`; up to 8.
+    /// Text and remedy in other languages, by language tag such as `de`; at most 8.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub languages: BTreeMap<String, AlarmWords>,
 }
 
 impl AlarmText {
-    /// What is wrong with it, with what to write.
+    /// Validates the texts of this alarm.
     ///
     /// # Errors
-    /// The code is above 9999, a text is empty or too long, a language is none, or there are too many.
+    /// Fails if the code is above 9999, a text is empty or too long, a language tag is malformed, or there are too many
+    /// languages.
     pub fn mistake(&self) -> Result<(), String> {
         if self.code > USER_CODE_MAX {
             return Err(format!("{}: write 0 to {USER_CODE_MAX}", self.code));
@@ -86,10 +88,11 @@ impl AlarmText {
     }
 }
 
-/// Whether these can be said by one handler.
+/// Validates the alarm texts of one handler.
 ///
 /// # Errors
-/// `invalid`: which of them, and what to write.
+/// Fails with `too_large` if there are too many, and with `invalid` if one is not allowed; the text states what to
+/// write.
 pub(super) fn check_all(texts: &[AlarmText]) -> Result<(), Refusal> {
     if texts.len() > ALARM_TEXTS_MAX {
         let text = format!("alarms: {} of them, write up to {ALARM_TEXTS_MAX}", texts.len());

@@ -20,33 +20,33 @@ use args::{axis, check_names, jog, mdi, run, start};
 
 pub use super::verb::Verb;
 
-/// What can be commanded. Verbs and arguments are those of `command/{verb}` and of the REST routes.
+/// Commands. Verbs and arguments are those of `command/{verb}` and of the REST routes.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename_all = "snake_case", deny_unknown_fields))]
 pub enum Command {
-    /// Takes a program of the store.
+    /// Loads a program from the store.
     Load {
         /// Main program number.
         #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
         program: u16,
     },
-    /// From the head, as a new run; with `from_line` from that line.
+    /// Starts a new run at the beginning of the loaded program, or with `from_line` at that line.
     Start,
-    /// From a line, with what is in force there: a start with `from_line`.
+    /// Starts a run at a line, with the state in force there: a start with `from_line`.
     #[cfg_attr(feature = "schema", schemars(skip))]
     StartFrom(LineStart),
-    /// Loads a program, if one is named, and starts it; again after each `PROGRAM_COMPLETED` until all parts are done. Never
-    /// after an alarm, a stop, a reset, a lost lease or a restart.
+    /// Loads a program, if one is named, and starts it. It is started again after each `PROGRAM_COMPLETED` until all
+    /// parts are done, but not after an alarm, a stop, a reset, a lost lease or a restart.
     #[cfg_attr(feature = "schema", schemars(skip))]
     Run(RunOrder),
     /// Feed hold.
     Hold,
-    /// Goes on after a pause.
+    /// Continues after a pause.
     Resume,
-    /// Back along the passed path, in a feed hold with G500; or forward again.
+    /// Moves back along the passed path in a feed hold with G500, or forward again.
     BackTrace {
-        /// True: back. False: forward again, as resume does.
+        /// Whether to move back; otherwise forward again, as resume does.
         on: bool,
     },
     /// Decelerates on the path and ends the run.
@@ -57,39 +57,41 @@ pub enum Command {
     Reset,
     /// Acknowledges an alarm.
     AlarmAcknowledge {
-        /// Of the alarm.
+        /// Id of the alarm.
         id: u64,
     },
     /// Manual data input: runs lines of NC text, then READY. Its effect is reached when they have been run.
     Mdi {
         /// One or several lines, at most 32 KiB; an end (M30) is not needed.
         text: String,
-        /// For text that a program or a button generates: its numbers count in the configured unit and as positions. At its end,
-        /// however it ends, the machine restores the modal state, the feedrate and the selected offsets that were in force before.
+        /// For text that a program or a button generates: its numbers are in the configured unit and are positions. At
+        /// its end, however it ends, the machine restores the modal state, the feedrate and the selected offsets that
+        /// were in force before.
         #[cfg_attr(feature = "schema", schemars(rename = "macro", with = "Option<bool>"))]
         is_macro: bool,
     },
-    /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the one that runs refreshes it and changes
-    /// nothing else; 200 ms after the last refresh it stops. A step, which is a jog whose `distance` is at most
-    /// `jog_step_max` of `[hmi]`, needs no refresh. It ends at the soft limit. With `end` it ends that jog. A jog with a
-    /// distance is `done` when it has moved the whole distance, otherwise `failed`.
+    /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the running jog refreshes that jog and
+    /// changes nothing else; 200 ms after the last refresh the jog stops. A step, which is a jog with a `distance` of
+    /// at most `jog_step_max` of `[hmi]`, needs no refresh. A jog ends at the soft limit. With `end`, the command ends
+    /// the jog with this `refresh_id`. A jog with a distance is `done` if it has moved the whole distance, otherwise
+    /// `failed`.
     #[cfg_attr(feature = "schema", schemars(transform = jog_or_its_end))]
     Jog {
         /// Axis letter.
         axis: char,
-        /// mm/min or deg/min, not 0; the sign is the direction. Clipped to the motor's maximum; the rapid override
-        /// counts.
+        /// mm/min or deg/min, not 0; the sign is the direction. Limited to the motor's maximum; the rapid override
+        /// applies.
         velocity: f64,
-        /// How far at the most, mm or degrees, above 0; `None`: to the soft limit.
+        /// Largest distance, mm or degrees, above 0; `None` moves up to the soft limit.
         distance: Option<f64>,
-        /// Names the jog, 1 to 128 characters. One that has ended is not begun again.
+        /// Id of the jog, 1 to 128 characters. A jog that has ended cannot be started again with its id.
         refresh_id: String,
     },
-    /// Brakes the jog of this name at once, then READY: a jog with `end`. It needs no lease. Before its jog, after it or
-    /// twice it changes nothing else, and a jog of this name that comes later is refused.
+    /// Brakes the jog with this id at once, then READY: a jog with `end`. It needs no lease. Sent before or after its
+    /// jog or twice, it changes nothing else, and a later jog with this id is refused.
     #[cfg_attr(feature = "schema", schemars(skip))]
     JogEnd {
-        /// Of the jog.
+        /// Id of the jog.
         refresh_id: String,
     },
     /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
@@ -101,7 +103,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// Verbs with arguments or without, as [`Command::parse`] takes them.
+    /// Verbs with or without arguments, as [`Command::parse`] accepts them.
     pub const VERBS: [&'static str; 13] = [
         "load",
         "start",
@@ -118,7 +120,7 @@ impl Command {
         "home",
     ];
 
-    /// The verb of the command.
+    /// Returns the verb of the command.
     pub fn verb(&self) -> Verb {
         match self {
             Command::Load { .. } => Verb::Load,
@@ -137,12 +139,12 @@ impl Command {
         }
     }
 
-    /// True for hold, stop, abort and the end of a jog: they pass every queue, and need nothing.
+    /// Returns true for hold, stop, abort and the end of a jog: they bypass every queue and need nothing else.
     pub fn is_urgent(&self) -> bool {
         self.verb().is_urgent() || matches!(self, Command::JogEnd { .. })
     }
 
-    /// The JSON arguments of the command, as [`Command::parse`] takes them.
+    /// Returns the JSON arguments of the command, as [`Command::parse`] accepts them.
     pub fn args(&self) -> Value {
         match self {
             Command::Load { program } => json!({ "program": program }),
@@ -177,13 +179,13 @@ impl Command {
         }
     }
 
-    /// True for hold, stop, abort and the end of a jog: no age limit applies to them.
+    /// Returns true for hold, stop, abort and the end of a jog: no age limit applies to them.
     pub fn brings_to_rest(&self) -> bool {
         self.is_urgent() || matches!(self, Command::JogEnd { .. })
     }
 
-    /// Names of the arguments of a verb; `None` for hold, stop and abort, which pass over what they do not know: nothing that
-    /// is written beside them keeps a machine from coming to rest.
+    /// Returns the names of the arguments of a verb, or `None` for hold, stop and abort. Those ignore unknown
+    /// arguments, so that additional arguments never prevent a machine from stopping.
     fn names_of_args(verb: &str) -> Option<&'static [&'static str]> {
         Some(match verb {
             "hold" | "stop" | "abort" => return None,
@@ -199,10 +201,10 @@ impl Command {
         })
     }
 
-    /// The command of a verb word and its JSON arguments.
+    /// Parses a verb and its JSON arguments.
     ///
     /// # Errors
-    /// What is wrong with them, in words for the sender.
+    /// Returns an error in words for the sender if the verb or an argument is not valid.
     pub fn parse(verb: &str, args: &Value) -> Result<Command, String> {
         if let (Some(known), true) = (Self::names_of_args(verb), Self::VERBS.contains(&verb)) {
             check_names(verb, known, args)?;
@@ -253,7 +255,7 @@ impl Command {
     }
 }
 
-/// The form of a jog, and of its end, which needs no more than its name.
+/// Extends the schema of a jog by its end, which needs only the id of the jog.
 #[cfg(feature = "schema")]
 fn jog_or_its_end(schema: &mut schemars::Schema) {
     let Some(jog) = schema.pointer_mut("/properties/jog") else {
@@ -268,40 +270,40 @@ fn jog_or_its_end(schema: &mut schemars::Schema) {
     ]);
 }
 
-/// Who commands, and under which condition.
+/// Sender and conditions of a command.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CommandMeta {
-    /// Names the command, 1 to 128 characters: one that was seen in the last 10 minutes gets the stored reply, and is not
-    /// carried out again. With another verb, coordinate system or arguments than then it is refused
-    /// ([`RefusalCode::CommandIdReused`](crate::types::request::RefusalCode)); hold, stop and abort, which wait for
-    /// nothing, are carried out.
+    /// Id of the command, 1 to 128 characters. A command with an id that was received in the last 10 minutes gets the
+    /// stored reply and is not executed again. If its verb, coordinate system or arguments differ from those of that
+    /// time, it is refused ([`RefusalCode::CommandIdReused`](crate::types::request::RefusalCode)); hold, stop and
+    /// abort, which wait for nothing, are executed.
     pub command_id: String,
-    /// Who commands; replies go to `reply/{client_id}`. 1 to 64 characters without `/ + #`.
+    /// Id of the sending client; replies go to `reply/{client_id}`. 1 to 64 characters without `/ + #`.
     pub client_id: String,
-    /// When it was issued; needed with `ttl_ms`.
+    /// Time when the command was issued; required with `ttl_ms`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub issued_at: Option<Timestamp>,
-    /// Refused when older than this, ms.
+    /// The command is refused if it is older than this, ms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ttl_ms: Option<u64>,
-    /// What must hold for it to be carried out.
+    /// Conditions for the execution of the command.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expect: Option<Expect>,
-    /// Refused when it would take effect later than this. Left out: it takes effect however long it was on its way.
+    /// The command is refused if it would take effect later than this. Without it, the command takes effect at any age.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_after: Option<NotAfter>,
-    /// Number of the control lease under which it is sent. Needed for load, start, resume, mdi, jog and home while
-    /// somebody holds the lease; refused when that lease has ended.
+    /// Number of the control lease under which the command is sent. Required for load, start, resume, mdi, jog and home
+    /// while a client holds the lease; refused if that lease has ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fence: Option<u64>,
-    /// Where the runtime remembers it. The runtime sets it; it crosses no wire.
+    /// Key under which the runtime remembers the command. The runtime sets it; it is never transmitted.
     #[serde(skip)]
     pub memory: MemoryKey,
 }
 
 impl CommandMeta {
-    /// With an age limit, where it has none.
+    /// Sets an age limit if there is none.
     #[must_use]
     pub fn limited(self, not_after: Option<NotAfter>) -> Self {
         let not_after = self.not_after.or(not_after);
@@ -309,12 +311,12 @@ impl CommandMeta {
     }
 }
 
-/// Where the runtime remembers a command.
+/// Key under which the runtime remembers a command.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct MemoryKey {
-    /// User of the command; without users its host, or how it came in.
+    /// User of the command; without users its host or its transport.
     pub user: String,
-    /// Names the command among those of the user.
+    /// Id of the command among those of the user.
     pub command: String,
 }
 
@@ -323,34 +325,34 @@ pub struct MemoryKey {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
-    /// The boot that the sender has seen.
+    /// The boot that the sender knows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub boot_id: Option<BootId>,
-    /// The revision of `state` that the sender has seen.
+    /// The revision of `state` that the sender knows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state_rev: Option<u64>,
-    /// The program, by its hash: of a load the one to be loaded, else the one that is loaded.
+    /// Hash of the program: with a load that of the program to be loaded, otherwise that of the loaded program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hash: Option<String>,
 }
 
 explained! {
     "status of a command"
-    /// How far a command is.
+    /// Status of a command.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum CommandStatus {
-        /// It will be carried out.
+        /// It will be executed.
         Accepted = "accepted",
             "Wait for done or failed.";
-        /// It will not; nothing changed.
+        /// It will not be executed; nothing changed.
         Rejected = "rejected",
             "The code and the text say why and what to do.";
         /// Its effect has been reached.
         Done = "done",
             "Nothing to do.";
-        /// It was accepted, and then something prevented its effect.
+        /// It was accepted, but its effect was prevented.
         Failed = "failed",
             "The text says what prevented it, mostly an alarm or another command.";
     }
@@ -360,30 +362,30 @@ explained! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CommandReply {
-    /// Of the command.
+    /// Id of the command.
     pub command_id: String,
-    /// How far it is.
+    /// Status of the command.
     pub status: CommandStatus,
-    /// `ok`, or the refusal's code.
+    /// `ok`, or the code of the refusal.
     pub code: String,
-    /// For people.
+    /// Text for people.
     pub text: String,
-    /// Revision of `state` when this was said.
+    /// Revision of `state` at the time of this reply.
     pub state_rev: u64,
-    /// What was read; of `variable/get` only.
+    /// Values that were read; only for `variable/get`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variables: Option<VariableValues>,
-    /// The lease that was taken; of `lease/take` only.
+    /// The lease that was taken; only for `lease/take`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lease: Option<Lease>,
-    /// The program that is loaded or started, by its hash; of `load` and `start` only.
+    /// Hash of the program that is loaded or started; only for `load` and `start`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hash: Option<String>,
-    /// The run that was begun; of `start` and `run` only.
+    /// Id of the run that was started; only for `start` and `run`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run_id: Option<String>,
-    /// Distance from the start of the motion to its end, by axis letter, mm or degrees with its sign; only of a `jog`, `mdi` or
-    /// `home` that failed. Axes that did not move are left out.
+    /// Signed distance from the start of the motion to its end, by axis letter, mm or degrees; only for a failed `jog`,
+    /// `mdi` or `home`. Axes that did not move are left out.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub moved: BTreeMap<char, f64>,
 }

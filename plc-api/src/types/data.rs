@@ -9,11 +9,12 @@ use super::execution::Execution;
 use super::output::PendingOutput;
 use super::{BootId, CoordinateSystemNumber, Timestamp};
 
-/// Variables of one read or write at the most; more are refused as `too_large`. Reason: a message stays below 64 KiB.
+/// Largest number of variables of one read or write; more are refused as `too_large`. Reason: a message stays below 64
+/// KiB.
 pub const VARIABLES_AT_ONCE_MAX: usize = 1024;
 
-/// A number of a variable in JSON, which may be none: `"NaN"`, `"inf"` and `"-inf"` are strings there. One equals another of the
-/// same bits, so that NaN equals itself: of values that are compared to find what has changed, it has not.
+/// A variable's number in JSON. Numbers that are not finite are strings: `"NaN"`, `"inf"` and `"-inf"`. Equality
+/// compares the bits, so NaN equals itself: a comparison of values that looks for changes does not report it.
 #[derive(Debug, Clone, Copy)]
 pub struct Number(pub f64);
 
@@ -64,30 +65,30 @@ impl<'de> Deserialize<'de> for Number {
     }
 }
 
-/// Lines of the journal of one answer at the most.
+/// Largest number of journal lines of one answer.
 pub const JOURNAL_LINES_MAX: u32 = 1000;
 
-/// Letter of the variables that outlive a program (manual 4-3).
+/// Letter of the variables that are kept after the end of a program (manual 4-3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum VariableKind {
-    /// P0 to P32767, the same for all coordinate systems.
+    /// P0 to P32767, common to all coordinate systems.
     P,
     /// Q0 to Q4095, of one coordinate system.
     Q,
 }
 
-/// Variables that lie together.
+/// Variables that are numbered together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum VariableArea {
-    /// P, the same for all coordinate systems.
+    /// P, common to all coordinate systems.
     Global,
     /// Q of a coordinate system.
     CoordinateSystem(CoordinateSystemNumber),
 }
 
 impl VariableArea {
-    /// The area that a letter names where a coordinate system is spoken of.
+    /// Returns the area of a letter, for a message about a coordinate system.
     pub fn of(kind: VariableKind, cs: CoordinateSystemNumber) -> Self {
         match kind {
             VariableKind::P => VariableArea::Global,
@@ -95,7 +96,7 @@ impl VariableArea {
         }
     }
 
-    /// The coordinate system of Q variables; `None`: those of the machine.
+    /// Returns the coordinate system of Q variables, or `None` for those of the machine.
     pub fn coordinate_system(self) -> Option<CoordinateSystemNumber> {
         match self {
             VariableArea::Global => None,
@@ -103,7 +104,7 @@ impl VariableArea {
         }
     }
 
-    /// The letter of its variables.
+    /// Returns the letter of its variables.
     pub fn kind(self) -> VariableKind {
         match self {
             VariableArea::Global => VariableKind::P,
@@ -112,43 +113,42 @@ impl VariableArea {
     }
 }
 
-/// Values of variables in a row, as they were at one moment: in the reply to `variable/get`, and of
-/// `GET /variables/p`.
+/// Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET /variables/p`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VariableValues {
     /// Their letter.
     pub kind: VariableKind,
-    /// Number of the first.
+    /// Number of the first variable.
     pub from: u32,
     /// Their values, ascending by number.
     pub values: Vec<Number>,
 }
 
 impl VariableValues {
-    /// Values of variables from `from` on.
+    /// Creates the values of consecutive variables, starting at `from`.
     pub fn new(kind: VariableKind, from: u32, values: impl IntoIterator<Item = f64>) -> Self {
         let values = values.into_iter().map(Number).collect();
         Self { kind, from, values }
     }
 
-    /// The values as plain numbers.
+    /// Returns the values as plain numbers.
     pub fn numbers(&self) -> Vec<f64> {
         self.values.iter().map(|number| number.0).collect()
     }
 }
 
-/// The variables that the configuration names in `[[variables.published]]`, as they were at one moment: of the topics `variables` and
-/// `cs/{cs}/variables`.
+/// The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the topics
+/// `variables` and `cs/{cs}/variables`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PublishedVariables {
-    /// Variables in a row, in the order of the configuration. One whose value is damaged (warning 406) is `"NaN"`.
+    /// Ranges of consecutive variables, in the order of the configuration. A damaged value (warning 406) is `"NaN"`.
     pub variables: Vec<VariableValues>,
 }
 
 impl PublishedVariables {
-    /// Values of `count` variables from `from` on; `None`: not all of them are published.
+    /// Returns the values of `count` variables starting at `from`, or `None` if not all of them are published.
     pub fn values(&self, from: u32, count: u32) -> Option<Vec<f64>> {
         let numbers = from..from.checked_add(count)?;
         numbers.map(|number| self.value(number)).collect()
@@ -161,7 +161,7 @@ impl PublishedVariables {
     }
 }
 
-/// A tool of the table: what G41 to G44 take (D17).
+/// A tool of the table: values used by G41 to G44 (D17).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -171,7 +171,7 @@ pub struct ToolData {
     /// Radius, mm, 0 or more: the offset of G41 and G42.
     #[serde(default)]
     pub radius: f64,
-    /// Length, mm: G43 adds it to Z, G44 takes it away.
+    /// Length, mm: G43 adds it to Z, G44 subtracts it.
     #[serde(default)]
     pub length: f64,
 }
@@ -184,21 +184,21 @@ pub struct ToolTable {
     pub tools: Vec<ToolData>,
 }
 
-/// A change of the tool table, carried out as a whole or not at all: body of `PUT /tools`.
+/// A change of the tool table, applied completely or not at all: body of `PUT /tools`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ToolChange {
-    /// Tools to set, new ones among them; those not named stay.
+    /// Tools to set or add; tools that are not named do not change.
     #[serde(default)]
     pub tools: Vec<ToolData>,
-    /// Numbers of tools to take out.
+    /// Numbers of tools to remove.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remove: Vec<u16>,
 }
 
-/// Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As a change, the body of `PUT`
-/// there, offsets and axes that it does not name stay, and it is carried out as a whole or not at all.
+/// Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` there it is
+/// a change: offsets and axes that it does not name do not change, and it is applied completely or not at all.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -215,37 +215,37 @@ pub struct WorkOffsetValues {
     pub work_offsets: BTreeMap<String, BTreeMap<String, f64>>,
 }
 
-/// Which lines of the journal are read: of `GET /journal`. What is not named may be anything.
+/// Filter for lines of the journal: of `GET /journal`. A field that is not set accepts every value.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct JournalFilter {
-    /// From this time on: in UTC, such as `2026-11-25` or `2026-11-25T10:00`, or how long ago, such as `2h` or `30m`.
+    /// Earliest time, in UTC, such as `2026-11-25` or `2026-11-25T10:00`, or an age, such as `2h` or `30m`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub since: Option<String>,
-    /// Before this time, written in the same way.
+    /// Time before which the lines were written, in the same format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
-    /// Of this coordinate system; 0: of the machine.
+    /// Lines of this coordinate system; 0 for those of the machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
-    /// Of outputs of this M number, and of stops by it.
+    /// Lines about outputs of this M number, and about stops that it caused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub m: Option<u16>,
-    /// Of this user, client or handler.
+    /// Lines of this user, client or handler.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub user: Option<String>,
-    /// Of this run: its `run_id` `BOOT-1-7`, or `1-7` of every start of the runtime.
+    /// Lines of this run: its `run_id` `BOOT-1-7`, or `1-7` for every start of the runtime.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
 }
 
-/// How the last run of a coordinate system stood when an earlier start of the runtime ended, at most 100 ms before that:
-/// of `GET /cs/{n}/last_run`.
+/// State of the last run of a coordinate system when an earlier start of the runtime ended, recorded at most 100 ms
+/// before that: of `GET /cs/{n}/last_run`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LastRun {
-    /// The start of the runtime that the run belongs to.
+    /// The start of the runtime to which the run belongs.
     pub boot_id: BootId,
-    /// Names the run within that start.
+    /// Id of the run within that start.
     pub run_id: String,
     /// Main program.
     pub program: Option<u16>,
@@ -255,14 +255,14 @@ pub struct LastRun {
     pub line: u32,
     /// State word.
     pub execution: Execution,
-    /// Auxiliary function outputs that are open.
+    /// Open auxiliary function outputs.
     pub outputs: Vec<PendingOutput>,
-    /// When this was so.
+    /// Time of this state.
     pub at: Timestamp,
 }
 
 impl LastRun {
-    /// True when the run has not come to an end.
+    /// Returns true if the run has not ended.
     pub fn is_under_way(&self) -> bool {
         !matches!(
             self.execution,

@@ -1,4 +1,4 @@
-//! State words of a coordinate system, and why a state is as it is.
+//! State words of a coordinate system, and the reasons of states.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ explained! {
     #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     pub enum Execution {
-        /// A program is loaded and at its head.
+        /// A program is loaded, at line 1.
         Ready = "READY",
             "Start runs the program from its head.";
         /// A program, manual data input or a jog runs.
@@ -43,12 +43,12 @@ explained! {
 
 explained! {
     "reason of a state"
-    /// Why a state is as it is.
+    /// Reason of a state.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum Reason {
-        /// WAIT: the handler that owned the output has gone.
+        /// WAIT: the handler that owned the output was lost.
         HandlerLost = "HANDLER_LOST",
             "Start the handler again and look at what it had done; then redeliver the M code, or reset it by hand. See alarm 302.";
         /// INTERRUPTED: single block.
@@ -63,13 +63,13 @@ explained! {
         /// `FEED_HOLD`: the servo was late while its motors moved.
         ServoLate = "SERVO_LATE",
             "Look at what kept the processor busy, and at the machine; then resume. See alarm 209.";
-        /// `FEED_HOLD`: a client that asked to be watched is not heard any more.
+        /// `FEED_HOLD`: a watched client is no longer received.
         ClientLost = "CLIENT_LOST",
             "Look at the client and its connection, and at the machine; then resume. See alarm 421.";
-        /// ACTIVE, `FEED_HOLD`: on the way back of a back trace.
+        /// ACTIVE, `FEED_HOLD`: moving backward in a back trace.
         BackTrace = "BACK_TRACE",
             "Hold stops on the way; ending the back trace goes forward again.";
-        /// `FEED_HOLD`: back trace has come to the end of its way.
+        /// `FEED_HOLD`: the back trace has reached the end of its path.
         BackTraceEnd = "BACK_TRACE_END",
             "End the back trace, and resume goes forward again.";
         /// ACTIVE: an override of 0 percent stops the motion.

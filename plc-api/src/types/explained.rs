@@ -1,16 +1,16 @@
-//! Words that people see, each with its meaning and what to do about it. Each row is beside the definition of its word.
+//! Words that people see, each with its meaning and what to do. Each row is next to the definition of its word.
 
 use serde::{Deserialize, Serialize};
 
-/// What a name means.
+/// Meaning of a name.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Explanation {
-    /// The name that was asked for.
+    /// The requested name.
     pub what: String,
-    /// Plain text; lines that are indented stand as they are.
+    /// Plain text; indented lines are to be shown unchanged.
     pub text: String,
-    /// Name of a picture of its example, below `/pictures/`.
+    /// File name of a picture of its example, below `/pictures/`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub picture: Option<String>,
 }
@@ -18,17 +18,17 @@ pub struct Explanation {
 /// A word that people see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Explained {
-    /// What it is a word of.
+    /// Kind of the word, such as `status of a command`.
     pub of: &'static str,
-    /// The word, as messages have it.
+    /// The word as it appears in messages.
     pub word: &'static str,
-    /// What it means.
+    /// Meaning of the word.
     pub meaning: &'static str,
-    /// How to go on.
+    /// The next step for the reader.
     pub way_on: &'static str,
 }
 
-/// An enum of words: each has its word in JSON, its meaning as documentation, and how to go on.
+/// Defines an enum of words: each has its word in JSON, its meaning as documentation, and what to do next.
 macro_rules! explained {
     (
         $of:literal
@@ -43,7 +43,7 @@ macro_rules! explained {
         }
 
         impl $name {
-            /// All words, with what they mean.
+            /// All words with their meanings.
             pub const EXPLAINED: &[$crate::types::explained::Explained] = &[
                 $($crate::types::explained::Explained {
                     of: $of,

@@ -1,4 +1,4 @@
-//! The form of some JSON: the type that it is read into or written from.
+//! The form of JSON: the type from which it is written or into which it is read.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use super::{BootId, Timestamp};
 /// Version of the interface, `v` in every message.
 pub const INTERFACE_VERSION: u32 = 1;
 
-/// The form of some JSON, named by its type. With the feature `schema` it gives the type's JSON Schema.
+/// The form of JSON, named by its type. With the feature `schema` it provides the type's JSON Schema.
 #[derive(Debug, Clone, Copy)]
 pub struct Form {
     /// Name of the type in the documents of the interface.
@@ -54,15 +54,15 @@ pub struct Enveloped<'a, T> {
     /// Version of the interface.
     #[cfg_attr(feature = "schema", schemars(extend("const" = INTERFACE_VERSION)))]
     pub v: u32,
-    /// The boot that says it.
+    /// The boot that publishes the message.
     pub boot_id: &'a BootId,
-    /// When it was said.
+    /// Time of publication.
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("format" = "date-time")))]
     pub ts: &'a Timestamp,
-    /// For state: grows with each change of this topic.
+    /// For a state: revision, which increases with each change of this topic.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rev: Option<u64>,
-    /// What the message says.
+    /// Content of the message.
     #[serde(flatten)]
     pub payload: &'a T,
 }

@@ -1,4 +1,4 @@
-//! Handlers: the M codes they serve, the instance that speaks for each, and what they may do twice.
+//! Handlers: the M codes they serve, their instances, and what happens to their outputs after a loss.
 
 use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
@@ -11,19 +11,20 @@ use super::m_code::{MCodeDeclaration, ServedMCode, check_all};
 use super::redelivery::Redelivery;
 use super::refusal::{Refusal, RefusalCode};
 
-/// Age at which a presence that is not said again counts as gone, ms.
+/// Range of `expires_ms`: age at which a presence that is not repeated expires, ms.
 pub const EXPIRES_MS: RangeInclusive<u64> = 300..=3_600_000;
 
-/// Presences within the time of one, so that two may be lost.
+/// Number of presences within `expires_ms`, so that two of them may be lost.
 pub const REFRESHES: u32 = 3;
 
-/// Time in which a handler that leaves may say that it is back, ms.
+/// Range of `returns_within_ms`: announced time within which a handler that leaves returns, ms.
 pub const RETURNS_WITHIN_MS: RangeInclusive<u64> = 1..=3_600_000;
 
-/// Characters of the id of an instance.
+/// Largest number of characters of an instance name.
 pub const INSTANCE_MAX: usize = 64;
 
-/// Begins the instance that a server end gives to a client that names none: its connection.
+/// First character of an instance name that a server assigns to a client without one; the rest identifies the
+/// connection.
 pub const CONNECTION_MARK: char = '~';
 
 /// Payload of `handler/{id}/presence`.
@@ -31,52 +32,54 @@ pub const CONNECTION_MARK: char = '~';
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[allow(clippy::struct_excessive_bools, reason = "they are members of a message")]
 pub struct HandlerPresence {
-    /// False: the handler has gone, or its connection was lost.
+    /// False if the handler has left or its connection was lost.
     pub online: bool,
-    /// What it handles.
+    /// M codes that the handler serves.
     #[serde(default)]
     pub handles: Vec<HandledCode>,
-    /// True when it answers `validate`.
+    /// True if the handler answers `validate`.
     #[serde(default)]
     pub validates: bool,
-    /// Which of the programs that were started with this id: 1 to 64 characters without `/ + # ~`, made at its start and kept
-    /// over reconnections. While one is there, another is refused. Without it, the connection counts.
+    /// Identifies one process among all that were started with this handler id: 1 to 64 characters without `/ + # ~`,
+    /// made at the start of the process and kept across reconnections. While one instance is online, another one is
+    /// refused. Without this field, the connection identifies the instance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// With `online`: takes the place of the instance that is there, which is told so.
+    /// With `online`: replaces the instance that is online; that instance is notified.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub take_over: bool,
-    /// With `instance`: it begins with an output as soon as `m_code/pending` names it and this instance as the owner. Where no
-    /// other handler serves an M code, the machine then claims each output for it in the step that makes the output, and
-    /// no claim is sent (rule H20).
+    /// With `instance`: the handler begins work on an output as soon as `m_code/pending` shows it with this instance as
+    /// the owner. If no other handler serves the M code, the machine claims each output for this instance in the step
+    /// that makes the output, and no claim is sent (rule H20).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub exclusive: bool,
-    /// What it does with an output that was claimed when its handler was lost. The strictest counts of what is said here and in
-    /// the configuration of the M code; where neither says anything, it is `ask`.
+    /// Treatment of an output that was claimed when its handler was lost. The stricter of this value and that in the
+    /// configuration of the M code applies; if neither is set, it is `ask`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
-    /// What it says of the M codes: their names, the parameters that they take, and what it does with a lost output of each.
+    /// Declarations of the M codes: their names, their parameters, and the treatment of a lost output of each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub m_codes: Vec<MCodeDeclaration>,
-    /// What it says of its alarms: remedies and languages.
+    /// Texts of the handler's alarms: remedies and languages.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub alarms: Vec<AlarmText>,
-    /// With `online`: it says its presence again well within this time, at best at a third of it, ms, 300 to 3,600,000. When it
-    /// does not, it counts as gone, as if its last will had come. Absent: its last will alone says that it has gone.
+    /// With `online`: validity of this presence, ms, 300 to 3,600,000. The handler repeats its presence well within
+    /// this time, preferably at a third of it. Otherwise the handler is treated as offline, as if its last will had
+    /// been received. Without this field, only the last will reports that the handler has left.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_ms: Option<u64>,
-    /// Without `online`: it comes back within this time, ms, 1 to 3,600,000. Until then its M codes count as served, and their
-    /// outputs wait for it; afterwards as where no handler is registered.
+    /// Without `online`: the handler will be back within this time, ms, 1 to 3,600,000. Until then its M codes are
+    /// treated as served, and their outputs wait for it; afterwards as if no handler were registered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub returns_within_ms: Option<u64>,
-    /// With `expires_ms`: counts the connections of this instance. A presence that is the same as before is no news; over a new
-    /// connection it is, and unclaimed outputs are published again.
+    /// With `expires_ms`: counts the connections of this instance. A repeated presence without a change has no effect;
+    /// over a new connection it has: unclaimed outputs are published again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub connection: Option<u64>,
 }
 
 impl HandlerPresence {
-    /// That an instance has gone.
+    /// Creates the presence of an instance that has left.
     pub fn gone(instance: Option<String>) -> Self {
         Self {
             instance,
@@ -84,7 +87,7 @@ impl HandlerPresence {
         }
     }
 
-    /// What it says of an M code that it serves.
+    /// Returns the declaration of an M code that the handler serves.
     pub fn declaration(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&MCodeDeclaration> {
         let of = |wanted| {
             let mut said = self.m_codes.iter();
@@ -95,13 +98,14 @@ impl HandlerPresence {
             .filter(|_| self.handles.contains(&HandledCode { cs, m }))
     }
 
-    /// What it does with an output of an M code that was claimed when its handler was lost; `None`: it says nothing.
+    /// Returns how the handler treats a claimed output of an M code after the loss of its handler, or `None` if it is
+    /// not declared.
     pub fn redelivery_of(&self, cs: CoordinateSystemNumber, m: u16) -> Option<Redelivery> {
         let declared = self.declaration(cs, m).and_then(|said| said.redelivery);
         declared.or(self.redelivery)
     }
 
-    /// The M codes that it serves, ascending, where it is there.
+    /// Returns the M codes that the handler serves, ascending; empty if it is offline.
     pub fn served(&self, handler_id: &str) -> Vec<ServedMCode> {
         let handled = self.handles.iter().filter(|_| self.online);
         let handled: BTreeSet<_> = handled.map(|code| (code.m, code.cs)).collect();
@@ -125,10 +129,12 @@ impl HandlerPresence {
         all
     }
 
-    /// Whether it can be sent by a request of HTTP, which belongs to no connection: it names its instance and its age.
+    /// Checks that the presence can be sent by an HTTP request, which has no connection: it names its instance and its
+    /// validity.
     ///
     /// # Errors
-    /// What to write.
+    /// Returns an error with the text to write if `instance` is not a name of the process itself, or if `online`
+    /// without `expires_ms`.
     pub fn check_registration(&self) -> Result<(), String> {
         let names_itself = self.instance.as_deref().is_some_and(is_own_instance);
         if !names_itself {
@@ -143,10 +149,10 @@ impl HandlerPresence {
         Ok(())
     }
 
-    /// Whether its instance has a right name, its age a right limit, and what it says of its M codes can be.
+    /// Validates the instance name, the times, and the declarations of M codes and alarms.
     ///
     /// # Errors
-    /// `invalid`: what to write.
+    /// Returns an error (`invalid` or `too_large`) that states what to write if one of them is not allowed.
     pub fn check(&self) -> Result<(), Refusal> {
         let (least, most) = (*EXPIRES_MS.start(), *EXPIRES_MS.end());
         if let Some(wrong) = self.expires_ms.filter(|ms| !EXPIRES_MS.contains(ms)) {
@@ -174,25 +180,26 @@ impl HandlerPresence {
     }
 }
 
-/// How a handler came to be absent. Times are seconds since the start.
+/// How a handler went offline. Times are seconds since the start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Departure {
-    /// It announced that it is back before this time (`returns_within_ms`).
+    /// It announced that it will be back before this time (`returns_within_ms`).
     Announced {
-        /// The time.
+        /// The announced time.
         until_s: f64,
     },
     /// Its connection, its process or its presence ended without such an announcement.
     Unannounced {
-        /// Until when the grace time lasts.
+        /// End of the grace time.
         until_s: f64,
     },
-    /// Another instance took its place.
+    /// Another instance replaced it.
     TakenOver,
 }
 
 impl Departure {
-    /// Until when its M codes, outputs and levels wait for it; `None`: another instance has them.
+    /// Returns the time until which its M codes, outputs and levels wait for it, or `None` if another instance has
+    /// them.
     pub fn until_s(self) -> Option<f64> {
         match self {
             Departure::Announced { until_s } | Departure::Unannounced { until_s } => Some(until_s),
@@ -201,7 +208,7 @@ impl Departure {
     }
 }
 
-/// True for an instance that a client has named itself, which outlives its connections.
+/// Returns true for an instance name that the client itself chose; such a name outlives its connections.
 pub fn is_own_instance(instance: &str) -> bool {
     !instance.starts_with(CONNECTION_MARK)
 }
@@ -216,7 +223,7 @@ pub struct HandledCode {
     pub m: u16,
 }
 
-/// What became of a presence.
+/// Result of a presence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -224,37 +231,37 @@ pub struct HandledCode {
 pub enum HandlerStatus {
     /// The handler serves its M codes.
     Accepted,
-    /// It does not; `text` says why, such as that another instance of this id is there.
+    /// The handler does not serve its M codes; `text` gives the reason, such as another online instance of this id.
     Refused,
-    /// Another instance of this id has come: the one that is there says its presence again within 2 s, or the other takes its
-    /// place.
+    /// Another instance of this id wants to come online: the online instance repeats its presence within 2 s, or the
+    /// other instance replaces it.
     Confirm,
-    /// Another instance has taken its place: it ends its work, and claims and resets nothing more.
+    /// Another instance has replaced this one: this instance ends its work, and stops sending claims and resets.
     TakenOver,
 }
 
-/// Payload of `handler/{id}/result`: the answer to an `online` presence, a question whether it is still there, or that its place was
-/// taken.
+/// Payload of `handler/{id}/result`: the answer to an `online` presence, a request to confirm that the instance is
+/// still online, or the notice that another instance has replaced it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandlerResult {
     /// Always `presence`.
     pub of: HandlerAct,
-    /// Whom it is for.
+    /// Instance to which the message is addressed.
     #[serde(default)]
     pub instance: Option<String>,
-    /// What became of it.
+    /// Result of the presence.
     pub status: HandlerStatus,
-    /// With `refused`: machine-readable.
+    /// With `refused`: machine-readable reason.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<RefusalCode>,
-    /// With `refused` and `taken_over`: why, and what to do.
+    /// With `refused` and `taken_over`: the reason, and what to do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
 }
 
 impl HandlerResult {
-    /// The presence counts.
+    /// Creates the answer to an accepted presence.
     pub fn accepted(instance: Option<String>) -> Self {
         Self {
             of: HandlerAct::Presence,
@@ -265,7 +272,7 @@ impl HandlerResult {
         }
     }
 
-    /// The presence does not count.
+    /// Creates the answer to a refused presence.
     pub fn refused(instance: Option<String>, refusal: &Refusal) -> Self {
         Self {
             status: HandlerStatus::Refused,
@@ -275,7 +282,7 @@ impl HandlerResult {
         }
     }
 
-    /// The instance that is there is asked whether it still is.
+    /// Creates the request to the online instance to confirm that it is still online.
     pub fn confirm(instance: Option<String>) -> Self {
         Self {
             status: HandlerStatus::Confirm,
@@ -283,7 +290,7 @@ impl HandlerResult {
         }
     }
 
-    /// Another instance has taken the place of this one.
+    /// Creates the notice that another instance has replaced this one.
     pub fn taken_over(instance: Option<String>, text: String) -> Self {
         Self {
             status: HandlerStatus::TakenOver,
@@ -293,7 +300,7 @@ impl HandlerResult {
     }
 }
 
-/// What a `handler/{id}/result` answers.
+/// Message that a `handler/{id}/result` answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]

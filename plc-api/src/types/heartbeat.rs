@@ -5,37 +5,37 @@ use serde::{Deserialize, Serialize};
 use super::CoordinateSystemNumber;
 use super::refusal::{Refusal, RefusalCode};
 
-/// Shortest time within which a watched client may have to be heard, ms. Reason: a network and a computer that is busy need
-/// some of it.
+/// Shortest time within which a watched client must send its next heartbeat, ms. Reason: a network and a busy computer
+/// need part of it.
 pub const CLIENT_TTL_MIN_MS: u64 = 100;
 
-/// Longest time within which a watched client must be heard, ms.
+/// Longest time within which a watched client must send its next heartbeat, ms.
 pub const CLIENT_TTL_MAX_MS: u64 = 60_000;
 
 /// Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Heartbeat {
-    /// Servo cycles since the start; those that were left out do not count.
+    /// Servo cycles since the start, without the omitted ones.
     pub cycle: u64,
 }
 
-/// Payload of `client/{id}/heartbeat`: asks the machine to watch this client. When it is not heard again in time, every run
+/// Payload of `client/{id}/heartbeat`: asks the machine to watch this client. If the next heartbeat is late, every run
 /// is held: `FEED_HOLD`, reason `CLIENT_LOST`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ClientHeartbeat {
-    /// Time within which the next heartbeat must come, ms: 100 to 60000. 0: the client goes and is not watched any more.
+    /// Time within which the next heartbeat must be received, ms: 100 to 60000. 0 ends the watch: the client leaves.
     pub ttl_ms: u64,
-    /// The coordinate system that is held; left out or null: each of them.
+    /// The coordinate system that is held; left out or null for all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
 }
 
 impl ClientHeartbeat {
     /// # Errors
-    /// `invalid`: the time is out of its range.
+    /// Fails with `invalid` if the time is out of its range.
     pub fn check(self) -> Result<(), Refusal> {
         let ttl_ms = self.ttl_ms;
         if ttl_ms == 0 || (CLIENT_TTL_MIN_MS..=CLIENT_TTL_MAX_MS).contains(&ttl_ms) {

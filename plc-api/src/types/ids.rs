@@ -1,23 +1,23 @@
-//! Rules of the ids that clients choose.
+//! Rules for the ids that clients choose.
 
 use super::refusal::{Refusal, RefusalCode};
 
-/// Characters of the id of a client or a handler.
+/// Largest number of characters of the id of a client or a handler.
 pub const CLIENT_ID_MAX: usize = 64;
 
-/// Characters of a command id.
+/// Largest number of characters of a command id.
 pub const COMMAND_ID_MAX: usize = 128;
 
-/// True for the id of a client or a handler: 1 to [`CLIENT_ID_MAX`] characters without `/ + #` and without NUL, since it
-/// is a level of MQTT topics.
+/// Returns true for a valid id of a client or a handler: 1 to [`CLIENT_ID_MAX`] characters without `/ + #` and without
+/// NUL, because it is a level of MQTT topics.
 pub fn is_client_id(id: &str) -> bool {
     has_length(id, CLIENT_ID_MAX) && !id.bytes().any(|byte| matches!(byte, b'/' | b'+' | b'#' | 0))
 }
 
-/// The same, in words; `what` names the id.
+/// Validates the id of a client or a handler; `what` names the id in the error.
 ///
 /// # Errors
-/// `invalid`: what to write.
+/// Returns `invalid` with what to write if the id is not valid.
 pub fn check_client_id(what: &str, id: &str) -> Result<(), Refusal> {
     let text = || format!("{what}: write 1 to {CLIENT_ID_MAX} characters without / + #");
     is_client_id(id)
@@ -25,10 +25,10 @@ pub fn check_client_id(what: &str, id: &str) -> Result<(), Refusal> {
         .ok_or_else(|| Refusal::new(RefusalCode::Invalid, text()))
 }
 
-/// Checks who commands and the command's id, which has 1 to [`COMMAND_ID_MAX`] characters.
+/// Validates the client id and the command id, which has 1 to [`COMMAND_ID_MAX`] characters.
 ///
 /// # Errors
-/// `invalid`: what to write.
+/// Returns `invalid` with what to write if one of them is not valid.
 pub fn check_command(client_id: &str, command_id: &str) -> Result<(), Refusal> {
     check_client_id("client_id", client_id)?;
     let text = || format!("command_id: write 1 to {COMMAND_ID_MAX} characters");

@@ -9,25 +9,25 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::ids::{check_client_id, is_client_id};
 use super::refusal::{Refusal, RefusalCode};
 
-/// Inputs of a plant, and as many outputs. Reason: what they are is one message.
+/// Largest number of inputs of a plant, and of outputs. Reason: their declarations are one message.
 pub const IO_MAX: usize = 256;
 
-/// Which way something goes, from the point of view of sequence programs.
+/// Direction of a signal, from the point of view of sequence programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum IoSide {
-    /// The plant tells it: a contact, a sensor.
+    /// Input from the plant: a contact, a sensor.
     In,
-    /// Sequence programs command it: a valve, a lamp.
+    /// Output of sequence programs: a valve, a lamp.
     Out,
 }
 
 impl IoSide {
-    /// Both.
+    /// Both sides.
     pub const ALL: [IoSide; 2] = [IoSide::In, IoSide::Out];
 
-    /// Its level in topics and routes.
+    /// Returns its level in topics and routes.
     pub fn wire_name(self) -> &'static str {
         match self {
             IoSide::In => "in",
@@ -35,7 +35,7 @@ impl IoSide {
         }
     }
 
-    /// The side of a level.
+    /// Returns the side of a level.
     pub fn of_wire_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|side| side.wire_name() == name)
     }
@@ -51,19 +51,19 @@ pub struct IoPoint {
 }
 
 impl IoPoint {
-    /// An input.
+    /// Creates an input.
     pub fn input(name: impl Into<String>) -> Self {
         let (side, name) = (IoSide::In, name.into());
         Self { side, name }
     }
 
-    /// An output.
+    /// Creates an output.
     pub fn output(name: impl Into<String>) -> Self {
         let (side, name) = (IoSide::Out, name.into());
         Self { side, name }
     }
 
-    /// The point of a path such as `in/door_closed`.
+    /// Parses a path such as `in/door_closed`.
     pub(super) fn parse(path: &str) -> Option<Self> {
         let (side, name) = path.split_once('/')?;
         let (side, name) = (IoSide::of_wire_name(side)?, name.to_owned());
@@ -84,17 +84,17 @@ impl fmt::Display for IoPoint {
 pub enum IoValue {
     /// On or off.
     Bool(bool),
-    /// In the unit of its declaration.
+    /// A number in the unit of its declaration.
     Number(f64),
 }
 
 impl IoValue {
-    /// True while it is on; false for a number.
+    /// Returns true while the value is on; false for a number.
     pub fn is_on(self) -> bool {
         self == true
     }
 
-    /// `None`: it is on or off.
+    /// Returns the number, or `None` for an on/off value.
     pub fn as_number(self) -> Option<f64> {
         match self {
             IoValue::Number(number) => Some(number),
@@ -102,7 +102,7 @@ impl IoValue {
         }
     }
 
-    /// Of which kind it is.
+    /// Returns the kind of the value.
     pub fn kind(self) -> IoKind {
         match self {
             IoValue::Bool(_) => IoKind::Bool,
@@ -138,7 +138,7 @@ impl From<f64> for IoValue {
     }
 }
 
-/// `value == true`; a number is neither `true` nor `false`.
+/// Compares as in `value == true`; a number is neither `true` nor `false`.
 impl PartialEq<bool> for IoValue {
     fn eq(&self, other: &bool) -> bool {
         matches!(self, IoValue::Bool(value) if value == other)
@@ -151,14 +151,14 @@ impl PartialEq<f64> for IoValue {
     }
 }
 
-/// `value > 12.5`; what is on or off is neither greater nor less.
+/// Compares as in `value > 12.5`; an on/off value is neither greater nor less.
 impl PartialOrd<f64> for IoValue {
     fn partial_cmp(&self, other: &f64) -> Option<Ordering> {
         self.as_number()?.partial_cmp(other)
     }
 }
 
-/// What kind of value it has.
+/// Kind of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
@@ -175,7 +175,7 @@ pub enum IoKind {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "write true, false, a number or \"keep\"")]
 pub enum IoLoss {
-    /// A safe value, also that of a start.
+    /// A safe value, which also applies at a start.
     Value(IoValue),
     /// The value that its owner wrote last.
     Keep(KeepWord),
@@ -185,7 +185,7 @@ impl IoLoss {
     /// The value that the owner wrote last stays.
     pub const KEEP: Self = IoLoss::Keep(KeepWord::Keep);
 
-    /// The safe value; `None`: the value that the owner wrote last stays.
+    /// Returns the safe value, or `None` if the value that the owner wrote last stays.
     pub fn value(self) -> Option<IoValue> {
         match self {
             IoLoss::Value(value) => Some(value),
@@ -246,33 +246,33 @@ pub enum LastWord {
     Last,
 }
 
-/// What the configuration says of an input or output.
+/// Configuration of an input or output.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct IoDeclaration {
-    /// Bool or number.
+    /// On/off or number.
     pub kind: IoKind,
-    /// The value while its owner is lost: a safe value, which is also that of a start, or `keep`.
+    /// The value while its owner is lost: a safe value, which also applies at a start, or `keep`.
     pub on_loss: IoLoss,
     /// With `on_loss` `keep`: the value at a start, or `last`, the value that was written last before the start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_start: Option<IoStart>,
-    /// What it is, for people; empty: its name says it.
+    /// Description for people; empty if the name is sufficient.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub text: String,
     /// Unit of a number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// Lowest number.
+    /// Lowest allowed number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// Highest number.
+    /// Highest allowed number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
 }
 
 impl IoDeclaration {
-    /// Of the kind of its safe value, without a range.
+    /// Creates a declaration of the kind of its safe value, without a range.
     pub fn new(on_loss: impl Into<IoValue>) -> Self {
         let on_loss = on_loss.into();
         Self {
@@ -282,7 +282,7 @@ impl IoDeclaration {
         }
     }
 
-    /// Keeps the value of its last owner, and begins with this one.
+    /// Keeps the value of the last owner, and starts with this one.
     #[must_use]
     pub fn kept(self, at_start: impl Into<IoStart>) -> Self {
         Self {
@@ -292,12 +292,13 @@ impl IoDeclaration {
         }
     }
 
-    /// True if the value that was written last outlives the machine.
+    /// Returns true if the value that was written last is kept across starts of the machine.
     pub fn keeps_last(&self) -> bool {
         self.at_start == Some(IoStart::LAST)
     }
 
-    /// The value at a start; where `last` asks for one that does not exist, off, or the allowed number nearest to 0.
+    /// Returns the value at a start. If `last` is declared but no value is stored, it is off, or the allowed number
+    /// nearest to 0.
     pub fn first_value(&self) -> IoValue {
         let zero = match self.kind {
             IoKind::Bool => IoValue::Bool(false),
@@ -313,10 +314,10 @@ impl IoDeclaration {
         }
     }
 
-    /// Whether it can have this value.
+    /// Checks that the input or output can have this value.
     ///
     /// # Errors
-    /// What to write.
+    /// Returns an error with the text to write if the value is of the other kind or out of range.
     pub fn check(&self, value: IoValue) -> Result<(), String> {
         match (self.kind, value) {
             (IoKind::Bool, IoValue::Bool(_)) => Ok(()),
@@ -351,7 +352,7 @@ pub struct IoDeclarations {
 }
 
 impl IoDeclarations {
-    /// Those of one side.
+    /// Returns the declarations of one side.
     pub fn of(&self, side: IoSide) -> &BTreeMap<String, IoDeclaration> {
         match side {
             IoSide::In => &self.inputs,
@@ -359,13 +360,13 @@ impl IoDeclarations {
         }
     }
 
-    /// True for an output whose last value outlives the machine.
+    /// Returns true for an output whose last value is kept across starts of the machine.
     pub fn keeps_last(&self, point: &IoPoint) -> bool {
         let declared = self.of(point.side).get(&point.name);
         declared.is_some_and(IoDeclaration::keeps_last)
     }
 
-    /// Adds one, or takes its place.
+    /// Adds a declaration, or replaces the existing one.
     pub fn insert(&mut self, point: IoPoint, declaration: IoDeclaration) {
         let declared = match point.side {
             IoSide::In => &mut self.inputs,
@@ -374,7 +375,7 @@ impl IoDeclarations {
         declared.insert(point.name, declaration);
     }
 
-    /// All of them.
+    /// Returns all inputs and outputs with their declarations.
     pub fn points(&self) -> impl Iterator<Item = (IoPoint, &IoDeclaration)> {
         IoSide::ALL.into_iter().flat_map(|side| {
             let declared = self.of(side).iter();
@@ -390,31 +391,33 @@ impl IoDeclarations {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct IoState {
-    /// What counts: the forced value, else what was written.
+    /// The value in force: the forced value, otherwise the written one.
     pub value: IoValue,
-    /// What was written last; the value of a start until then, and `on_loss` once its owner is lost.
+    /// The value that was written last; the start value before the first write, and the value of `on_loss` once its
+    /// owner is lost.
     pub written: IoValue,
-    /// The handler that writes it, which alone does; null: nobody yet, or clients without presence, of which any writes it.
+    /// The only handler that may write it; null if it has no owner: any client without presence may write it, or none
+    /// has yet.
     pub owner: Option<String>,
-    /// True once its owner is lost: it left without announcing its return and did not come back within `grace_ms`, or not within
-    /// the time that it had announced. The value is that of `on_loss`.
+    /// True once its owner is lost: it left without announcing its return and did not return within `grace_ms`, or it
+    /// did not return within the announced time. The value is that of `on_loss`.
     #[serde(default)]
     pub lost: bool,
-    /// True if the value that was written last before the start (`at_start = "last"`) is damaged: what the output did is unknown
-    /// until it is written or forced.
+    /// True if the value that was written last before the start (`at_start = "last"`) is damaged: the previous value of
+    /// the output is unknown until it is written or forced.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unknown: bool,
-    /// An operator has put a value in the place of the written one; null: nobody has.
+    /// The forced value that replaces the written one; null if none is forced.
     pub forced: Option<IoForced>,
 }
 
-/// A value in the place of the written one.
+/// A forced value that replaces the written one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct IoForced {
     /// The value.
     pub value: IoValue,
-    /// Who has forced it.
+    /// User or client that forced it.
     pub by: String,
 }
 
@@ -428,7 +431,8 @@ pub struct IoSet {
     /// The handler that owns it from now on; its presence must be online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
-    /// With `handler_id`: the instance that its presence names. Needed where that names one; another instance is refused.
+    /// With `handler_id`: the instance named in its presence. Required if the presence names one; another instance is
+    /// refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
 }
@@ -438,18 +442,18 @@ pub struct IoSet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct IoForce {
-    /// The value that counts from now on; null: what is written counts again.
+    /// The value that is in force from now on; null ends the forcing, and the written value is in force again.
     #[serde(deserialize_with = "null_or_value")]
     #[cfg_attr(feature = "schema", schemars(required, schema_with = "value_or_null"))]
     pub value: Option<IoValue>,
-    /// Who forces it, where the machine does not know its user.
+    /// Name of the sender, if the machine does not know its user.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub by: Option<String>,
 }
 
 impl IoForce {
     /// # Errors
-    /// A name that is none.
+    /// Fails if the name is not valid.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         self.by.as_ref().map_or(Ok(()), |by| check_client_id("by", by))
     }
@@ -461,21 +465,21 @@ fn value_or_null(generator: &mut schemars::SchemaGenerator) -> schemars::Schema 
     schemars::json_schema!({"anyOf": [value, {"type": "null"}]})
 }
 
-/// A field that may be null, and may not be left out.
+/// Reads a field that may be null, but must be present.
 fn null_or_value<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<IoValue>, D::Error> {
     Option::deserialize(deserializer)
 }
 
 impl IoSet {
     /// # Errors
-    /// An id that is none.
+    /// Fails if an id is not valid.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         let id = self.handler_id.as_ref();
         id.map_or(Ok(()), |id| check_client_id("handler_id", id))
     }
 }
 
-/// What cannot be done with a point.
+/// Creates the refusal of an operation on a point.
 pub(crate) fn refused(code: RefusalCode, point: &IoPoint, why: impl fmt::Display) -> Refusal {
     Refusal::new(code, format!("{point}: {why}"))
 }

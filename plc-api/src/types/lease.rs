@@ -1,54 +1,54 @@
-//! The control lease of a coordinate system: the exclusive right to start motion for a while.
+//! The control lease of a coordinate system: the exclusive right to start motion for a limited time.
 
 use serde::{Deserialize, Serialize};
 
 use super::Timestamp;
 
-/// Shortest time that a lease may be taken for, ms.
+/// Shortest validity of a lease, ms.
 pub const LEASE_TTL_MIN_MS: u64 = 1_000;
 
-/// Longest time that a lease may be taken for, ms. Reason: a holder that is gone must not lock a machine for a shift.
+/// Longest validity of a lease, ms. Reason: a holder that is lost must not lock a machine for a shift.
 pub const LEASE_TTL_MAX_MS: u64 = 600_000;
 
-/// Time that a lease is taken for where none is named, ms.
+/// Validity of a lease if the request names none, ms.
 pub const LEASE_TTL_DEFAULT_MS: u64 = 30_000;
 
-/// Characters of a holder's name.
+/// Largest number of characters of a holder's name.
 pub const LEASE_HOLDER_MAX: usize = 64;
 
-/// What is asked of a lease.
+/// A request about a lease.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LeaseRequest {
-    /// Takes a free lease, or renews the own one.
+    /// Takes a free lease, or renews the sender's own lease.
     Take(LeaseTake),
-    /// Gives it back.
+    /// Releases the sender's own lease.
     Release(LeaseRelease),
-    /// Ends it, whoever holds it.
+    /// Ends the lease of any holder.
     Break,
 }
 
-/// Body of a take.
+/// Body of a request to take a lease.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LeaseTake {
-    /// Who holds it, as people are told: 1 to 64 characters. Who leaves it out is named by the client id.
+    /// Name of the holder as people see it: 1 to 64 characters. Without it, the client id is the name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub holder: Option<String>,
-    /// For how long, ms: 1000 to 600000, 30000 where it is left out.
+    /// Validity of the lease, ms: 1000 to 600000; 30000 if left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ttl_ms: Option<u64>,
-    /// Of the own lease, to renew it.
+    /// Number of the sender's own lease, to renew it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fence: Option<u64>,
 }
 
-/// Body of a release.
+/// Body of a request to release a lease.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LeaseRelease {
-    /// Of the own lease.
+    /// Number of the sender's own lease.
     pub fence: u64,
 }
 
@@ -56,23 +56,24 @@ pub struct LeaseRelease {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Lease {
-    /// Who holds it.
+    /// Name of the holder.
     pub holder: String,
-    /// Its number: what commands carry. Grows with each lease of the coordinate system, and is never used again.
+    /// Number of the lease, which commands carry. It increases with each lease of the coordinate system, and is never
+    /// reused.
     pub fence: u64,
-    /// When it ends unless it is renewed.
+    /// Time when the lease ends unless it is renewed.
     pub expires_at: Timestamp,
 }
 
-/// Payload of `cs/{cs}/lease/state`: all fields are null while nobody holds the lease.
+/// Payload of `cs/{cs}/lease/state`: all fields are null while the lease is free.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LeaseState {
-    /// Who holds it.
+    /// Name of the holder.
     pub holder: Option<String>,
-    /// Its number.
+    /// Number of the lease.
     pub fence: Option<u64>,
-    /// When it ends unless it is renewed.
+    /// Time when the lease ends unless it is renewed.
     pub expires_at: Option<Timestamp>,
 }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::params::Params;
 use super::state::{CallSite, Modal};
 
-/// Where a run begins that does not begin at the head of the loaded program.
+/// Start of a run at a line other than the beginning of the loaded program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -15,22 +15,22 @@ pub struct LineStart {
     /// Line of its first block, from 1.
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     pub from_line: u32,
-    /// The program that has the line, where that is a subprogram; null: the loaded one.
+    /// The program that contains the line, if it is a subprogram; null for the loaded program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
     pub program: Option<u16>,
-    /// How many times the program comes to the line, that time included, from 1; needed where it comes there more than once, in
+    /// Which pass of the program over the line, from 1; required if the program reaches the line more than once, as in
     /// loops and subprograms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     pub occurrence: Option<u32>,
-    /// How the axes come to where the block begins.
+    /// How the axes approach the start of the block.
     #[serde(default)]
     pub approach: Approach,
 }
 
 impl LineStart {
-    /// The line of the loaded program, which comes there once, and an approach in the plane first.
+    /// Creates a start at a line of the loaded program that is reached once, with an approach in the plane first.
     pub fn line(from_line: u32) -> Self {
         Self {
             from_line,
@@ -41,13 +41,13 @@ impl LineStart {
     }
 }
 
-/// In which order axes go to where a run from a line begins, each as fast as it may. The infeed axis is the one at right
-/// angles to the plane in force: Z in G17.
+/// Order in which the axes approach the start of a run from a line, each at its maximum speed. The infeed axis is the
+/// one at right angles to the plane in force: Z in G17.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Approach {
-    /// All axes but the infeed axis, then that.
+    /// All axes except the infeed axis, then the infeed axis.
     #[default]
     PlaneFirst,
     /// The infeed axis, then all others.
@@ -56,37 +56,37 @@ pub enum Approach {
     Direct,
 }
 
-/// What is in force where a run from a line begins, and what such a start does before it.
+/// State in force at the line where a run begins, and the actions of such a start before that line.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LineState {
-    /// The program that has the line.
+    /// The program that contains the line.
     pub program: u16,
     /// The line.
     pub line: u32,
-    /// Which time it is that the program comes there, from 1.
+    /// Which pass of the program over the line, from 1.
     pub occurrence: u32,
     /// Text of the line.
     pub block: String,
-    /// Calls that lead there, the main program first.
+    /// Calls that lead to the line, the main program first.
     pub stack: Vec<CallSite>,
     /// Codes, feedrate, speed, tool and work offset in force.
     pub modal: Modal,
-    /// Where the block begins, in work coordinates by axis letter, mm or degrees.
+    /// Start position of the block in work coordinates, by axis letter, mm or degrees.
     pub work: BTreeMap<String, f64>,
-    /// The same in machine coordinates.
+    /// Start position in machine coordinates.
     pub machine: BTreeMap<String, f64>,
-    /// Motions from where the axes are now to there, in order: axes with their machine positions.
+    /// Motions from the current position to the start position, in order: axes with their machine positions.
     pub approach: Vec<BTreeMap<String, f64>>,
-    /// M codes that are put out before the approach, in order.
+    /// M codes that are issued before the approach, in order.
     pub restore: Vec<RestoredOutput>,
-    /// The newest of each other M code that the program would have put out before, which is not put out.
+    /// The latest output of each other M code that the program would have issued before; it is not issued.
     pub not_restored: Vec<RestoredOutput>,
-    /// P and Q that the program sets on its way there, by name; the start sets them.
+    /// P and Q variables that the program sets before the line, by name; the start sets them.
     pub variables: BTreeMap<String, f64>,
 }
 
-/// An M code that a program puts out before the line that a run begins at.
+/// An M code that a program issues before the line at which a run begins.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RestoredOutput {
@@ -94,7 +94,7 @@ pub struct RestoredOutput {
     pub m: u16,
     /// Its parameters.
     pub params: Params,
-    /// The program that has it.
+    /// The program that contains it.
     pub program: u16,
     /// Its line.
     pub line: u32,

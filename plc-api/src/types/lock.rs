@@ -1,23 +1,23 @@
-//! Interlock and start lock: inputs that are on while any of their sources is.
+//! Interlock and start lock: inputs that are on while any of their sources is on.
 
 use serde::{Deserialize, Serialize};
 
 use super::ids::{CLIENT_ID_MAX, check_client_id, is_client_id};
 use super::refusal::{Refusal, RefusalCode};
 
-/// The source of whoever names none.
+/// The source of a message that names none.
 pub const DEFAULT_SOURCE: &str = "default";
 
-/// Characters of the reason of a lock. Reason: it is one line of a panel.
+/// Largest number of characters of the reason of a lock. Reason: it is one line of a panel.
 pub const LOCK_TEXT_MAX: usize = 500;
 
-/// Payload of `input/interlock/state` and `input/start_lock/state`: an input that says why it is on.
+/// Payload of `input/interlock/state` and `input/start_lock/state`: an input with the reasons why it is on.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Lock {
-    /// On while any of its sources is.
+    /// On while any of its sources is on.
     pub value: bool,
-    /// Why, in the words of the sources that are on.
+    /// Reasons, as given by the sources that are on.
     #[serde(default)]
     pub text: String,
     /// Its sources by name: those of the configuration, those that are on, and those that have an owner.
@@ -29,19 +29,19 @@ pub struct Lock {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LockSource {
-    /// Its name; `default` for whoever names none.
+    /// Its name; `default` for messages that name none.
     pub source: String,
     /// On or off.
     pub value: bool,
-    /// Why.
+    /// Reason, as given by the source.
     #[serde(default)]
     pub text: String,
-    /// The handler that owns it, which alone clears it; null: clients without presence have set it, and any of them clears it.
+    /// The only handler that may clear it; null if clients without presence have set it, any of which may clear it.
     pub handler_id: Option<String>,
     /// True once its owner is lost: the value is that of `on_loss`.
     #[serde(default)]
     pub lost: bool,
-    /// The operator who has set it in the place of its owner, until the owner writes it again.
+    /// The operator who set it instead of its owner, until the owner writes it again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub forced_by: Option<String>,
 }
@@ -53,25 +53,27 @@ pub struct LockSource {
 pub struct LockSet {
     /// On or off.
     pub value: bool,
-    /// Why, in the operator's words.
+    /// Reason, in the operator's words.
     #[serde(default)]
     pub text: String,
-    /// Which source, 1 to 64 characters without `/ + #`; without it `default`.
+    /// Name of the source, 1 to 64 characters without `/ + #`; `default` if left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<String>,
-    /// The handler that owns the source from now on; its presence must be online. With `force`: who decides.
+    /// The handler that owns the source from now on; its presence must be online. With `force`: the operator who
+    /// decides.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
-    /// With `handler_id`: the instance that its presence names. Needed where that names one; another instance is refused.
+    /// With `handler_id`: the instance named in its presence. Required if the presence names one; another instance is
+    /// refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// An operator's set: it counts whoever owns the source, and is marked with who has made it.
+    /// An operator's message: accepted for any owner of the source, and marked with the operator's name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force: Option<bool>,
 }
 
 impl LockSet {
-    /// The source `default` of clients without presence.
+    /// Creates a message for the source `default` of clients without presence.
     pub fn new(value: bool, text: impl Into<String>) -> Self {
         Self {
             value,
@@ -80,14 +82,14 @@ impl LockSet {
         }
     }
 
-    /// Of this source.
+    /// Sets the name of the source.
     #[must_use]
     pub fn of_source(mut self, source: impl Into<String>) -> Self {
         self.source = Some(source.into());
         self
     }
 
-    /// The name of its source.
+    /// Returns the name of its source.
     pub fn source(&self) -> &str {
         self.source.as_deref().unwrap_or(DEFAULT_SOURCE)
     }
@@ -97,7 +99,7 @@ impl LockSet {
     }
 
     /// # Errors
-    /// A name that is none, or a text that is too long.
+    /// Fails if a name is not valid, or the text is too long.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         if !is_client_id(self.source()) {
             let text = format!("source: write 1 to {CLIENT_ID_MAX} characters without / + #");
@@ -114,12 +116,12 @@ impl LockSet {
     }
 }
 
-/// The value of a source whose owner is not there.
+/// Value of a source whose owner is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum OnLoss {
-    /// The one that it had; off at a start.
+    /// The last value; off at a start.
     #[default]
     Keep,
     /// On.

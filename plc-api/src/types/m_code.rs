@@ -1,4 +1,4 @@
-//! What a sequence program declares of its M codes: their names, and what VA to VH mean.
+//! Declarations of M codes by a sequence program: their names, and the meaning of VA to VH.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,13 +11,13 @@ use super::redelivery::Redelivery;
 use super::refusal::{Refusal, RefusalCode};
 use crate::m_codes::M_CODE_MAX;
 
-/// Characters of the name of an M code or of a parameter.
+/// Largest number of characters of the name of an M code or of a parameter.
 pub const DECLARED_NAME_MAX: usize = 40;
 
-/// Characters of a unit.
+/// Largest number of characters of a unit.
 pub const UNIT_MAX: usize = 16;
 
-/// How far a number may be from the whole one that is meant. Reason: numbers of a program are binary fractions.
+/// Largest deviation from a whole number that is still accepted. Reason: numbers of a program are binary fractions.
 const WHOLE_TOLERANCE: f64 = 1e-9;
 
 /// One of VA to VH; in JSON `A` to `H`, as in `params` of an output.
@@ -44,7 +44,7 @@ pub enum ParamLetter {
 }
 
 impl ParamLetter {
-    /// All, in order.
+    /// All letters, in order.
     pub const ALL: [Self; 8] = [
         Self::A,
         Self::B,
@@ -56,7 +56,7 @@ impl ParamLetter {
         Self::H,
     ];
 
-    /// Its value in an output; `None`: not programmed.
+    /// Returns the value of this parameter in an output, or `None` if it is not programmed.
     pub fn of(self, params: &Params) -> Option<f64> {
         match self {
             Self::A => params.a,
@@ -77,33 +77,33 @@ impl fmt::Display for ParamLetter {
     }
 }
 
-/// What one parameter means, and which numbers it takes.
+/// Meaning of one parameter, and the numbers that it accepts.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct ParamDeclaration {
-    /// What it is, such as `force`: 1 to 40 characters.
+    /// Name, such as `force`: 1 to 40 characters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Its unit, such as `kN`: 1 to 16 characters.
+    /// Unit, such as `kN`: 1 to 16 characters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// Lowest number that it takes.
+    /// Lowest accepted number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// Highest number that it takes.
+    /// Highest accepted number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
-    /// It takes whole numbers only.
+    /// True if only whole numbers are accepted.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub whole: bool,
-    /// It may be left out.
+    /// True if the parameter may be omitted.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub optional: bool,
 }
 
 impl ParamDeclaration {
-    /// A parameter in a unit that takes any number.
+    /// Creates a parameter with a unit that accepts any number.
     pub fn in_unit(unit: impl Into<String>) -> Self {
         Self {
             unit: Some(unit.into()),
@@ -111,7 +111,7 @@ impl ParamDeclaration {
         }
     }
 
-    /// The same with these bounds; `None` leaves a bound as it is.
+    /// Sets these bounds; `None` leaves a bound unchanged.
     #[must_use]
     pub fn within(self, min: Option<f64>, max: Option<f64>) -> Self {
         Self {
@@ -121,7 +121,8 @@ impl ParamDeclaration {
         }
     }
 
-    /// True for a number that it takes. A whole number may be as far off as calculations of a program make it: 0.1 * 30.
+    /// Returns true if the parameter accepts this number. A whole number may deviate by the rounding of a program's
+    /// calculation, such as 0.1 * 30.
     pub fn takes(&self, number: f64) -> bool {
         let meant = if self.whole { number.round() } else { number };
         meant.is_finite()
@@ -130,7 +131,7 @@ impl ParamDeclaration {
             && self.max.is_none_or(|max| meant <= max)
     }
 
-    /// What to write, such as `1 to 20 kN`.
+    /// Returns the accepted numbers in words, such as `1 to 20 kN`.
     pub fn range_text(&self) -> String {
         let unit = self
             .unit
@@ -150,7 +151,7 @@ impl ParamDeclaration {
         }
     }
 
-    /// Its name and range.
+    /// Returns its name and range.
     pub fn text(&self) -> String {
         let optional = if self.optional { "; may be left out" } else { "" };
         match &self.name {
@@ -186,29 +187,29 @@ fn is_word(text: &str, max: usize) -> bool {
     (1..=max).contains(&text.chars().count()) && !text.contains(char::is_control)
 }
 
-/// What the parameters of an M code mean; one that is not here is none of its parameters.
+/// Declared parameters of an M code; the M code has no other parameters.
 pub type DeclaredParams = BTreeMap<ParamLetter, ParamDeclaration>;
 
-/// What a handler says of an M code that it serves: its name, and what its parameters mean.
+/// Declaration of an M code by the handler that serves it: its name, and the meaning of its parameters.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MCodeDeclaration {
     /// M number.
     pub m: u16,
-    /// The coordinate system in which it is so; without it, all in which the handler serves the M code and of which it says
-    /// nothing else.
+    /// Coordinate system to which the declaration applies. Without it, it applies to all coordinate systems in which
+    /// the handler serves the M code without a declaration of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
-    /// What it does, such as `clamp`: 1 to 40 characters.
+    /// Function of the M code, such as `clamp`: 1 to 40 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Its parameters: a program with others, or with numbers that they do not take, is not loaded. Without it, every parameter
-    /// is taken; empty, none.
+    /// Its parameters: a program with other parameters, or with numbers that they do not accept, is not loaded. Without
+    /// this field every parameter is accepted; an empty map accepts none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub params: Option<DeclaredParams>,
-    /// What its handler does with an output of it that was claimed when its handler was lost, in place of what the presence says
-    /// for all.
+    /// Treatment of an output of this M code that was claimed when its handler was lost. It replaces the `redelivery`
+    /// of the whole presence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
 }
@@ -216,11 +217,11 @@ pub struct MCodeDeclaration {
 /// A parameter as a program gives it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GivenParam {
-    /// It is not programmed.
+    /// Not programmed.
     Absent,
     /// A number.
     Number(f64),
-    /// A variable, whose number is known only when the block runs.
+    /// A variable; its number is known only when the block runs.
     Variable,
 }
 
@@ -230,17 +231,17 @@ impl From<Option<f64>> for GivenParam {
     }
 }
 
-/// A parameter that an M code does not take, or needs.
+/// A parameter that an M code does not accept, or that is missing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ParamFault {
-    /// Which.
+    /// The parameter.
     pub letter: ParamLetter,
-    /// What is wrong with it, and what to write.
+    /// The fault, and what to write.
     pub text: String,
 }
 
 impl MCodeDeclaration {
-    /// Number and name, such as `M12 clamp`.
+    /// Returns number and name, such as `M12 clamp`.
     pub fn title(&self) -> String {
         let m = self.m;
         match &self.name {
@@ -249,7 +250,7 @@ impl MCodeDeclaration {
         }
     }
 
-    /// Number, name and parameters, such as `M12 clamp VA (force, 1 to 20 kN)`.
+    /// Returns number, name and parameters, such as `M12 clamp VA (force, 1 to 20 kN)`.
     pub fn text(&self) -> String {
         let params = self.params.iter().flatten();
         let params = params.map(|(letter, param)| format!("{letter} ({})", param.text()));
@@ -257,10 +258,10 @@ impl MCodeDeclaration {
         parts.join(" ")
     }
 
-    /// The first parameter of an output that is not as declared.
+    /// Checks the parameters of an output against the declaration.
     ///
     /// # Errors
-    /// What is wrong with it, and what to write.
+    /// Returns an error with the first parameter that is not as declared, and what to write.
     pub fn check(&self, params: &Params) -> Result<(), ParamFault> {
         let Some(declared) = &self.params else {
             return Ok(());
@@ -273,7 +274,7 @@ impl MCodeDeclaration {
         Ok(())
     }
 
-    /// All parameters, VA to VH, that are not as declared.
+    /// Returns all parameters, VA to VH, that are not as declared.
     pub fn faults(&self, given: [GivenParam; 8]) -> Vec<ParamFault> {
         let Some(declared) = &self.params else {
             return Vec::new();
@@ -321,10 +322,10 @@ impl MCodeDeclaration {
         Some(ParamFault { letter, text })
     }
 
-    /// Whether it says what can be.
+    /// Validates the declaration.
     ///
     /// # Errors
-    /// What is wrong, and what to write.
+    /// Returns an error that states what to write if the M number, a name, a unit or a range is not allowed.
     pub fn mistake(&self) -> Result<(), String> {
         if self.m > M_CODE_MAX {
             return Err(format!("M{}: M codes are 0 to {M_CODE_MAX}", self.m));
@@ -348,33 +349,34 @@ impl MCodeDeclaration {
     }
 }
 
-/// An M code that is served, and by whom.
+/// An M code that is served, and its handler.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ServedMCode {
     /// M number.
     pub m: u16,
-    /// In which coordinate systems, ascending.
+    /// Coordinate systems in which it is served, ascending.
     #[serde(default)]
     pub cs: Vec<CoordinateSystemNumber>,
-    /// The handler; null: the stock sequence program of the runtime.
+    /// The handler; null for the stock sequence program of the runtime.
     #[serde(default)]
     pub handler_id: Option<String>,
-    /// Its name, as the handler declares it, else the configuration.
+    /// Name that the handler declares, otherwise that of the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Its parameters, as the handler declares them, else the configuration; without it, every parameter is taken.
+    /// Parameters that the handler declares, otherwise those of the configuration; without them every parameter is
+    /// accepted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub params: Option<DeclaredParams>,
 }
 
 impl ServedMCode {
-    /// True where it is served in this coordinate system.
+    /// Returns true if it is served in this coordinate system.
     pub fn is_in(&self, cs: CoordinateSystemNumber) -> bool {
         self.cs.is_empty() || self.cs.contains(&cs)
     }
 
-    /// What is said of it.
+    /// Returns its declaration.
     pub fn declaration(&self) -> MCodeDeclaration {
         MCodeDeclaration {
             m: self.m,
@@ -385,7 +387,7 @@ impl ServedMCode {
         }
     }
 
-    /// Who serves it, in words.
+    /// Returns the handler that serves it, in words.
     pub fn by(&self) -> String {
         match &self.handler_id {
             Some(id) => format!("handler {id}"),
@@ -394,11 +396,12 @@ impl ServedMCode {
     }
 }
 
-/// What a sequence side serves, in a file for those who check programs without it: written by
-/// [`SequenceProgram::served`](crate::SequenceProgram::served), or the `birth` of a machine, of which the rest is not read.
+/// M codes that a sequence program serves, in a file for checking NC programs without it: written by
+/// [`SequenceProgram::served`](crate::SequenceProgram::served), or the `birth` of a machine, whose other fields are
+/// ignored.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Served {
-    /// Ascending; at most 1000. Without `cs` it is so in all coordinate systems.
+    /// Ascending; at most 1000. An entry without `cs` applies to all coordinate systems.
     pub serves: Vec<ServedMCode>,
 }
 
@@ -409,10 +412,10 @@ impl std::fmt::Display for Served {
     }
 }
 
-/// Refuses declarations that say what cannot be.
+/// Validates declarations.
 ///
 /// # Errors
-/// `invalid`: the first one, and what to write.
+/// Returns `invalid` with the first declaration that is not allowed, and what to write.
 pub(super) fn check_all(declared: &[MCodeDeclaration]) -> Result<(), Refusal> {
     let mut mistakes = declared.iter().filter_map(|one| one.mistake().err());
     match mistakes.next() {

@@ -1,4 +1,4 @@
-//! What a machine is: presence, birth, alarms.
+//! Description of a machine: presence, birth, alarms.
 
 use std::collections::BTreeMap;
 
@@ -15,20 +15,21 @@ use super::{CoordinateSystemNumber, Timestamp};
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Presence {
-    /// False: the runtime has gone, or its connection was lost.
+    /// False if the runtime has ended or its connection was lost.
     pub online: bool,
-    /// When it started.
+    /// Time when the runtime started.
     pub started_at: Timestamp,
-    /// Its version.
+    /// Version of the runtime.
     pub version: String,
-    /// The external MQTT broker that it is connected to; absent with the embedded one, and while it has no connection.
+    /// External MQTT broker to which the runtime is connected; absent with the embedded broker, and without a
+    /// connection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub broker: Option<BrokerInUse>,
-    /// It is published again at a third of this time, ms; a client that has been connected and has not heard it for as long may
-    /// take the runtime for gone. Absent: it is not published again.
+    /// Validity of this presence, ms; the runtime publishes it again at a third of this time. A connected client that
+    /// has received no presence for this time may treat the runtime as offline. Absent if the presence is not repeated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_ms: Option<u64>,
-    /// Address of its HMI as others reach it, where the configuration says it (`[http] public_url`).
+    /// Address of the HMI as other computers reach it, if the configuration sets it (`[http] public_url`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub url: Option<String>,
 }
@@ -39,17 +40,17 @@ pub struct Presence {
 pub struct BrokerInUse {
     /// Its address, such as `mqtt://10.0.0.7:1883`.
     pub address: String,
-    /// Since when the connection is there.
+    /// Time when the connection was established.
     pub since: Timestamp,
 }
 
-/// Payload of `birth`: what the machine is. Only `serves` changes while the runtime runs.
+/// Payload of `birth`: description of the machine. Only `serves` changes while the runtime runs.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Birth {
     /// Machine name.
     pub machine: String,
-    /// What its nameplate says.
+    /// Data of the nameplate.
     #[serde(default)]
     pub identification: Identification,
     /// Servo period, microseconds.
@@ -70,26 +71,27 @@ pub struct Birth {
     pub limits: Limits,
 }
 
-/// What the nameplate of a machine says: the table `[identification]` of its configuration. What is not written there is absent.
+/// Data of a machine's nameplate: the table `[identification]` of its configuration. Entries that are not configured
+/// are absent.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Identification {
-    /// Who built it.
+    /// Name of the manufacturer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub manufacturer: Option<String>,
-    /// What its builder calls machines of its kind.
+    /// Manufacturer's name for machines of this type.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
-    /// What its builder tells it from others by.
+    /// Serial number that the manufacturer assigned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial_number: Option<String>,
-    /// Names it among all machines in the world.
+    /// Globally unique identifier of the machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub product_instance_uri: Option<String>,
-    /// Where it stands.
+    /// Location of the machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub location: Option<String>,
-    /// When it was built.
+    /// Year in which it was built.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub year_of_construction: Option<u16>,
 }
@@ -128,11 +130,11 @@ pub struct MotorInfo {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MCodeInfo {
-    /// When it is output.
+    /// When it is issued.
     pub timing: Timing,
     /// Time limit of its reset, ms.
     pub timeout_ms: Option<u64>,
-    /// What the state shows while it is waited for.
+    /// Text that `state` shows while the program waits for it.
     pub wait_state: Option<String>,
     /// Its name in the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -146,13 +148,13 @@ pub struct MCodeInfo {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Limits {
-    /// Outputs that may be open in one coordinate system; more hold back the interpreter.
+    /// Largest number of open outputs in one coordinate system; at this limit the interpreter waits.
     pub open_outputs_max: u32,
-    /// Bytes of one program.
+    /// Largest size of one program, bytes.
     pub program_bytes_max: u64,
 }
 
-/// How much an alarm weighs.
+/// Severity of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -169,21 +171,22 @@ pub enum AlarmSeverity {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AlarmRecord {
-    /// Names this occurrence.
+    /// Identifies this occurrence.
     pub id: u64,
     /// Warning or alarm.
     pub severity: AlarmSeverity,
-    /// 1 to 9999: the runtime's table; 10000 + code: a handler's.
+    /// 1 to 9999 for an alarm of the runtime's table; 10000 + code for a handler's alarm.
     pub number: u16,
-    /// What happened.
+    /// Description of the event.
     pub text: String,
-    /// What to do, where the alarm table, the configuration or the handler says it.
+    /// Remedy, if the alarm table, the configuration or the handler provides one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
-    /// What happened and what to do in other languages, by their tags, such as `de`, where the configuration or the handler says it.
+    /// Text and remedy in other languages, by language tag such as `de`, if the configuration or the handler provides
+    /// them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub languages: BTreeMap<String, AlarmWords>,
-    /// The coordinate system that it stopped; null: all.
+    /// The coordinate system that the alarm stopped; null for all.
     pub cs: Option<CoordinateSystemNumber>,
     /// Program number.
     pub program: Option<u16>,
@@ -205,11 +208,11 @@ pub struct AlarmRecord {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AlarmRaise {
-    /// The coordinate system that it stops; null: all.
+    /// The coordinate system that the alarm stops; null for all.
     pub cs: Option<CoordinateSystemNumber>,
-    /// 0 to 9999; its number is 10000 + this.
+    /// 0 to 9999; the alarm number is 10000 + this code.
     pub code: u16,
-    /// What happened, 1 to 1000 characters.
+    /// Description of the event, 1 to 1000 characters.
     pub text: String,
 }
 

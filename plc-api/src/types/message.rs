@@ -9,18 +9,18 @@ use super::{BootId, Timestamp};
 pub use super::form::INTERFACE_VERSION;
 pub use super::topic::Payload;
 
-/// What the runtime says on one topic.
+/// A message of the runtime on one topic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// Where it belongs.
+    /// Topic of the message.
     pub topic: Topic,
-    /// The boot that says it.
+    /// Boot that publishes the message.
     pub boot_id: BootId,
-    /// When.
+    /// Time of publication.
     pub ts: Timestamp,
-    /// For state: grows by at least one with each change of that topic.
+    /// For a state: revision, which increases by at least one with each change of that topic.
     pub rev: Option<u64>,
-    /// What it says.
+    /// Payload of the message.
     pub payload: Payload,
 }
 
@@ -34,7 +34,7 @@ struct EnvelopeIn {
 }
 
 impl Message {
-    /// The JSON form: envelope and payload in one object.
+    /// Returns the JSON form: envelope and payload in one object.
     pub fn to_json(&self) -> String {
         let envelope = Enveloped {
             v: INTERFACE_VERSION,
@@ -46,10 +46,10 @@ impl Message {
         serde_json::to_string(&envelope).unwrap_or_else(|_| "{}".to_owned())
     }
 
-    /// Reads the JSON form of a message of this topic.
+    /// Parses the JSON form of a message of this topic.
     ///
     /// # Errors
-    /// The text is not JSON, or not of the topic's form.
+    /// Fails if the text is not JSON, or does not have the form of the topic.
     pub fn from_json(topic: Topic, json: &[u8]) -> Result<Message, serde_json::Error> {
         let envelope: EnvelopeIn = serde_json::from_slice(json)?;
         let payload = topic.payload(json)?;

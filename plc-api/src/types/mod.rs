@@ -1,4 +1,4 @@
-//! Everything that crosses a wire: the same types in process, over MQTT and over REST.
+//! Messages and requests: the same types in process, over MQTT and over REST.
 
 pub mod alarm_text;
 pub mod command;
@@ -40,13 +40,13 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-/// Last second of the year 9999, since 1970: later ones cannot be written.
+/// Last second of the year 9999, since 1970: later times cannot be written.
 const SECOND_MAX: u64 = 253_402_300_799;
 
 /// Number of a CNC coordinate system, from 1.
 pub type CoordinateSystemNumber = u8;
 
-/// Names one start of the runtime. Outputs, claims and resets of another boot are stale.
+/// Identifies one start of the runtime. Outputs, claims and resets of another boot are stale.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(transparent)]
@@ -65,12 +65,12 @@ impl std::fmt::Display for BootId {
 pub struct Timestamp(pub String);
 
 impl Timestamp {
-    /// The text form of a system time, to the microsecond; a time before 1970 is the beginning of that year.
+    /// Returns the text of a system time, to the microsecond; a time before 1970 becomes the beginning of 1970.
     pub fn from_system_time(time: SystemTime) -> Self {
         Self(rfc3339_micros(time))
     }
 
-    /// For people: without fractions of a second.
+    /// Returns the time for people, without fractions of a second.
     pub fn to_the_second(&self) -> String {
         let second = self.to_system_time();
         second.map_or_else(
@@ -79,14 +79,14 @@ impl Timestamp {
         )
     }
 
-    /// The system time of the text; `None` when it is not RFC 3339 in UTC.
+    /// Returns the system time of the text, or `None` if it is not RFC 3339 in UTC.
     pub fn to_system_time(&self) -> Option<SystemTime> {
         humantime::parse_rfc3339(&self.0).ok()
     }
 }
 
-/// A time to the microsecond. The text of its second is kept: each message has one, and most are of the second of the one before. It is
-/// one allocation, which `format!` makes three of.
+/// Formats a time to the microsecond. The text of the second is cached, because consecutive messages mostly share it.
+/// This takes one allocation; `format!` takes three.
 fn rfc3339_micros(time: SystemTime) -> String {
     thread_local! {
         static SECOND: RefCell<(u64, String)> = const { RefCell::new((0, String::new())) };

@@ -4,19 +4,19 @@ use serde::{Deserialize, Serialize};
 
 use super::BootId;
 
-/// Time that a request of a person is given by the HMI and the clients, ms.
+/// Age limit that the HMI and the clients set for a request of a person, ms.
 pub const NOT_AFTER_MS: u64 = 1000;
 
-/// Largest `within_ms`. Reason: the machine remembers the times of its heartbeats for as long.
+/// Largest `within_ms`. Reason: the machine remembers the times of its heartbeats for this long.
 pub const NOT_AFTER_MAX_MS: u64 = 60_000;
 
-/// Limits the age of a request. The machine compares with its own real time when the request is about to take effect, and
-/// rejects an older one as `expired`. Hold, stop, abort and the end of a jog ignore it.
+/// Limits the age of a request. The machine compares the age with its own real time when the request is about to take
+/// effect, and rejects an older request as `expired`. Hold, stop, abort and the end of a jog ignore the limit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct NotAfter {
-    /// The boot whose heartbeat it is.
+    /// The boot that published the heartbeat.
     pub boot_id: BootId,
     /// `cycle` of the newest heartbeat that the sender had received when the request was made.
     pub heartbeat: u64,

@@ -1,4 +1,4 @@
-//! Auxiliary function outputs and what is said about them: claim, reset, progress, redelivery.
+//! Auxiliary function outputs and the messages about them: claim, reset, progress, redelivery.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -17,21 +17,21 @@ pub use super::redelivery::Redelivery;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Timing {
-    /// When motion before it has come to rest in position; the next block waits for the reset.
+    /// When motion before it has come to a stop in position; the next block waits for the reset.
     #[default]
     AfterMotion,
-    /// When the block is interpreted; the program goes on, the reset is still owed.
+    /// When the block is interpreted; the program continues, and the reset must still follow.
     WithMotion,
 }
 
 explained! {
     "state of an output"
-    /// The stage of an open output.
+    /// State of an open output.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum OutputState {
-        /// Not made yet: held back while the program is held (D18).
+        /// Not made yet, because the program is held (D18).
         Queued = "QUEUED",
             "It is made when the program is resumed.";
         /// Made, and waiting for a handler to claim it.
@@ -43,17 +43,17 @@ explained! {
     }
 }
 
-/// One output as `m_code/{m}/output` says it.
+/// One output, as in `m_code/{m}/output`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutputNotice {
-    /// Identifies this output permanently, across all starts of the runtime: work that must be done once, such as counting a part, is
-    /// noted under it. Empty in what an older runtime has written.
+    /// Identifies this output permanently, across all starts of the runtime. Use it to record work that must be done
+    /// once, such as counting a part. Empty if an older runtime has written it.
     #[serde(default)]
     pub id: String,
     /// Sequence number: strictly increasing in its coordinate system, never reused within a boot.
     pub seq: u64,
-    /// The program run that made it; never the same again, over all starts of the runtime.
+    /// The program run that made it; never reused, across all starts of the runtime.
     pub run_id: String,
     /// M number, 0 to 191.
     pub m: u16,
@@ -65,50 +65,50 @@ pub struct OutputNotice {
     pub program: u16,
     /// Line of the source file, from 1.
     pub line: u32,
-    /// 1 for the first notice, one more each time it is published again.
+    /// 1 for the first notice, increased by one each time it is published again.
     pub attempt: u32,
-    /// True when it was published before: its handler has gone (`lost` in `m_code/pending`), an operator asked for it, a
-    /// handler for it came, or the connection to the broker was made anew.
+    /// True if it was published before: its handler was lost (`lost` in `m_code/pending`), an operator requested it, a
+    /// handler for it came online, or the connection to the broker was restored.
     pub redelivered: bool,
 }
 
-/// One open output as `m_code/pending` says it.
+/// One open output, as in `m_code/pending`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PendingOutput {
     /// The output.
     #[serde(flatten)]
     pub output: OutputNotice,
-    /// Where it stands.
+    /// State of the output.
     pub state: OutputState,
-    /// Its owner once claimed.
+    /// Its owner, once it is claimed.
     pub handler_id: Option<String>,
-    /// Which instance of its owner, where it is known.
+    /// Instance of its owner, if it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// When it came into this state.
+    /// Time when it entered this state.
     pub since: Timestamp,
-    /// True while it waits after the handler that had claimed it has gone: that handler may have worked on it.
+    /// True while it waits after the handler that had claimed it was lost: that handler may have worked on it.
     #[serde(default)]
     pub lost: bool,
-    /// Of one that is `lost`: the instance that had claimed it, where that has named itself. It alone may claim it without a
-    /// decision, and begins with what it had never begun (H20).
+    /// If `lost`: the instance that had claimed the output, if it named itself. Only this instance may claim the output
+    /// without a decision, and may begin work that it had never begun (H20).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_instance: Option<String>,
-    /// Of one that is `lost`: the strictest of what the configuration of its M code and the handler that has gone say. Together
-    /// with what another handler says of itself, it decides whether that handler may claim it.
+    /// If `lost`: the stricter of the values of the M code's configuration and of the lost handler. Together with the
+    /// value of another handler, it decides whether that handler may claim the output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
-    /// What the owner last said of its progress.
+    /// Last progress report of the owner.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<Progress>,
-    /// What an owner last noted of how far it has come; it is kept when that owner is lost.
+    /// Last checkpoint of an owner; it is kept when that owner is lost.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checkpoint: Option<Value>,
-    /// How an operator asked for it to be taken up again.
+    /// How an operator requested that work on it continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<Redelivery>,
-    /// What the owner asks the operator, with the answer once there is one.
+    /// Question of the owner to the operator, with the answer once there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub question: Option<Question>,
 }
@@ -125,7 +125,7 @@ pub struct Pending {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Progress {
-    /// What it does now, at most 200 characters.
+    /// Current step of the work, at most 200 characters.
     pub text: String,
     /// 0 to 100.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -141,14 +141,15 @@ pub struct Claim {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// Who claims.
+    /// Handler that claims.
     pub handler_id: String,
-    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
+    /// start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
 }
 
-/// A handler or an operator answers an output.
+/// A handler or an operator resets an output.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -157,9 +158,10 @@ pub struct Reset {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// Who resets.
+    /// Handler or operator that resets.
     pub handler_id: String,
-    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
+    /// start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// Done, or failed.
@@ -171,7 +173,7 @@ pub struct Reset {
     /// With `fault`: the alarm's text, unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
-    /// An operator's reset: accepted whoever owns the output.
+    /// An operator's reset: accepted for any owner of the output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force: Option<bool>,
 }
@@ -181,7 +183,7 @@ pub struct Reset {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ResetResult {
-    /// The work is done; the program goes on.
+    /// The work is done; the program continues.
     Ok,
     /// It failed; an alarm stops the program.
     Fault,
@@ -189,12 +191,12 @@ pub enum ResetResult {
 
 explained! {
     "answer to a claim or reset"
-    /// What became of a claim or a reset.
+    /// Result of a claim or a reset.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum HandshakeStatus {
-        /// It counts.
+        /// It is accepted.
         Accepted = "accepted",
             "Nothing to do.";
         /// The output was reset before; nothing changed.
@@ -203,22 +205,24 @@ explained! {
         /// The output was cancelled, failed, timed out, or belongs to another boot; nothing changed.
         Stale = "stale",
             "Forget the output; the work that was begun for it counts for nothing any more.";
-        /// This boot never made that output there with that M number.
+        /// This boot never made that output in that coordinate system with that M number.
         Unknown = "unknown",
             "Look at seq, coordinate system and M number; the handler may talk to another machine.";
-        /// Another handler owns the output, or another instance of this one is there, or the handler is not registered; `text` says which.
+        /// Another handler owns the output, another instance of this handler is online, or the handler is not
+        /// registered; `text` says which.
         NotOwner = "not_owner",
             "Leave it to its owner; an operator may reset it with force.";
-        /// The handler that had claimed the output has gone and may have worked on it: nobody gets it until it is decided.
+        /// The handler that had claimed the output was lost and may have worked on it: no handler may claim it before a
+        /// decision.
         Withheld = "withheld",
             "An operator looks at the machine and decides: redeliver with redo or verify, or a reset. The key redelivery of the M code and of the handler decide beforehand.";
-        /// The message itself is not right, and `text` says why; nothing changed.
+        /// The message itself is not valid, and `text` says why; nothing changed.
         Refused = "refused",
             "Correct what the text says, and send it again.";
     }
 }
 
-/// What a `result` answers.
+/// Message that a `result` answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -227,15 +231,15 @@ pub enum OutputAct {
     Claim,
     /// A reset, which is always answered.
     Reset,
-    /// A progress report that does not count.
+    /// A progress report that is rejected.
     Progress,
-    /// A checkpoint that does not count.
+    /// A checkpoint that is rejected.
     Checkpoint,
-    /// A question that does not count.
+    /// A question that is rejected.
     Ask,
-    /// A decision of an operator that does not count.
+    /// A decision of an operator that is rejected.
     Redeliver,
-    /// An answer of an operator that does not count.
+    /// An answer of an operator that is rejected.
     Answer,
 }
 
@@ -245,26 +249,26 @@ pub enum OutputAct {
 pub struct HandshakeResult {
     /// Sequence number that the claim or reset named.
     pub seq: u64,
-    /// Who sent it.
+    /// Sender of the claim or reset.
     pub handler_id: String,
-    /// What became of it.
+    /// Result of the message.
     pub status: HandshakeStatus,
-    /// What is answered. Left out by an older runtime.
+    /// Kind of message that is answered. Left out by an older runtime.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<OutputAct>,
-    /// The instance that sent it, as it named itself.
+    /// The instance that sent it, as named in its message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// Of an accepted claim of an output that may have been worked on before: whether to look at the machine first.
+    /// With an accepted claim of an output that may have been worked on before: whether to inspect the machine first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<Redelivery>,
-    /// Why it does not count, and what to do.
+    /// Reason for a rejection, and what to do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
 }
 
 impl HandshakeResult {
-    /// An answer without more.
+    /// Creates a result without further fields.
     pub fn new(seq: u64, handler_id: impl Into<String>, status: HandshakeStatus) -> Self {
         Self {
             seq,
@@ -297,13 +301,13 @@ explained! {
         /// An alarm of the coordinate system or of the whole machine.
         Alarm = "alarm",
             "End the work for it, as far as that is safe; the alarm says what happened.";
-        /// Not reset in its time (D36).
+        /// Not reset within its time limit (D36).
         Timeout = "timeout",
             "End the work for it. Alarm 301 has stopped the run; raise timeout_ms if the work takes longer.";
         /// An operator reset or failed it; sent to its owner.
         Operator = "operator",
             "End the work for it: an operator has decided.";
-        /// The runtime ends, another boot of it is there, or the sequence program itself ends.
+        /// The runtime ends, another boot of it is online, or the sequence program itself ends.
         Shutdown = "shutdown",
             "End the work for it; after a new start outputs have another boot_id.";
     }
@@ -315,7 +319,7 @@ explained! {
 pub struct Cancel {
     /// Sequence number of the output.
     pub seq: u64,
-    /// Why.
+    /// Reason of the cancellation.
     pub reason: CancelReason,
 }
 
@@ -330,20 +334,22 @@ pub struct ProgressReport {
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
-    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
+    /// start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// What it does now, at most 200 characters.
+    /// Current step of the work, at most 200 characters.
     pub text: String,
     /// 0 to 100.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub percent: Option<f64>,
 }
 
-/// Bytes of a checkpoint as JSON. Reason: `m_code/pending` holds those of all open outputs.
+/// Largest size of a checkpoint as JSON, bytes. Reason: `m_code/pending` contains those of all open outputs.
 pub const CHECKPOINT_MAX: usize = 4096;
 
-/// Payload of `m_code/{m}/checkpoint`: how far the work on an output has come, for whoever takes it up when its owner is lost.
+/// Payload of `m_code/{m}/checkpoint`: progress of the work on an output, for the handler that continues it if the
+/// owner is lost.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckpointReport {
@@ -353,16 +359,17 @@ pub struct CheckpointReport {
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
-    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
+    /// start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// Any JSON of at most 4096 bytes, in place of the one before; `null`: none.
+    /// Any JSON of at most 4096 bytes; replaces the previous checkpoint. `null` removes it.
     pub checkpoint: Value,
 }
 
 impl CheckpointReport {
     /// # Errors
-    /// It is too long.
+    /// Fails if the checkpoint is too long.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         let bytes = self.checkpoint.to_string().len();
         if bytes <= CHECKPOINT_MAX {
@@ -383,6 +390,6 @@ pub struct Redeliver {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// What the handler shall do.
+    /// How the handler shall continue.
     pub how: Redelivery,
 }

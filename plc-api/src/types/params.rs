@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21 do not
-/// change them); `None`: not programmed.
+/// change them); `None` if not programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "UPPERCASE", default, deny_unknown_fields)]
@@ -34,12 +34,12 @@ pub struct Params {
     pub h: Option<f64>,
 }
 
-/// A reader for each field.
+/// Defines a reader for each field.
 macro_rules! readers {
     ($($name:ident)*) => {
         impl Params {
             $(
-                /// The value; `None`: not programmed.
+                /// Returns the value, or `None` if it is not programmed.
                 pub fn $name(&self) -> Option<f64> {
                     self.$name
                 }

@@ -6,26 +6,26 @@ use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
 
-/// Largest distance between the path and what is answered where none is named, mm; a finer one is not answered.
+/// Default and smallest distance between the planned path and the answered lines, mm.
 pub const PATH_TOLERANCE_MM: f64 = 0.01;
 
-/// Bytes at the beginning of a path whose meaning does not depend on its contents.
+/// Length of the header of a path, bytes. Its format does not depend on the rest of the path.
 pub const PATH_HEADER_BYTES: usize = 128;
 
-/// Which part of the planned path of a program is asked for, and how exactly.
+/// Requested part of the planned path of a program, and its accuracy.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PathQuery {
-    /// The coordinate system that runs it; `None`: the first one in which it is loaded, or the first one of all.
+    /// The coordinate system that runs it; `None` for the first one in which it is loaded, otherwise the first of all.
     pub cs: Option<CoordinateSystemNumber>,
-    /// How far a point of the path may be from the lines, mm; `None`: as exactly as it is kept.
+    /// Largest distance of a point of the path from the lines, mm; `None` for the accuracy with which the path is kept.
     pub tolerance: Option<f64>,
-    /// First chunk whose lines are answered.
+    /// First chunk of lines in the answer.
     pub from: u32,
-    /// How many chunks; `None`: all.
+    /// Number of chunks; `None` for all.
     pub count: Option<u32>,
 }
 
-/// A text of NC blocks, as manual data input would run it.
+/// A text of NC blocks for manual data input.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -34,44 +34,44 @@ pub struct ManualText {
     pub text: String,
 }
 
-/// What a plan was made with. Two plans with the same identity are the same.
+/// Inputs of a plan. Two plans with the same identity are equal.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PlanIdentity {
     /// Hash of the main program.
     pub hash: String,
-    /// SHA-256 of the lines `number hash` of every program that it may call, ascending; null: it calls none.
+    /// SHA-256 of the lines `number hash` of every program that it may call, ascending; null if it calls none.
     pub called: Option<String>,
     /// Revision of all other inputs: start position, line of the start, work offsets, tools, block skips, optional stop, dry
     /// run, and the values of the P and Q variables that the program reads.
     pub inputs: String,
 }
 
-/// A planned path as bytes, which the page on the planned path describes.
+/// A planned path as bytes; their format is described on the page about the planned path.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PlannedPath {
-    /// What it was made with, how far it has come, and the run that it is of: the `ETag`.
+    /// Identifies the plan, its progress, and its run: the `ETag`.
     pub tag: String,
-    /// The run under way that it is the plan of; `None`: a start would run so.
+    /// The run in progress to which the plan belongs; `None` for the plan of a start.
     pub run_id: Option<String>,
-    /// What it was made with.
+    /// Inputs of the plan.
     pub plan: PlanIdentity,
     /// The bytes.
     pub bytes: Vec<u8>,
 }
 
-/// The run and the plan that the bytes of a path are of, as their header has them in JSON.
+/// The run and the plan to which the bytes of a path belong, as JSON in the header.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct PathIdentity {
-    /// The run under way that it is the plan of; null: a start would run so.
+    /// The run in progress to which the plan belongs; null for the plan of a start.
     pub run_id: Option<String>,
-    /// What it was made with.
+    /// Inputs of the plan.
     #[serde(flatten)]
     pub plan: PlanIdentity,
 }
 
 impl PathIdentity {
-    /// Reads the header of a path; `None`: it has none, or is no path.
+    /// Reads the header of a path; returns `None` if the bytes have no valid header.
     pub fn of_bytes(bytes: &[u8]) -> Option<Self> {
         let u16_at = |at: usize| {
             let pair = bytes.get(at..at + 2)?;
@@ -88,7 +88,7 @@ impl PathIdentity {
 }
 
 impl PlannedPath {
-    /// The path of these bytes, with the identity that their header has.
+    /// Creates the path of these bytes, with the identity in their header.
     pub fn new(tag: String, bytes: Vec<u8>) -> Self {
         let PathIdentity { run_id, plan } = PathIdentity::of_bytes(&bytes).unwrap_or_default();
         Self {
@@ -100,8 +100,8 @@ impl PlannedPath {
     }
 }
 
-/// What a run of a program does: planned with the conditions with which the run under way began, else with those of now. Times
-/// are those at 100 percent overrides.
+/// Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise with the
+/// current ones. Times are those at 100 percent overrides.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Rehearsal {
@@ -109,60 +109,61 @@ pub struct Rehearsal {
     pub program: u16,
     /// The coordinate system that runs it.
     pub cs: CoordinateSystemNumber,
-    /// Which program that is, by its hash.
+    /// Hash of the program.
     pub hash: String,
-    /// The run under way that it is the plan of; null: no run of the program is under way.
+    /// The run in progress to which the plan belongs; null if no run of the program is in progress.
     #[serde(default)]
     pub run_id: Option<String>,
-    /// What it was made with.
+    /// Inputs of the plan.
     #[serde(default)]
     pub plan: PlanIdentity,
-    /// What it was made with, and how far it has come: as the `ETag` of the path.
+    /// Identifies the plan and its progress, as the `ETag` of the path.
     pub revision: String,
-    /// How far planning is.
+    /// State of the planning.
     pub outcome: RehearsalOutcome,
-    /// The alarm that ends the run, or why no more is planned; empty with `planning` and `completed`.
+    /// The alarm that ends the run, or why planning ended early; empty with `planning` and `completed`.
     pub text: String,
-    /// Where that is: program and line; null without.
+    /// Program and line of that event; null without one.
     pub at: Option<PlannedPlace>,
-    /// From start to end, waits included, s.
+    /// Time from start to end, including waits, s.
     pub cycle_time_s: f64,
-    /// Of that, at feedrate, s.
+    /// Part of it at feedrate, s.
     pub feed_s: f64,
-    /// Of that, G00, s.
+    /// Part of it in G00, s.
     pub rapid_s: f64,
-    /// Of that, dwells, threads and what motors need to come into position, s.
+    /// Part of it for dwells, threads and the time that motors need to come into position, s.
     pub fixed_s: f64,
-    /// Of that, waiting for M codes, as far as runs since the start of the runtime have shown how long they take, s.
+    /// Part of it for waits for M codes, as far as runs since the start of the runtime have shown their durations, s.
     pub wait_s: f64,
-    /// From where on the path depends on what happens while the program runs; null: it does not.
+    /// Place from which the path depends on events while the program runs; null if it does not depend on any.
     pub depends: Option<RunTimeDependence>,
     /// The M codes in their order, at most 1000.
     pub m_codes: Vec<RehearsedMCode>,
-    /// How many M codes there are.
+    /// Number of all M codes.
     pub m_code_count: u64,
     /// Lowest and highest machine position of each axis, by letter.
     pub axes: BTreeMap<String, RehearsedAxis>,
-    /// When blocks begin, ascending; of many blocks some, evenly spread. The path tells the time of every line.
+    /// Start times of blocks, ascending; of a large number of blocks an evenly spread selection. The path contains the
+    /// time of every line.
     pub lines: Vec<RehearsedLine>,
-    /// How far the run of this program is that is under way; null: there is none, or planning goes on.
+    /// Progress of this program's run; null if no run is in progress or planning continues.
     pub run: Option<RehearsedRun>,
 }
 
-/// How far planning is.
+/// State of the planning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum RehearsalOutcome {
-    /// It goes on; what is known so far is here.
+    /// Planning continues; the answer contains the results so far.
     #[default]
     Planning,
-    /// The program comes to its end.
+    /// The program reaches its end.
     Completed,
     /// An alarm ends the run before its end.
     Alarm,
-    /// It is longer than what is planned ahead.
+    /// The program is longer than the part that is planned ahead.
     TooLong,
 }
 
@@ -176,17 +177,17 @@ pub struct PlannedPlace {
     pub line: u32,
 }
 
-/// From where on a path depends on what happens while the program runs.
+/// Place from which a path depends on events while the program runs.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunTimeDependence {
     /// Program number.
     pub program: u16,
-    /// Line of the first block that does.
+    /// Line of the first such block.
     pub line: u32,
-    /// When it begins, s.
+    /// Time when that block begins, s.
     pub at_s: f64,
-    /// On what.
+    /// The cause of the dependence.
     pub why: String,
 }
 
@@ -200,11 +201,11 @@ pub struct RehearsedMCode {
     pub program: u16,
     /// Its line.
     pub line: u32,
-    /// When it is put out, s.
+    /// Time when it is issued, s.
     pub at_s: f64,
-    /// True: the program waits for its reset.
+    /// Whether the program waits for its reset.
     pub waits: bool,
-    /// How long the program waits for it, as earlier runs have shown, s; null: nobody knows yet.
+    /// Duration of the wait according to earlier runs, s; null if it is unknown.
     pub wait_s: Option<f64>,
 }
 
@@ -218,19 +219,19 @@ pub struct RehearsedAxis {
     pub lowest: f64,
     /// Highest machine position.
     pub highest: f64,
-    /// Soft limits; null: none.
+    /// Soft limits; null if the axis has none.
     pub soft_limits: Option<[f64; 2]>,
-    /// Highest speed, per second, and where.
+    /// Highest speed, per second, and its place.
     pub velocity: RehearsedPeak,
-    /// Highest acceleration, per second squared, and where.
+    /// Highest acceleration, per second squared, and its place.
     pub acceleration: RehearsedPeak,
 }
 
-/// The most of something, its limit, and the block that causes it.
+/// A highest value, its limit, and the block that causes it.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RehearsedPeak {
-    /// The most.
+    /// The highest value.
     pub value: f64,
     /// The motor's limit.
     pub limit: f64,
@@ -240,7 +241,7 @@ pub struct RehearsedPeak {
     pub line: u32,
 }
 
-/// When a block begins.
+/// Start time of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RehearsedLine {
@@ -248,19 +249,19 @@ pub struct RehearsedLine {
     pub program: u16,
     /// Line.
     pub line: u32,
-    /// When, s.
+    /// Start time, s.
     pub at_s: f64,
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RehearsedRun {
-    /// The planned time of what runs now, s.
+    /// The planned time of the block that runs now, s.
     pub at_s: f64,
-    /// Time to the end with the overrides of now, s, without holds and without waits that lie ahead and are not known; null:
-    /// it cannot be known, since an override of 0 stops what is left, or the program waits without a known end.
+    /// Time to the end, s, with the current overrides, without holds and without future waits of unknown duration. Null
+    /// if it is unknown, because an override of 0 stops the rest or the program waits without a known end.
     pub left_s: Option<f64>,
-    /// Share of the planned time that is done, 0 to 1.
+    /// Completed share of the planned time, 0 to 1.
     pub progress: f64,
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Bytes of one program's text; more are refused as `too_large`.
+/// Largest size of one program's text, bytes; more is refused as `too_large`.
 pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
 
 /// One program of the store.
@@ -11,54 +11,55 @@ pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
 pub struct ProgramInfo {
     /// Program number, 1 to 9999.
     pub number: u16,
-    /// First comment of the text, for lists.
+    /// First comment of the text, for display in lists.
     pub title: String,
     /// Size of the text.
     pub bytes: u64,
-    /// Errors that checking finds.
+    /// Number of errors found by the check.
     pub errors: u32,
-    /// Warnings that checking finds.
+    /// Number of warnings found by the check.
     pub warnings: u32,
-    /// Which program this is: SHA-256 of the bytes of its file, which are those of the text as it was sent, 64 hexadecimal
+    /// Identifies the text: SHA-256 of the bytes of its file, which are those of the text as sent, 64 hexadecimal
     /// digits.
     #[serde(default)]
     pub hash: String,
-    /// Its signature; null on a machine without `[programs] signed_by`, which looks at none.
+    /// State of its signature; null on a machine without `[programs] signed_by`, which checks no signatures.
     #[serde(default)]
     pub signature: Option<SignatureState>,
-    /// NC dialect that it is written in: only coordinate systems of this dialect load it.
+    /// NC dialect of the text: only coordinate systems of this dialect load it.
     #[serde(default)]
     pub dialect: String,
-    /// Number that the text itself gives it, in dialects that have one there (`O12345678`); it is not `number`, by which it is
-    /// stored, loaded and called.
+    /// Number in the text, in dialects whose text contains one (`O12345678`). It is not `number`, under which the
+    /// program is stored, loaded and called.
     #[serde(default)]
     pub o_number: Option<u32>,
-    /// The folder that it lies in among others, such as `parts/left`; empty: in none. For lists: it is loaded and called by
-    /// its number.
+    /// Folder of the program in lists, such as `parts/left`; empty for none. The program is loaded and called by its
+    /// number.
     #[serde(default)]
     pub folder: String,
 }
 
-/// Characters of the name of a folder, with those above it.
+/// Largest number of characters of a folder name, including the folders above it.
 pub const FOLDER_CHARS_MAX: usize = 120;
 
-/// Folders within each other.
+/// Largest depth of nested folders.
 pub const FOLDER_DEPTH_MAX: usize = 8;
 
-/// Where a program lies among others.
+/// Folder of a program.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ProgramFolder {
-    /// Names of folders within each other, such as `parts/left`; empty: in none. Up to 120 characters, 8 names.
+    /// Names of nested folders, such as `parts/left`; empty for none. Up to 120 characters, 8 names.
     pub folder: String,
 }
 
 impl ProgramFolder {
-    /// The same as it is kept: without spaces around names.
+    /// Returns the folder in the form that is stored: without spaces around names.
     ///
     /// # Errors
-    /// What to write, as a text: it is too long or too deep, or a name is empty, `.` or `..`, or holds a control character or a backslash.
+    /// Returns an error with the text to write if the folder is too long or too deep, or a name is empty, `.` or `..`,
+    /// or contains a control character or a backslash.
     pub fn checked(&self) -> Result<Self, String> {
         let names: Vec<&str> = self.folder.split('/').map(str::trim).collect();
         let is_name = |name: &&str| {
@@ -77,20 +78,20 @@ impl ProgramFolder {
     }
 }
 
-/// What is known of the signature of a program.
+/// State of a program's signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum SignatureState {
-    /// One of the keys of the configuration has signed these bytes.
+    /// One of the configured keys has signed these bytes.
     Valid,
-    /// There is none.
+    /// The program has no signature.
     Missing,
-    /// There is one, and none of the keys has made it for these bytes.
+    /// The program has a signature, but none of the configured keys made it for these bytes.
     Wrong,
 }
 
-/// A program with what tells it from others.
+/// A program with its identification.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramText {
     /// The text.
@@ -99,23 +100,23 @@ pub struct ProgramText {
     pub hash: String,
 }
 
-/// What checking says of a program.
+/// Result of a check of a program.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramCheck {
-    /// True when the program is new in the store (of a write).
+    /// True if the program is new in the store (for a write).
     #[serde(skip)]
     pub created: bool,
-    /// Findings in the order of their places.
+    /// Findings in the order of the text.
     pub diagnostics: Vec<ProgramDiagnostic>,
-    /// M codes that the program puts out, ascending.
+    /// M codes that the program issues, ascending.
     pub m_codes: Vec<u16>,
     /// Programs that it calls, ascending.
     pub programs: Vec<u16>,
     /// As in [`ProgramInfo::hash`].
     #[serde(default)]
     pub hash: String,
-    /// True when the same program was there already, and nothing has changed (of a write).
+    /// True if the same program was already stored, and nothing has changed (for a write).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unchanged: bool,
     /// As in [`ProgramInfo::signature`].
@@ -129,7 +130,7 @@ pub struct ProgramCheck {
     pub o_number: Option<u32>,
 }
 
-/// One finding.
+/// One finding of a check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramDiagnostic {
@@ -137,17 +138,17 @@ pub struct ProgramDiagnostic {
     pub code: String,
     /// Error or warning.
     pub severity: DiagnosticSeverity,
-    /// From 1.
+    /// Line, from 1.
     pub line: u32,
-    /// In characters, from 1.
+    /// Column in characters, from 1.
     pub column: u32,
     /// Line of the end.
     pub end_line: u32,
     /// Column after the last character.
     pub end_column: u32,
-    /// What is wrong.
+    /// Description of the finding.
     pub message: String,
-    /// What to write instead.
+    /// Suggested change.
     pub help: String,
 }
 
@@ -158,7 +159,7 @@ pub struct ProgramDiagnostic {
 pub enum DiagnosticSeverity {
     /// The program cannot run.
     Error,
-    /// The text deserves a look.
+    /// The program can run, but the text should be reviewed.
     Warning,
 }
 

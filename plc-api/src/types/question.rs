@@ -6,37 +6,37 @@ use super::params::Params;
 use super::refusal::{Refusal, RefusalCode};
 use super::{BootId, Timestamp};
 
-/// Characters of a question: it is one or two lines of a panel.
+/// Largest number of characters of a question: it takes one or two lines of a panel.
 pub const QUESTION_TEXT_MAX: usize = 200;
 
-/// Choices of a question: they are buttons of a panel.
+/// Largest number of choices of a question: they are buttons of a panel.
 pub const CHOICES_MAX: usize = 8;
 
-/// Characters of a choice.
+/// Largest number of characters of a choice.
 pub const CHOICE_TEXT_MAX: usize = 40;
 
-/// Characters of a question's id.
+/// Largest number of characters of a question's id.
 pub const QUESTION_ID_MAX: usize = 64;
 
-/// A question that a handler asks the operator, as it stands with its output in `m_code/pending`, and in `state` while
+/// A question that a handler asks the operator. It is shown with its output in `m_code/pending`, and in `state` while
 /// the program waits for that output and the question has no answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Question {
-    /// Names the question; an answer names it, too.
+    /// Id of the question; an answer repeats it.
     pub id: String,
-    /// What is asked, 1 to 200 characters.
+    /// Text of the question, 1 to 200 characters.
     pub text: String,
-    /// What can be answered: 1 to 8 texts of 1 to 40 characters, each once.
+    /// Possible answers: 1 to 8 different texts of 1 to 40 characters.
     pub choices: Vec<String>,
-    /// Since when.
+    /// Time when it was asked.
     pub since: Timestamp,
-    /// What was answered.
+    /// The answer, once there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub answer: Option<String>,
 }
 
-/// Payload of `m_code/{m}/ask`: the owner of an output asks the operator. Without choices it takes the question back.
+/// Payload of `m_code/{m}/ask`: the owner of an output asks the operator. Without choices it withdraws the question.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -47,24 +47,25 @@ pub struct Ask {
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
-    /// Which of the programs that were started with this `handler_id`: the id that it has made at its start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
+    /// start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// Names the question, 1 to 64 characters; asked again with the same id it is the same question.
+    /// Id of the question, 1 to 64 characters. A repeated message with the same id is the same question.
     pub question_id: String,
-    /// What is asked.
+    /// Text of the question.
     #[serde(default)]
     pub text: String,
-    /// What can be answered; none takes the question back.
+    /// Possible answers; an empty list withdraws the question.
     #[serde(default)]
     pub choices: Vec<String>,
 }
 
 impl Ask {
-    /// Whether text and choices are within their limits.
+    /// Validates the id, the text and the choices.
     ///
     /// # Errors
-    /// What is wrong, and what to write.
+    /// Returns an error with the fault and what to write if one of them is out of its limits.
     pub fn check(&self) -> Result<(), Refusal> {
         if !within(&self.question_id, QUESTION_ID_MAX) {
             return invalid(format!("question_id: write 1 to {QUESTION_ID_MAX} characters"));
@@ -79,7 +80,7 @@ impl Ask {
 /// Checks a question with its choices.
 ///
 /// # Errors
-/// It is too long, or a choice is empty, too long or there twice.
+/// Fails if the question is empty or too long, has too many choices, or a choice is empty, too long or repeated.
 pub(crate) fn check_question(text: &str, choices: &[String]) -> Result<(), Refusal> {
     if !within(text, QUESTION_TEXT_MAX) {
         return invalid(format!("a question has 1 to {QUESTION_TEXT_MAX} characters"));
@@ -107,20 +108,21 @@ pub struct OperatorAnswer {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// Which question.
+    /// Id of the question.
     pub question_id: String,
     /// One of its choices.
     pub choice: String,
-    /// Who answers, for the journal.
+    /// Sender of the answer, for the journal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub client_id: Option<String>,
 }
 
-/// Payload of `m_code/{m}/validate`: may this M code be put out with these parameters? Asked when a program is loaded.
+/// Payload of `m_code/{m}/validate`: asks, when a program is loaded, whether this M code may be issued with these
+/// parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Validate {
-    /// Names the request; the result names it, too.
+    /// Id of the request; the result repeats it.
     pub request_id: String,
     /// Program number.
     pub program: u16,
@@ -135,13 +137,13 @@ pub struct Validate {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ValidateResult {
-    /// Of the request.
+    /// Id of the request.
     pub request_id: String,
-    /// Who answers.
+    /// Handler that answers.
     pub handler_id: String,
-    /// False: the program is not loaded.
+    /// True if the M code may be issued; if false, the program is not loaded.
     pub ok: bool,
-    /// With `ok` false: why.
+    /// With `ok` false: the reason.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
 }

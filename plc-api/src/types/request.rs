@@ -29,12 +29,12 @@ pub use super::refusal::{Refusal, RefusalCode};
 
 /// A request whose answer has a type: each type of [`typed`].
 pub trait TypedRequest: Into<Request> + Send {
-    /// What the machine says to it. Of an `Option` a transport may leave it out.
+    /// Type of the machine's answer. If it is an `Option`, a transport may omit the answer.
     type Answer: TryFrom<Answer, Error = Answer> + Send;
 }
 
-/// All requests, by who carries them out. Each is a variant of [`Request`], one of the enum of those who carry it out, and a
-/// type of [`typed`] of the same name, with its answer.
+/// All requests, grouped by the part of the machine that executes them. Each becomes a variant of [`Request`], a
+/// variant of the enum of its group, and a type of the same name in [`typed`] with the type of its answer.
 macro_rules! requests {
     (
         output {$(
@@ -68,7 +68,7 @@ macro_rules! requests {
             $(
                 $(#[$c_doc])*
                 $c $(( CoordinateSystemNumber, $($c_type),* ))? $({
-                    /// Of the coordinate system.
+                    /// Number of the coordinate system.
                     cs: CoordinateSystemNumber,
                     $($(#[$c_named_doc])* $c_named: $c_named_type,)*
                 })?,
@@ -78,31 +78,31 @@ macro_rules! requests {
             $($(#[$p_doc])* $p($($p_type),*),)*
         }
 
-        /// What is said of one output: [`Ledger::carry_out`](crate::handshake::Ledger::carry_out) carries it out.
+        /// A message about one output, executed by [`Ledger::carry_out`](crate::handshake::Ledger::carry_out).
         #[derive(Debug, Clone, PartialEq)]
         pub enum OutputRequest {$($(#[$o_doc])* $o($o_type),)*}
 
-        /// A request that a coordinate system carries out.
+        /// A request that a coordinate system executes.
         #[derive(Debug, Clone, PartialEq)]
         pub enum CoordinateSystemRequest {
-            /// Something is said of an output, with its M number where the transport names it.
+            /// A message about an output, with its M number if the transport provides it.
             Output(Option<u16>, OutputRequest),
-            /// An instance of a handler is absent; the machine knows how it left.
+            /// An instance of a handler is offline (id, instance, and how it left).
             HandlerLeft(String, Option<String>, Departure),
-            /// The connection to the broker is new: open outputs that nobody owns are published again.
+            /// The connection to the broker was restored: open outputs without an owner are published again.
             Republish,
             $($(#[$c_doc])* $c $(( $($c_type),* ))? $({ $($(#[$c_named_doc])* $c_named: $c_named_type,)* })?,)*
             $($(#[$e_doc])* $e($($e_type),*),)*
         }
 
-        /// A request that the machine carries out.
+        /// A request that the machine executes.
         #[derive(Debug, Clone, PartialEq)]
         pub enum MachineRequest {
             $($(#[$e_doc])* $e($($e_type),*),)*
             $($(#[$m_doc])* $m $(( $($m_type),* ))? $({ $($(#[$m_named_doc])* $m_named: $m_named_type,)* })?,)*
         }
 
-        /// A request for one program of the store.
+        /// A request about one program of the store.
         #[derive(Debug, Clone, PartialEq)]
         pub enum ProgramRequest {$($(#[$p_doc])* $p($($p_type),*),)*}
 
@@ -126,7 +126,7 @@ macro_rules! requests {
         }
 
         impl Request {
-            /// The coordinate system that it concerns; `None`: the machine.
+            /// Returns the coordinate system that the request concerns, or `None` if it concerns the machine.
             pub fn coordinate_system(&self) -> Option<CoordinateSystemNumber> {
                 match self {
                     $(Request::$o(cs, ..) => Some(*cs),)*
@@ -140,8 +140,8 @@ macro_rules! requests {
                 }
             }
 
-            /// Of a request that says something of an output: its coordinate system, its sequence number, and its M number
-            /// where it is named.
+            /// Returns the coordinate system, the sequence number and the M number (if named) of a request about an
+            /// output.
             pub(crate) fn output_mut(&mut self) -> Option<(CoordinateSystemNumber, u64, &mut Option<u16>)> {
                 match self {
                     $(Request::$o(cs, m, said) => Some((*cs, said.seq, m)),)*
@@ -159,7 +159,8 @@ macro_rules! requests {
             }
         }
 
-        /// Requests as types: each is the [`Request`] of its name, and knows its answer.
+        /// Requests as types: each corresponds to the [`Request`] of the same name and determines the type of its
+        /// answer.
         pub mod typed {
             use super::*;
 
@@ -170,7 +171,7 @@ macro_rules! requests {
             $(typed! {
                 $(#[$c_doc])*
                 $c $(( cs: CoordinateSystemNumber, $($c_field: $c_type),* ))? $({
-                    /// Of the coordinate system.
+                    /// Number of the coordinate system.
                     cs: CoordinateSystemNumber,
                     $($(#[$c_named_doc])* $c_named: $c_named_type,)*
                 })? -> $c_answer
@@ -191,14 +192,14 @@ macro_rules! requests {
     };
 }
 
-/// The pattern of a field that does not matter.
+/// Pattern of an ignored field.
 macro_rules! any {
     ($field:ident) => {
         _
     };
 }
 
-/// The type of one request.
+/// Defines the type of one request.
 macro_rules! typed {
     ($(#[$doc:meta])* $name:ident -> $answer:ty) => {
         $(#[$doc])*
@@ -237,167 +238,173 @@ macro_rules! typed {
 }
 
 requests! {
-    // `m`, where the transport names it, must be the output's
+    // if the transport names `m`, it must be the M number of the output
     output {
-        /// A handler takes an output.
+        /// A handler claims an output.
         Claim(claim: output::Claim) -> HandshakeResult;
-        /// An output is answered.
+        /// A handler or an operator resets an output.
         Reset(reset: output::Reset) -> HandshakeResult;
-        /// The owner of an output tells how far it is.
+        /// The owner of an output reports its progress.
         Progress(report: ProgressReport) -> Option<HandshakeResult>;
-        /// The owner of an output notes how far it has come, for whoever takes it up when it is lost.
+        /// The owner of an output stores a checkpoint of its work, for the handler that claims the output if this owner
+        /// is lost.
         Checkpoint(report: CheckpointReport) -> Option<HandshakeResult>;
-        /// An operator decides about an output whose handler was lost.
+        /// An operator decides how the output of a lost handler continues.
         Redeliver(how: output::Redeliver) -> Option<HandshakeResult>;
-        /// The owner of an output asks the operator, or takes its question back.
+        /// The owner of an output asks the operator a question, or withdraws it.
         Ask(ask: question::Ask) -> Option<HandshakeResult>;
-        /// An operator answers: `unknown` when there is no such question or choice, `duplicate` when it has an answer.
+        /// An operator answers a question: `unknown` if the question or choice does not exist, `duplicate` if it has an
+        /// answer.
         AnswerQuestion(answer: OperatorAnswer) -> Option<HandshakeResult>;
     }
     coordinate_system {
         /// A command to a coordinate system.
         Command {
-            /// What.
+            /// The command.
             command: command::Command,
-            /// From whom, and under which condition.
+            /// Sender and conditions.
             meta: CommandMeta,
-            /// True: answer when the effect has been reached; false: when accepted.
+            /// Whether to answer when the effect has been reached; otherwise the answer follows when the command is
+            /// accepted.
             wait: bool,
         } -> CommandReply;
         /// Takes, releases or breaks the control lease.
         Lease {
-            /// What.
+            /// The operation on the lease.
             request: LeaseRequest,
-            /// From whom.
+            /// Sender.
             meta: CommandMeta,
         } -> CommandReply;
-        /// A handler says whether an M code of a program that is being loaded may be put out with its parameters.
+        /// A handler reports whether an M code of a program that is being loaded may be issued with its parameters.
         ValidateResult(m: Option<u16>, result: question::ValidateResult) -> ();
         /// Sets an input.
         Input(input: crate::types::request::Input) -> ();
         /// Commands the spindle.
         Spindle(command: SpindleCommand) -> ();
-        /// Tells which tool is in the spindle.
+        /// Sets the number of the tool in the spindle.
         Tool(id: u16) -> ();
     }
-    // the machine carries them out, and every coordinate system does its part
+    // the machine executes these, and every coordinate system applies its part
     every_coordinate_system {
-        /// A handler comes, changes what it handles, or goes. A coordinate system receives it of one that is online.
+        /// A handler comes online, changes what it serves, or leaves. A coordinate system receives this for online
+        /// handlers only.
         Handler(id: String, presence: HandlerPresence) -> ();
-        /// A client is heard that wants to be watched, or says that it goes.
+        /// Heartbeat of a client that asks to be watched, or the end of its watch.
         Heartbeat(id: String, beat: ClientHeartbeat) -> ();
         /// Raises an alarm of a coordinate system, or of all.
         RaiseAlarm(raise: AlarmRaise) -> ();
-        /// Sets the skip input of a motor, by its CNC motor number; it keeps the value. Not real time: what G31 captures is
-        /// where the motor is when the servo hears of it.
+        /// Sets the skip input of a motor, by its CNC motor number; the input keeps the value. Not real time: G31
+        /// captures the position of the motor at which the servo receives the value.
         SkipInput(motor: u16, value: bool) -> ();
     }
     machine {
         /// Answers the question about stored files that do not fit together.
         AnswerStoredData(answer: StoredDataAnswer) -> ();
-        /// How far a command is.
+        /// Status of a command.
         CommandStatus(id: String) -> CommandReply;
-        /// All handlers that are or were there, by id.
+        /// All handlers that are or were online, by id.
         Handlers -> BTreeMap<String, HandlerPresence>;
-        /// Reads variables as they are at one moment.
+        /// Reads variables, all at the same moment.
         ReadVariables {
-            /// Which.
+            /// P, or Q of a coordinate system.
             area: VariableArea,
-            /// Number of the first.
+            /// Number of the first variable.
             from: u32,
-            /// How many, 1 to 1024.
+            /// Number of variables, 1 to 1024.
             count: u32,
-            /// Who asks, where the answer is also published on `reply/{client_id}`.
+            /// Sender, if the answer is also published on `reply/{client_id}`.
             meta: Option<CommandMeta>,
         } -> Vec<f64>;
-        /// Writes variables, all of them between two blocks of any program, or none.
+        /// Writes variables: all of them between two blocks of any program, or none.
         WriteVariables {
-            /// Which.
+            /// P, or Q of a coordinate system.
             area: VariableArea,
-            /// Number of the first.
+            /// Number of the first variable.
             from: u32,
-            /// Their values, 1 to 1024.
+            /// Values, 1 to 1024.
             values: Vec<f64>,
-            /// Who writes, where the answer is also published on `reply/{client_id}`: an id seen in the last 10 minutes
-            /// gets the stored reply and writes nothing.
+            /// Sender, if the answer is also published on `reply/{client_id}`. A command id that was received in the
+            /// last 10 minutes gets the stored reply, and nothing is written.
             meta: Option<CommandMeta>,
         } -> Option<CommandReply>;
         /// Writes an input or output of the plant.
         WriteIo(point: IoPoint, set: IoSet) -> ();
-        /// Puts a value in the place of what is written to an input or output of the plant, or takes it back.
+        /// Forces a value on an input or output of the plant, which replaces the written value, or ends the forcing.
         ForceIo(point: IoPoint, force: IoForce) -> ();
         /// The tool table.
         Tools -> ToolTable;
-        /// Changes the tool table. Kept on disk before it is answered.
+        /// Changes the tool table. The change is stored on disk before it is answered.
         WriteTools(change: ToolChange) -> ();
         /// Work offsets of a coordinate system.
         WorkOffsets(cs: CoordinateSystemNumber) -> WorkOffsetTable;
-        /// Changes work offsets. Kept on disk before it is answered.
+        /// Changes work offsets. The change is stored on disk before it is answered.
         WriteWorkOffsets(cs: CoordinateSystemNumber, change: WorkOffsetTable) -> ();
-        /// How the last run before this start of the runtime stood; `None`: there was none.
+        /// State of the last run before this start of the runtime; `None` if there was no run.
         LastRun(cs: CoordinateSystemNumber) -> Option<data::LastRun>;
-        /// The newest `count` lines of the journal that the filter takes, 1 to 1000, but for the `from` newest of them.
+        /// The newest `count` (1 to 1000) journal lines that match the filter, without the `from` newest of them.
         Journal {
-            /// How many of the newest are left out.
+            /// Number of newest lines to skip.
             from: u32,
-            /// How many.
+            /// Number of lines.
             count: u32,
-            /// Which.
+            /// The filter.
             filter: data::JournalFilter,
         } -> Vec<Value>;
         /// Alarms raised since the start, newest last, at most 1000.
         AlarmHistory -> Vec<AlarmRecord>;
-        /// What is in force at a line of the loaded program, and what a start from there does.
+        /// State in force at a line of the loaded program, and the actions of a start from that line.
         LineState(cs: CoordinateSystemNumber, from: LineStart) -> line_start::LineState;
-        /// The path of a text as manual data input would move now, as far as it is planned.
+        /// Path of a text if it ran as manual data input now, as far as it is planned.
         ManualPath(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::PlannedPath;
-        /// What a text would do as manual data input, as far as it is planned.
+        /// Effects of a text if it ran as manual data input now, as far as it is planned.
         ManualRehearsal(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::Rehearsal;
-        /// What the axes of a coordinate system did in the last minute.
+        /// Motion of the axes of a coordinate system in the last minute.
         Trace(cs: CoordinateSystemNumber, query: trace::TraceQuery) -> trace::Trace;
-        /// A run, by its id; with a wait it is told when it has ended, or when the time is over.
+        /// A run, by its id. With a wait, the answer follows when the run has ended or the wait time is over.
         Run {
-            /// Its id.
+            /// Id of the run.
             id: String,
-            /// How long its end is waited for, s, at most 60.
+            /// Longest wait for the end of the run, s, at most 60.
             wait_s: u32,
         } -> run::Run;
-        /// Runs that have ended, and what was produced.
+        /// Runs that have ended, and the production counters.
         Runs(query: run::RunQuery) -> run::Runs;
         /// Programs of the store.
         Programs -> Vec<ProgramInfo>;
-        /// What a name means that people see: a diagnostic, an alarm, a code, a word of a state or a refusal, a key.
+        /// Meaning of a name that people see: a diagnostic, an alarm, a code, a word of a state or a refusal, a key.
         Explain(what: String) -> Explanation;
     }
     program {
         /// Text of a program.
         ReadProgram(number: u16) -> String;
-        /// Writes a program, stored even with errors.
+        /// Writes a program. It is stored even if it has errors.
         WriteProgram(number: u16, text: String) -> ProgramCheck;
         /// Removes a program.
         DeleteProgram(number: u16) -> ();
         /// Text of a program with its hash.
         FetchProgram(number: u16) -> ProgramText;
-        /// Writes a program under a condition, stored even with errors.
+        /// Writes a program under a condition. It is stored even if it has errors.
         StoreProgram(number: u16, upload: ProgramUpload) -> ProgramCheck;
         /// Removes a program under a condition.
         RemoveProgram(number: u16, condition: ProgramCondition) -> ();
         /// Checks a program of the store.
         CheckProgram(number: u16) -> ProgramCheck;
-        /// Checks a text as if it were this program, in a dialect; `None`: that of the lowest coordinate system.
+        /// Checks a text as if it were this program, in a dialect. `None` stands for the dialect of the lowest
+        /// coordinate system.
         CheckText(number: u16, dialect: Option<String>, text: String) -> ProgramCheck;
         /// Puts a program of the store into a folder.
         PutInFolder(number: u16, folder: ProgramFolder) -> ();
-        /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
+        /// Intermediate code of a program of the store. Refused as `program_has_errors` with the diagnostics if it has
+        /// errors.
         IntermediateCode(number: u16) -> String;
-        /// The path of a program of the store as it would run now, as far as it is planned.
+        /// Path of a program of the store as it would run now, as far as it is planned.
         PlannedPath(number: u16, query: PathQuery) -> planned::PlannedPath;
-        /// What a run of a program of the store does, as it would run now, as far as it is planned.
+        /// Effects of a run of a program of the store as it would run now, as far as it is planned.
         Rehearsal(number: u16, cs: Option<CoordinateSystemNumber>) -> planned::Rehearsal;
     }
 }
 
-/// Who carries out a request.
+/// Receiver that executes a request.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Destination {
     /// The coordinate system of this number.
@@ -411,7 +418,7 @@ pub enum Destination {
 /// An input of a coordinate system.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Input {
-    /// Optional block skip by number, 1 to 31; numbers not named stay.
+    /// Optional block skips by number, 1 to 31; numbers that are not named do not change.
     OptionalSkip(BTreeMap<u8, bool>),
     /// Optional stop (M01).
     OptionalStop(bool),
@@ -419,11 +426,11 @@ pub enum Input {
     SingleBlock(bool),
     /// Dry run.
     DryRun(bool),
-    /// Interlock: motion is held on its path while it is on, and nothing that moves begins or goes on.
+    /// Interlock: while it is on, motion is held on its path, and no motion begins or continues.
     Interlock(LockSet),
     /// Start lock: a start of a program or of manual data input is refused while it is on.
     StartLock(LockSet),
-    /// Overrides, percent; `None` stays.
+    /// Overrides, percent; `None` leaves an override unchanged.
     Override(OverrideChange),
 }
 
@@ -448,21 +455,21 @@ pub struct OverrideChange {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SpindleCommand {
-    /// How it shall turn.
+    /// Commanded direction, stop or orientation.
     pub direction: SpindleDirection,
-    /// Speed, r/min; for `cw` and `ccw`.
+    /// Speed, r/min; used with `cw` and `ccw`.
     #[serde(default)]
     pub rpm: f64,
 }
 
-/// How a machine answers requests: one variant for each type of answer.
+/// Defines the answers of a machine: one variant for each type of answer.
 macro_rules! answers {
     ($($(#[$doc:meta])* $name:ident($type:ty),)*) => {
-        /// How a machine answers a request that it carries out.
+        /// The answer of a machine to a request that it has executed.
         #[derive(Debug, Clone, PartialEq)]
         #[non_exhaustive]
         pub enum Answer {
-            /// Done, and there is nothing to say.
+            /// Executed; the answer has no content.
             Done,
             $($(#[$doc])* $name($type),)*
         }
@@ -489,9 +496,9 @@ macro_rules! answers {
 }
 
 answers! {
-    /// Of a command.
+    /// Reply to a command.
     Command(CommandReply),
-    /// Of a claim or reset.
+    /// Result of a message about an output.
     Handshake(HandshakeResult),
     /// Values of variables, ascending by number.
     Variables(Vec<f64>),
@@ -499,32 +506,32 @@ answers! {
     Tools(ToolTable),
     /// Work offsets.
     WorkOffsets(WorkOffsetTable),
-    /// How the last run stood; `None`: there was none.
+    /// State of the last run; `None` if there was no run.
     LastRun(Option<data::LastRun>),
-    /// Lines of the journal, in the order of time: JSON objects with `ts`, `t_s` (seconds since the start of the
-    /// runtime), `cs`, `event`, and what belongs to the event.
+    /// Lines of the journal in time order: JSON objects with `ts`, `t_s` (seconds since the start of the runtime),
+    /// `cs`, `event` and the fields of that event.
     Journal(Vec<Value>),
     /// Programs of the store, ascending.
     Programs(Vec<ProgramInfo>),
     /// Text of a program, or its intermediate code.
     ProgramText(String),
-    /// A program.
+    /// A program with its hash.
     Program(ProgramText),
-    /// What checking says.
+    /// Result of a check.
     Check(ProgramCheck),
     /// Handlers by id.
     Handlers(BTreeMap<String, HandlerPresence>),
     /// Alarms.
     Alarms(Vec<AlarmRecord>),
-    /// What a name means.
+    /// Meaning of a name.
     Explanation(Explanation),
     /// The planned path of a program.
     Path(planned::PlannedPath),
-    /// What a run does.
+    /// Effects of a run.
     Rehearsed(planned::Rehearsal),
-    /// What is in force at a line.
+    /// State in force at a line.
     LineState(line_start::LineState),
-    /// What the axes did lately.
+    /// Recent motion of the axes.
     Trace(trace::Trace),
     /// A run.
     Run(run::Run),
@@ -543,7 +550,7 @@ impl TryFrom<Answer> for () {
     }
 }
 
-/// Answers that a transport may leave out.
+/// Defines answers that a transport may omit.
 macro_rules! optional {
     ($($type:ty),*) => {$(
         impl TryFrom<Answer> for Option<$type> {

@@ -1,4 +1,4 @@
-//! A run: what was ordered, its progress, how it ended, and where its time went.
+//! A run: its order, its progress, its end, and the distribution of its time.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,13 +6,13 @@ use super::explained::explained;
 use super::planned::{PlanIdentity, PlannedPlace};
 use super::{CoordinateSystemNumber, Timestamp};
 
-/// Most parts of one run.
+/// Largest number of parts of one run.
 pub const PARTS_MAX: u32 = 1_000_000;
 
-/// Runs that are kept, over all starts of the runtime; the oldest are forgotten.
+/// Number of runs that are kept, over all starts of the runtime; the oldest are removed.
 pub const RUNS_KEPT: usize = 10_000;
 
-/// Runs of one answer at the most.
+/// Largest number of runs of one answer.
 pub const RUNS_AT_ONCE_MAX: u32 = 1000;
 
 /// Longest wait for the end of a run in one request, s.
@@ -23,11 +23,11 @@ pub const RUN_WAIT_MAX_S: u32 = 60;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RunOrder {
-    /// The program, which is loaded for it; null: the one that is loaded.
+    /// The program to load and run; null for the loaded program.
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
     pub program: Option<u16>,
-    /// How many times it is run, one part each.
+    /// Number of parts: the program is run once for each.
     #[serde(default = "one")]
     #[cfg_attr(feature = "schema", schemars(default = "one", range(min = 1, max = PARTS_MAX)))]
     pub parts: u32,
@@ -38,7 +38,7 @@ fn one() -> u32 {
 }
 
 impl RunOrder {
-    /// One part of a program.
+    /// Creates an order for one part of a program.
     pub fn program(number: u16) -> Self {
         Self {
             program: Some(number),
@@ -51,7 +51,7 @@ impl RunOrder {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Run {
-    /// Names the run, over all starts of the runtime: the `run_id` of `state`, of outputs and of the journal.
+    /// Id of the run, unique over all starts of the runtime: the `run_id` of `state`, of outputs and of the journal.
     pub id: String,
     /// Its coordinate system.
     pub cs: CoordinateSystemNumber,
@@ -60,28 +60,28 @@ pub struct Run {
     /// The program's hash.
     #[serde(default)]
     pub hash: Option<String>,
-    /// The line that it began at, unless at the head.
+    /// The line at which it started, unless it started at the beginning.
     #[serde(default)]
     pub from_line: Option<u32>,
-    /// Parts that were ordered.
+    /// Number of ordered parts.
     pub parts: u32,
-    /// Parts that were completed.
+    /// Number of completed parts.
     pub parts_done: u32,
-    /// When it began.
+    /// Time when it started.
     pub began: Timestamp,
-    /// How it ended; null: it has not.
+    /// Its end; null if it has not ended.
     #[serde(default)]
     pub end: Option<RunEnded>,
-    /// How long it has taken, from its begin to the end of its last part, s.
+    /// Duration from its start to the end of its last part, s.
     pub took_s: f64,
-    /// How long the last completed part took, s.
+    /// Duration of the last completed part, s.
     #[serde(default)]
     pub last_part_s: Option<f64>,
-    /// M codes for which the program waited, the longest first, at most 20.
+    /// M codes for which the program waited, longest wait first, at most 20.
     pub waits: Vec<RunWait>,
     /// Alarms of its coordinate system while it ran, at most 10.
     pub alarms: Vec<RunAlarm>,
-    /// Why the next part does not begin yet, such as the text of the start lock.
+    /// Reason why the next part has not started yet, such as the text of the start lock.
     #[serde(default)]
     pub waits_for: Option<String>,
 }
@@ -90,46 +90,46 @@ pub struct Run {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunState {
-    /// The run that goes on, or the last one that ended; null: there was none.
+    /// The run in progress, or the last one that ended; null if there was none.
     pub run: Option<Run>,
 }
 
-/// Payload of `cs/{n}/time_left`: of the run of a program that is under way.
+/// Payload of `cs/{n}/time_left`: remaining time of the program run in progress.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TimeLeft {
-    /// The run; null: no program runs.
+    /// The run; null if no program runs.
     #[serde(default)]
     pub run_id: Option<String>,
-    /// The plan of that run, by which the time was computed; null: it is not planned yet.
+    /// The plan of that run from which the time was computed; null if it is not planned yet.
     #[serde(default)]
     pub plan: Option<PlanIdentity>,
-    /// Time to the end with the overrides of now, s, without holds and without waits that lie ahead and are not known; null: no
-    /// program runs, it is not planned yet, or the time cannot be known, since an override of 0 stops what is left, or the
+    /// Time to the end, s, with the current overrides, without holds and without future waits of unknown duration. Null
+    /// if no program runs, it is not planned yet, or the time is unknown because an override of 0 stops the rest or the
     /// program waits without a known end.
     pub left_s: Option<f64>,
-    /// Share of the planned time that is done, 0 to 1; null: no program runs, or it is not planned yet.
+    /// Completed share of the planned time, 0 to 1; null if no program runs, or it is not planned yet.
     pub progress: Option<f64>,
 }
 
-/// How a run has ended.
+/// End of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunEnded {
-    /// When.
+    /// Time of the end.
     pub at: Timestamp,
-    /// How.
+    /// Kind of the end.
     pub how: RunEndedHow,
-    /// What there is to say of it, such as why the next part was refused; else empty.
+    /// Explanation, such as why the next part was refused; otherwise empty.
     pub text: String,
-    /// The block whose motion ran when it was cut short; null where it was completed, or nothing had run.
+    /// The block whose motion ran at an early end; null if the run was completed, or no block had run.
     #[serde(default)]
     pub place: Option<PlannedPlace>,
 }
 
 explained! {
     "end of a run"
-    /// How a run has ended.
+    /// Kind of the end of a run.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
@@ -149,13 +149,13 @@ explained! {
         /// An alarm.
         Alarm = "alarm",
             "The run's `alarms` say which; mend the cause, reset, then start or order a run anew.";
-        /// Before its next part: the lease under which it was ordered has ended or is another's.
+        /// Before its next part: the lease under which it was ordered has ended or belongs to another holder.
         LeaseLost = "lease_lost",
             "Take the control lease, and order the parts that are missing.";
-        /// Before its next part: another command took its place, such as a load, a start or MDI.
+        /// Before its next part: another command replaced it, such as a load, a start or MDI.
         Replaced = "replaced",
             "Order the parts that are missing.";
-        /// Before its next part: its start was refused; the text says why.
+        /// Before its next part: its start was refused; the text gives the reason.
         Refused = "refused",
             "Mend what the text names, and order the parts that are missing.";
         /// The runtime ended while it ran.
@@ -170,11 +170,11 @@ explained! {
 pub struct RunWait {
     /// M number.
     pub m: u16,
-    /// How often.
+    /// Number of waits.
     pub count: u64,
-    /// For how long in all, s.
+    /// Total duration, s.
     pub total_s: f64,
-    /// The longest, s.
+    /// Longest wait, s.
     pub longest_s: f64,
 }
 
@@ -184,36 +184,37 @@ pub struct RunWait {
 pub struct RunAlarm {
     /// Its number.
     pub number: u16,
-    /// What happened.
+    /// Text of the alarm.
     pub text: String,
-    /// Line of the program, where it has one.
+    /// Line of the program, if the alarm has one.
     #[serde(default)]
     pub line: Option<u32>,
 }
 
-/// Which runs are asked for: of `GET /runs`.
+/// Filter for runs: of `GET /runs`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RunQuery {
-    /// Of this coordinate system.
+    /// The coordinate system; `None` for all.
     pub cs: Option<CoordinateSystemNumber>,
-    /// How many of the newest are left out.
+    /// Number of newest runs to skip.
     pub from: u32,
-    /// How many, 1 to 1000.
+    /// Number of runs, 1 to 1000.
     pub count: u32,
 }
 
-/// Runs that have ended, the newest first, and what was produced: of `GET /runs`.
+/// Runs that have ended, newest first, and production counters: of `GET /runs`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "RunList"))]
 pub struct Runs {
     /// Runs.
     pub runs: Vec<Run>,
-    /// Counters of each program, of the coordinate systems asked for, ascending. They count on over all starts of the runtime.
+    /// Counters of each program, for the requested coordinate systems, ascending. They continue over all starts of the
+    /// runtime.
     pub production: Vec<Production>,
 }
 
-/// What one program has produced in one coordinate system.
+/// Production of one program in one coordinate system.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Production {
@@ -225,9 +226,9 @@ pub struct Production {
     pub parts: u64,
     /// Runs that ended before all their parts were completed.
     pub cut_short: u64,
-    /// Time of the completed parts in all, s.
+    /// Total time of the completed parts, s.
     pub parts_s: f64,
-    /// When the last part was completed.
+    /// Time when the last part was completed.
     #[serde(default)]
     pub last: Option<Timestamp>,
 }

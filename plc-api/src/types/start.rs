@@ -1,4 +1,4 @@
-//! What prevents a start of the loaded program.
+//! Obstacles that prevent a start of the loaded program.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,8 +8,8 @@ use super::planned::PlannedPlace;
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StartConditions {
-    /// What prevents a start of the loaded program, or would end its run in an alarm, the first to be removed first; empty: a
-    /// start runs the program.
+    /// Obstacles that prevent a start of the loaded program, or would end its run in an alarm, in the order in which to
+    /// remove them; empty if a start runs the program.
     pub obstacles: Vec<StartObstacle>,
 }
 
@@ -17,24 +17,24 @@ pub struct StartConditions {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StartObstacle {
-    /// Which one.
+    /// Kind of the obstacle.
     pub kind: StartObstacleKind,
-    /// What it is, and what to do.
+    /// Description, and what to do.
     pub text: String,
-    /// The part of it that comes from elsewhere: text of the input, holder of the lease, or why; empty without.
+    /// Part of the description from another source: text of the input, holder of the lease, or reason; otherwise empty.
     #[serde(default)]
     pub detail: String,
-    /// True: a start is refused. False: it is accepted, and an alarm ends the run.
+    /// Whether a start is refused; otherwise it is accepted, and an alarm ends the run.
     pub refuses: bool,
     /// With `m_code`: M numbers, ascending.
     #[serde(default)]
     pub m_codes: Vec<u16>,
-    /// With `prediction`: the block; null: it has none.
+    /// With `prediction`: the block; null if there is none.
     #[serde(default)]
     pub at: Option<PlannedPlace>,
 }
 
-/// What an obstacle of a start is.
+/// Kind of an obstacle of a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -52,18 +52,18 @@ pub enum StartObstacleKind {
     Interlock,
     /// The start lock is on.
     StartLock,
-    /// A client has the control lease, which only that client may use.
+    /// A client holds the control lease, and only that client may start.
     Lease,
     /// The program does not run here: it has errors, is not signed, is damaged, or was changed since it was loaded.
     Program,
-    /// No handler is online for M codes that raise an alarm then.
+    /// No handler is online for M codes that raise an alarm without one.
     MCode,
     /// The rehearsal ends in an alarm.
     Prediction,
 }
 
 impl StartObstacle {
-    /// An obstacle for which a start is refused.
+    /// Creates an obstacle for which a start is refused.
     pub fn refusing(kind: StartObstacleKind, text: impl Into<String>) -> Self {
         Self {
             kind,

@@ -1,4 +1,4 @@
-//! State of a coordinate system as HMIs and sequence programs see it.
+//! State of a coordinate system as HMIs and sequence programs receive it.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ pub use super::lock::{Lock, LockSet, LockSource};
 
 explained! {
     "way to another state"
-    /// On the way to another state.
+    /// Transition to another state.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
@@ -37,7 +37,7 @@ explained! {
     }
 }
 
-/// What runs.
+/// Kind of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -59,26 +59,26 @@ pub enum RunKind {
 pub struct State {
     /// The state word.
     pub execution: Execution,
-    /// On the way to another state, or null.
+    /// Transition to another state, or null.
     pub transition: Option<Transition>,
-    /// Why, or null.
+    /// Reason of the state, or null.
     pub reason: Option<Reason>,
-    /// The M code's `wait_state` setting while it is waited for.
+    /// `wait_state` setting of the M code while the program waits for it.
     pub wait_state: Option<String>,
-    /// What is waited for.
+    /// The output that the program waits for.
     pub waiting_on: Option<WaitingOn>,
     /// The loaded main program.
     pub program: Option<u16>,
-    /// Which program that is, by its hash: of a run the text that runs, else the one that a start would run. SHA-256 of the
-    /// bytes of its file, 64 hexadecimal digits; null without a program.
+    /// Hash of that program: during a run that of the text that runs, otherwise that of the text that a start would
+    /// run. SHA-256 of the bytes of its file, 64 hexadecimal digits; null without a program.
     #[serde(default)]
     pub hash: Option<String>,
-    /// Number that its text gives it, in dialects that have one there (`O12345678`); it is not `program`.
+    /// Number that the text contains, in dialects whose text has one (`O12345678`); it is not `program`.
     #[serde(default)]
     pub o_number: Option<u32>,
-    /// Names the run; null before the first start.
+    /// Id of the run; null before the first start.
     pub run_id: Option<String>,
-    /// What runs, moving or paused; null when nothing does.
+    /// Kind of the run, moving or paused; null if nothing runs.
     #[serde(default)]
     pub run_kind: Option<RunKind>,
     /// Single block input.
@@ -91,7 +91,7 @@ pub struct State {
     pub optional_skip: Vec<u8>,
     /// Active alarms of this coordinate system.
     pub alarm_count: u32,
-    /// The command accepted last.
+    /// Id of the command accepted last.
     pub last_command_id: Option<String>,
 }
 
@@ -103,12 +103,12 @@ pub struct WaitingOn {
     pub m: u16,
     /// Sequence number.
     pub seq: u64,
-    /// Since when.
+    /// Time when the wait began.
     pub since: Timestamp,
-    /// What its handler last said.
+    /// Last progress report of its handler.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<Progress>,
-    /// What its handler asks the operator, while there is no answer.
+    /// Question of its handler to the operator, while it has no answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub question: Option<Box<Question>>,
 }
@@ -117,7 +117,7 @@ pub struct WaitingOn {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramPlace {
-    /// Program number that runs now, main or subprogram; 0: manual data input.
+    /// Number of the program that runs now, main or subprogram; 0 for manual data input.
     pub number: Option<u16>,
     /// 0 in the main program, 1 to 8 in subprograms.
     pub nest_level: u8,
@@ -141,24 +141,24 @@ pub struct CallSite {
     pub line: u32,
 }
 
-/// Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says.
+/// Payload of `position`. Lengths are mm and angles degrees, regardless of G20 and G21.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Position {
     /// Commanded machine position by axis letter.
     pub machine: BTreeMap<String, f64>,
-    /// The same in work coordinates.
+    /// Commanded position in work coordinates.
     pub work: BTreeMap<String, f64>,
     /// Actual machine position.
     pub actual: BTreeMap<String, f64>,
-    /// Whether the axis is homed: its position counts from the machine's zero, by an absolute encoder or since its drive was
-    /// homed. One that is not homed does not move (alarm 208), and its positions are without meaning. Empty from a machine
-    /// that does not tell.
+    /// Whether the axis is homed: its position refers to the machine's zero, by an absolute encoder or since its drive
+    /// was homed. An axis that is not homed does not move (alarm 208), and its positions are meaningless. Empty if the
+    /// machine does not report it.
     #[serde(default)]
     pub homed: BTreeMap<String, bool>,
     /// Commanded minus actual.
     pub following_error: BTreeMap<String, f64>,
-    /// Left of the block that runs.
+    /// Remaining distance of the block that runs.
     pub distance_to_go: BTreeMap<String, f64>,
     /// Speed on the path, mm/min.
     pub feedrate: f64,
@@ -183,12 +183,12 @@ pub struct Modal {
     /// Jerk time, ms. In JSON it is `ts_ms`, since `ts` is the time of every message.
     #[serde(rename = "ts_ms")]
     pub ts: f64,
-    /// Tool selected; 0: none; null: nobody knows, since what was kept of it is damaged.
+    /// Selected tool; 0 for none; null if it is unknown, because the stored value is damaged.
     pub tool: Option<u16>,
     /// `G54` to `G59`, or null.
     pub work_offset: Option<String>,
-    /// Codes other than those at start-up in which the next manual data input begins, such as G91 or G20; empty: it begins in the
-    /// start-up state. Codes of motion (group 01) and of the return level (group 10) are left out.
+    /// Codes in force at the beginning of the next manual data input that differ from those at start-up, such as G91 or
+    /// G20; empty for the start-up state. Codes of motion (group 01) and of the return level (group 10) are left out.
     #[serde(default)]
     pub mdi: Vec<String>,
 }
@@ -205,7 +205,7 @@ pub struct Captured {
     pub motors: Vec<u16>,
     /// Captured machine positions, mm or degrees.
     pub positions: Vec<f64>,
-    /// By motor: false where the skip input did not come; its position is then where the motor stopped (D41).
+    /// By motor: false if the skip input was not received; the position is then where the motor stopped (D41).
     pub captured: Vec<bool>,
 }
 
@@ -215,9 +215,9 @@ pub struct Captured {
 pub struct OptionalSkip {
     /// Numbers that are on, ascending.
     pub requested: Vec<u8>,
-    /// Numbers that the interpreter reads now.
+    /// Numbers that the interpreter uses now.
     pub effective: Vec<u8>,
-    /// First line interpreted with them; blocks before it were read ahead with the values of then.
+    /// First line interpreted with these numbers; blocks before it were read ahead with the previous ones.
     pub effective_from_line: u32,
 }
 
@@ -251,7 +251,7 @@ impl Default for Overrides {
     }
 }
 
-/// How a spindle turns.
+/// Rotation of a spindle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -277,7 +277,7 @@ pub struct Spindle {
     pub rpm: f64,
     /// Actual speed, r/min.
     pub actual_rpm: f64,
-    /// True at the orientation position after `orient`.
+    /// True if the spindle is at the orientation position after `orient`.
     pub oriented: bool,
 }
 
@@ -285,6 +285,6 @@ pub struct Spindle {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Tool {
-    /// Number of the tool in the spindle; 0: none.
+    /// Number of the tool in the spindle; 0 for none.
     pub id: u16,
 }

@@ -1,4 +1,4 @@
-//! Topics: one table of everything that the runtime publishes, each with its path, route, payload and explanation.
+//! Topics: one table of all published messages, each with its path, route, payload and explanation.
 
 use serde::Serialize;
 
@@ -20,7 +20,7 @@ use super::state::{
 };
 use super::stored_data::StoredData;
 
-/// Names one thing that the runtime says. Paths are relative to `{prefix}/tandem/v1/{machine}/`.
+/// Identifies one topic of the runtime. Paths are relative to `{prefix}/tandem/v1/{machine}/`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Topic {
@@ -52,7 +52,7 @@ pub enum Topic {
     CoordinateSystem(CoordinateSystemNumber, CsTopic),
 }
 
-/// What a message says, by topic.
+/// Payload of a message, by topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 #[allow(
@@ -96,8 +96,8 @@ pub enum Payload {
     StartConditions(StartConditions),
 }
 
-/// Topics of one coordinate system: each with its path, variant and type of its payload, and what it says. A state has a
-/// REST route besides, empty where a request reads it, and an event the M number of an output.
+/// Topics of one coordinate system: each with its path, the variant and type of its payload, and its description. A
+/// state also has a REST route, which is empty if a request reads it. An event also has the M number of an output.
 macro_rules! cs_topics {
     (
         states {$($state:ident $path:literal $route:literal $payload:ident($type:ident) $says:literal;)*}
@@ -115,7 +115,7 @@ macro_rules! cs_topics {
             /// Topics whose last value is kept and retained, with their paths.
             pub const STATES: [(CsTopic, &'static str); 21] = [$((CsTopic::$state, $path),)*];
 
-            /// Path below the coordinate system's.
+            /// Returns the path below that of the coordinate system.
             fn path(self) -> String {
                 match self {
                     $(CsTopic::$state => $path.to_owned(),)*
@@ -135,7 +135,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// Route of a state that is read as its last message, below `/api/v1`.
+            /// Returns the route, below `/api/v1`, of a state that is read as its last message.
             pub fn route(self) -> Option<&'static str> {
                 match self {
                     $(CsTopic::$state => Some(concat!("/cs/{cs}/", $route)).filter(|_| !$route.is_empty()),)*
@@ -143,7 +143,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// What the topic says, in one sentence.
+            /// Returns the description of the topic in one sentence.
             pub fn summary(self) -> &'static str {
                 match self {
                     $(CsTopic::$state => $says,)*
@@ -151,7 +151,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// The form of its messages.
+            /// Returns the form of its messages.
             pub fn form(self) -> Form {
                 match self {
                     $(CsTopic::$state => Form::of::<Enveloped<'static, $type>>(),)*
@@ -159,7 +159,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// An event of any M code, for each kind of events.
+            /// Returns one event of this M code for each kind of event.
             pub fn events(m: u16) -> impl Iterator<Item = CsTopic> {
                 [$(CsTopic::$event(m)),*].into_iter()
             }
@@ -236,12 +236,12 @@ cs_topics! {
 }
 
 impl Topic {
-    /// A topic of a coordinate system.
+    /// Creates a topic of a coordinate system.
     pub fn cs(cs: CoordinateSystemNumber, topic: CsTopic) -> Self {
         Topic::CoordinateSystem(cs, topic)
     }
 
-    /// What the topic says, in one sentence.
+    /// Returns the description of the topic in one sentence.
     pub fn summary(&self) -> &'static str {
         match self {
             Topic::Presence => "Whether the runtime is there, its version and since when it runs.",
@@ -277,7 +277,7 @@ impl Topic {
         }
     }
 
-    /// The form of its messages.
+    /// Returns the form of its messages.
     pub fn form(&self) -> Form {
         match self {
             Topic::Presence => Form::of::<Enveloped<'static, Presence>>(),
@@ -296,7 +296,7 @@ impl Topic {
         }
     }
 
-    /// Reads what a message of this topic says.
+    /// Parses the payload of a message of this topic.
     pub(super) fn payload(&self, json: &[u8]) -> Result<Payload, serde_json::Error> {
         use serde_json::from_slice;
         Ok(match self {
@@ -316,7 +316,7 @@ impl Topic {
         })
     }
 
-    /// Path below the machine's root.
+    /// Returns the path below the machine's root.
     pub fn path(&self) -> String {
         match self {
             Topic::Presence => "presence".to_owned(),
@@ -335,8 +335,8 @@ impl Topic {
         }
     }
 
-    /// The topic of a path below the machine's root; `None` for a path that the runtime never publishes, such as
-    /// `cs/01/state`: a topic has one path.
+    /// Returns the topic of a path below the machine's root, or `None` for a path that the runtime never publishes,
+    /// such as `cs/01/state`: each topic has exactly one path.
     pub fn parse(path: &str) -> Option<Topic> {
         Self::read(path).filter(|topic| topic.path() == path)
     }
@@ -373,7 +373,7 @@ impl Topic {
         }
     }
 
-    /// True for topics that say a state: the last value stands for all before it. False for events.
+    /// Returns true for topics of a state: the last value replaces all previous ones. Returns false for events.
     pub fn is_state(&self) -> bool {
         match self {
             Topic::AlarmEvent | Topic::Reply(_) | Topic::HandlerResult(_) => false,
@@ -382,8 +382,8 @@ impl Topic {
         }
     }
 
-    /// Of an event, the state that it explains: whoever is told of both gets the event before any value of that state
-    /// from after it. A `cancel` explains why `m_code/pending` no longer shows an output.
+    /// Returns the state that an event explains. A client that receives both gets the event before any later value of
+    /// that state. A `cancel` explains why `m_code/pending` no longer shows an output.
     pub fn explains(&self) -> Option<Topic> {
         match self {
             Topic::CoordinateSystem(cs, CsTopic::Cancel(_)) => Some(Topic::cs(*cs, CsTopic::Pending)),
@@ -391,7 +391,7 @@ impl Topic {
         }
     }
 
-    /// True for what is published again and again, whose single message counts for nothing.
+    /// Returns true for topics that are published continuously, so that a single message does not matter.
     fn is_stream(&self) -> bool {
         matches!(
             self,
@@ -399,12 +399,12 @@ impl Topic {
         )
     }
 
-    /// Retain flag on MQTT: every state but the position and the heartbeat, which are streams.
+    /// Returns the retain flag on MQTT: true for every state except the position and the heartbeat, which are streams.
     pub fn is_retained(&self) -> bool {
         self.is_state() && !self.is_stream()
     }
 
-    /// Quality of service on MQTT: 0 for streams, else 1.
+    /// Returns the quality of service on MQTT: 0 for streams, otherwise 1.
     pub fn qos(&self) -> u8 {
         u8::from(!self.is_stream())
     }

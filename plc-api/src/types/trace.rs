@@ -6,21 +6,21 @@ use serde::{Deserialize, Serialize};
 
 use super::{CoordinateSystemNumber, Timestamp};
 
-/// Samples that are kept, and of one answer at the most.
+/// Number of samples that are kept, and largest number of one answer.
 pub const TRACE_SAMPLES_MAX: u32 = 6000;
 
-/// Which samples are asked for: of `GET /cs/{n}/trace`.
+/// Requested samples: of `GET /cs/{n}/trace`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct TraceQuery {
-    /// Number of the first sample; one that is kept no more stands for the oldest.
+    /// Number of the first sample; if it is no longer kept, the answer starts at the oldest one.
     pub from: u32,
-    /// How many, 1 to 6000.
+    /// Number of samples, 1 to 6000.
     pub count: u32,
     /// Letters of the axes, such as `XZ`; empty: all.
     pub axes: String,
 }
 
-/// Samples of the last minute, in the order of time: of `GET /cs/{n}/trace`.
+/// Samples of the last minute, in time order: of `GET /cs/{n}/trace`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Trace {
@@ -28,13 +28,13 @@ pub struct Trace {
     pub cs: CoordinateSystemNumber,
     /// Time between two samples, s: a whole number of servo periods.
     pub interval_s: f64,
-    /// Number of the first sample here; they count from 0 at the start of the runtime.
+    /// Number of the first sample in this answer; samples are numbered from 0 since the start of the runtime.
     pub first: u32,
-    /// Number of the sample after the last one here: the next `from`.
+    /// Number of the sample after the last one in this answer: the next `from`.
     pub next: u32,
-    /// The time of day now.
+    /// Current time of day.
     pub now: Timestamp,
-    /// The same on the clock of the samples, s since the start of the runtime.
+    /// Current time on the clock of the samples, s since the start of the runtime.
     pub now_s: f64,
     /// When each sample was taken, s since the start of the runtime.
     pub time_s: Vec<f64>,
@@ -42,11 +42,11 @@ pub struct Trace {
     pub feedrate: Vec<f64>,
     /// Actual spindle speed of each sample, r/min; negative counter-clockwise.
     pub spindle_rpm: Vec<f64>,
-    /// What each axis did, by letter.
+    /// Motion of each axis, by letter.
     pub axes: BTreeMap<String, TraceAxis>,
 }
 
-/// What one axis did: a value for each sample, mm or degrees.
+/// Motion of one axis: a value for each sample, mm or degrees.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TraceAxis {

@@ -1,35 +1,35 @@
-//! A program as it is uploaded, and the condition under which it replaces the stored one.
+//! An uploaded program, and the condition under which it replaces the stored one.
 
 use super::refusal::{Refusal, RefusalCode};
 
-/// What is to be stored as a program, and under which condition.
+/// A program to be stored, and the condition for storing it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ProgramUpload {
-    /// The text.
+    /// Text of the program.
     pub text: String,
-    /// What must hold; comparison and change are one step.
+    /// Condition; comparison and change are one step.
     pub condition: ProgramCondition,
     /// The Ed25519 signature of the text's bytes, 64 bytes in Base64.
     pub signature: Option<String>,
-    /// NC dialect; `None`: that of the lowest coordinate system.
+    /// NC dialect; `None` stands for that of the lowest coordinate system.
     pub dialect: Option<String>,
 }
 
-/// What must hold for a program to be changed, as `If-Match` and `If-None-Match` say it.
+/// Condition for changing a program, as in `If-Match` and `If-None-Match`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ProgramCondition {
-    /// The program is one of these.
+    /// The stored program must be one of these.
     pub if_match: Option<Hashes>,
-    /// The program is none of these.
+    /// The stored program must be none of these.
     pub if_none_match: Option<Hashes>,
 }
 
 /// Programs by their hashes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Hashes {
-    /// Any that is there.
+    /// Any stored program.
     Any,
-    /// These.
+    /// Programs with these hashes.
     OneOf(Vec<String>),
 }
 
@@ -44,10 +44,11 @@ impl Hashes {
 }
 
 impl ProgramCondition {
-    /// Compares with what is stored under a number: `None` is nothing, and an empty hash something unknown.
+    /// Compares the condition with the stored program of a number: `None` if there is no program, an empty hash if it
+    /// is damaged.
     ///
     /// # Errors
-    /// The condition does not hold.
+    /// Fails if the condition does not hold.
     pub fn judge(&self, number: u16, now: Option<&str>) -> Result<(), Refusal> {
         let matches = self.if_match.as_ref().is_none_or(|hashes| hashes.have(now));
         let differs = self.if_none_match.as_ref().is_none_or(|hashes| !hashes.have(now));
@@ -64,7 +65,7 @@ impl ProgramCondition {
         Err(Refusal::new(RefusalCode::PreconditionFailed, text))
     }
 
-    /// True where nothing must hold.
+    /// Returns true if there is no condition.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }

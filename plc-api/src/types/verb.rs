@@ -2,22 +2,22 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A verb, for lists of what is allowed.
+/// A verb, for lists of allowed commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Verb {
-    /// Takes a program of the store.
+    /// Loads a program from the store.
     Load,
-    /// From the head, as a new run.
+    /// Starts a new run at the beginning of the loaded program.
     Start,
-    /// Loads a program, if one is named, and runs it as many times as parts are ordered.
+    /// Loads a program, if one is named, and runs it once for each ordered part.
     Run,
     /// Feed hold.
     Hold,
-    /// Goes on after a pause.
+    /// Continues after a pause.
     Resume,
-    /// Back along the passed path, in a feed hold with G500; or forward again.
+    /// Moves back along the passed path in a feed hold with G500, or forward again.
     BackTrace,
     /// Decelerates on the path and ends the run.
     Stop,
@@ -36,12 +36,12 @@ pub enum Verb {
 }
 
 impl Verb {
-    /// True for hold, stop and abort: they pass every queue, and need nothing.
+    /// Returns true for hold, stop and abort: they bypass every queue and need nothing else.
     pub fn is_urgent(self) -> bool {
         matches!(self, Verb::Hold | Verb::Stop | Verb::Abort)
     }
 
-    /// True for those that begin motion, or let it go on.
+    /// Returns true for verbs that begin motion or let it continue.
     pub fn moves(self) -> bool {
         matches!(
             self,

@@ -8,7 +8,7 @@ use super::refusal::RefusalCode;
 use super::run::RunEndedHow;
 use super::state::Transition;
 
-/// All words that people see.
+/// Returns all words that people see.
 pub fn words() -> impl Iterator<Item = &'static Explained> {
     let all = [
         Execution::EXPLAINED,

@@ -8,14 +8,14 @@ use super::parameter::Fault;
 use super::row::{Body, IncomingRequest, NOT_AFTER, RequestParts, Source};
 use crate::types::not_after::NotAfter;
 
-/// True for the path of hold, stop or abort.
+/// Returns true for the path of hold, stop or abort.
 pub(super) fn names_urgent(params: &[(&str, &str)]) -> bool {
     let mut params = params.iter();
     params.any(|(name, value)| *name == "verb" && ["hold", "stop", "abort"].contains(value))
 }
 
 impl IncomingRequest<'_> {
-    /// The age limit that the body names.
+    /// Returns the age limit in the body.
     pub(super) fn not_after(&self) -> Result<Option<NotAfter>, Fault> {
         #[derive(Deserialize)]
         struct Limited {

@@ -16,54 +16,54 @@ use crate::types::program::{ProgramCheck, ProgramInfo, ProgramText};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Answer, Request};
 
-/// How the answer of a request crosses REST.
+/// Form of a request's answer over REST.
 #[derive(Debug, Clone)]
 pub enum AnswerForm {
-    /// Nothing but a status.
+    /// Only a status.
     Nothing,
-    /// With `wait` the reply of a command that is done, else its id.
+    /// With `wait` the reply of a command that is done, otherwise its id.
     Command {
-        /// Whether the request waits for its effect.
+        /// Whether to wait for the effect of the command.
         wait: bool,
     },
-    /// The reply of a command that has begun a run, which is a new thing.
+    /// The reply of a command that has started a run, which is a new resource.
     Begun,
     /// The reply to a request for the control lease.
     Lease,
-    /// The result of a claim or reset, with what it names that the machine does not say itself.
+    /// The result of a claim or reset, with the fields that only the request contains.
     Handshake {
         /// Sequence number of the output.
         seq: u64,
-        /// Who claims or resets.
+        /// Sender of the claim or reset.
         handler_id: String,
-        /// True: an operator answers a question.
+        /// Whether an operator answers a question.
         is_answer: bool,
     },
-    /// Values of variables, with what the request names.
+    /// Values of variables, with the range of the request.
     Variables {
         /// Their letter.
         kind: VariableKind,
-        /// Number of the first.
+        /// Number of the first variable.
         from: u32,
     },
-    /// Intermediate code, or the text of a program for whoever does not ask which one it is.
+    /// Intermediate code, or the text of a program for a request without its hash.
     Text,
     /// Text of a program, with its hash as `ETag`.
     Program,
     /// A planned path, with its tag as `ETag`.
     Path,
-    /// What checking a program says; the status tells whether it is new.
+    /// Result of a check of a program; the status shows whether the program is new.
     Check,
     /// JSON of the answer's type.
     Json {
-        /// Writes it; `None` for an answer of another type.
+        /// Encodes the answer; returns `None` for an answer of another type.
         encode: fn(Answer) -> Option<Value>,
-        /// Reads it.
+        /// Decodes the answer.
         decode: fn(&str) -> Result<Answer, Refusal>,
     },
 }
 
-/// For a request that is answered with JSON of this type.
+/// Returns the form for a request that is answered with JSON of this type.
 pub(super) fn json_of<T>(_: &Request) -> AnswerForm
 where
     T: TryFrom<Answer> + Into<Answer> + Serialize + DeserializeOwned,
@@ -74,7 +74,7 @@ where
     }
 }
 
-/// An answer as it goes out.
+/// An answer ready for sending.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reply {
     /// 204.
@@ -85,13 +85,14 @@ pub enum Reply {
     Text(String),
     /// Text of a program, and its hash.
     Program(ProgramText),
-    /// Bytes, and what tells them from others.
+    /// Bytes, with their tag.
     Bytes(PlannedPath),
     /// Status and JSON of what was stored, and its hash.
     Stored(u16, String, String),
-    /// 201: JSON of the reply, and where what is new can be read.
+    /// 201: JSON of the reply, and the address of the new resource.
     Created(String, String),
-    /// 202: a command is accepted; where to ask for the rest is named by its id. A load and a start say which program.
+    /// 202: a command is accepted; its id identifies the address of its status. For a load and a start also the hash of
+    /// the program.
     Accepted(String, Option<String>),
 }
 
@@ -129,39 +130,39 @@ in_a_field! {
     JournalAnswer { lines: Vec<Value>, schemars(with = "Vec<JournalLine>") }
 }
 
-/// A line of the journal, with what belongs to the event.
+/// A line of the journal, with the fields of its event.
 #[cfg(feature = "schema")]
 #[derive(schemars::JsonSchema)]
 #[schemars(inline, extend("additionalProperties" = true))]
 #[allow(dead_code, reason = "the form of what is read as it is")]
 struct JournalLine {
-    /// When it was.
+    /// Time of the event.
     #[schemars(extend("format" = "date-time"))]
     ts: Option<String>,
     /// Seconds since the start of the runtime.
     t_s: Option<f64>,
     /// Coordinate system.
     cs: Option<u8>,
-    /// What happened.
+    /// Name of the event.
     event: String,
 }
 
-/// A command is accepted.
+/// The answer to an accepted command.
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "CommandAccepted"))]
 pub(super) struct Accepted {
     command_id: String,
-    /// The program that is loaded or started, by its hash; of `load` and `start` only.
+    /// Hash of the program that is loaded or started; only for `load` and `start`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     hash: Option<String>,
 }
 
 impl AnswerForm {
-    /// The answer as it goes out.
+    /// Encodes an answer for sending.
     ///
     /// # Errors
-    /// The problem that it is on REST, such as a claim that does not count; an answer that is not of this form is one, too.
+    /// Returns the problem of a refusal on REST, such as a rejected claim, or if the answer does not have this form.
     pub fn encode(&self, answer: Answer) -> Result<Reply, Box<Problem>> {
         let json = |value: Value| Ok(Reply::Json(200, value.to_string()));
         match (self, answer) {
@@ -209,10 +210,10 @@ impl AnswerForm {
         }
     }
 
-    /// What an HTTP answer says, with the value of its `ETag`, empty without one.
+    /// Decodes an HTTP answer with the value of its `ETag`, which is empty if there is none.
     ///
     /// # Errors
-    /// The refusal that it carries.
+    /// Returns the refusal that the answer contains.
     pub fn decode(&self, status: u16, etag: &str, body: Vec<u8>) -> Result<Answer, Refusal> {
         if !(200..300).contains(&status) {
             return self.refused(status, &String::from_utf8_lossy(&body));
@@ -275,7 +276,7 @@ impl AnswerForm {
             )));
         }
         if let (AnswerForm::Command { .. } | AnswerForm::Begun, Some(reply)) = (self, &problem.reply) {
-            // it was accepted, so it is no refusal
+            // the command was accepted, so this is not a refusal
             return Ok(Answer::Command(CommandReply::clone(reply)));
         }
         Err(problem.refusal(status))
@@ -283,7 +284,7 @@ impl AnswerForm {
 }
 
 impl Reply {
-    /// The body that a command's id is answered with.
+    /// Returns the body of the answer to an accepted command.
     pub fn accepted_body(command_id: &str, hash: Option<&str>) -> String {
         json!(Accepted {
             command_id: command_id.to_owned(),
@@ -293,8 +294,8 @@ impl Reply {
     }
 }
 
-/// A claim or reset that counts, or counted before, is answered by its result; any other is a problem with the status as
-/// its code.
+/// Returns the problem of a rejected claim or reset, with its status as the code. A claim or reset that is accepted now
+/// or was accepted before is answered by its result.
 fn handshake_problem(result: &HandshakeResult, is_answer: bool) -> Option<Problem> {
     let seq = result.seq;
     let (code, text) = match result.status {

@@ -1,4 +1,4 @@
-//! Additions of a machine builder to the HMI: as the configuration declares them, and as they are served.
+//! Additions of a machine builder to the HMI, as configured and as served.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use crate::types::execution::Execution;
 /// Default of `jog_step_max`, mm or degrees.
 pub const JOG_STEP_MAX_DEFAULT: f64 = 10.0;
 
-/// What a machine builder has added to the HMI, and what its jog buttons need to know.
+/// Additions of a machine builder to the HMI, and the limits of its jog buttons.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Hmi {
@@ -35,20 +35,20 @@ impl Default for Hmi {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HmiButton {
-    /// What stands on it, 1 to 40 characters.
+    /// Text on the button, 1 to 40 characters.
     pub text: String,
     /// A picture before the text: a file of the folder `dir`, such as `lamp.svg`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub icon: Option<String>,
-    /// The coordinate system that it is for; without it, the one on the screen.
+    /// The coordinate system of the button; without it, the selected one.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
-    /// M code that it runs at once, as a line of MDI.
+    /// M code that it runs immediately, as a line of MDI.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 191)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub m_code: Option<u16>,
-    /// Line of NC text that it runs at once, such as `M60 VA2` or `G28 Z0`.
+    /// Line of NC text that it runs immediately, such as `M60 VA2` or `G28 Z0`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mdi: Option<String>,
     /// Variable that it sets to `value`, such as `P100` or `Q5`.
@@ -60,15 +60,16 @@ pub struct HmiButton {
     /// Input that it switches on and off: `optional_stop`, `single_block`, `dry_run`, or `optional_skip/1` to `optional_skip/31`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub input: Option<String>,
-    /// Question before it does it, 1 to 200 characters.
+    /// Question before the action, 1 to 200 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
-    /// States in which it can be pressed; empty: all in which the machine takes it.
+    /// States in which it can be pressed; empty for all states in which the machine accepts the action.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<Execution>,
 }
 
-/// A card of the panel Machine: it shows an M code while it is open, a variable, an input, or what a module of the folder `dir` draws.
+/// A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of a module
+/// of the folder `dir`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -78,18 +79,18 @@ pub struct HmiCard {
     /// A picture before the title: a file of the folder `dir`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub icon: Option<String>,
-    /// The coordinate system that it is of; without it, the one on the screen.
+    /// The coordinate system of the card; without it, the selected one.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
-    /// M code that it shows: whether it is open, and what its handler says.
+    /// M code that it shows: whether it is open, and the report of its handler.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 191)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub m_code: Option<u16>,
     /// Variable that it shows, such as `P100` or `Q5`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variable: Option<String>,
-    /// Unit behind the variable, at most 12 characters.
+    /// Unit after the variable, at most 12 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
     /// Input that it shows: `optional_stop`, `single_block`, `dry_run`, `interlock`, `start_lock`, or `optional_skip/1` to

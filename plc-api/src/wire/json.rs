@@ -1,4 +1,4 @@
-//! JSON objects as they come in.
+//! JSON objects of received messages.
 
 use std::fmt;
 
@@ -7,17 +7,17 @@ use serde::de::{
     DeserializeOwned, DeserializeSeed, Deserializer, IgnoredAny, IntoDeserializer, MapAccess, Visitor,
 };
 
-/// Reads a JSON object. Without the check of its first character an array would pass for the fields of one, in their
+/// Parses a JSON object. Without the check of its first character, an array would be accepted as the fields in their
 /// order.
 ///
 /// # Errors
-/// What is wrong with it, for its sender.
+/// Returns an error for the sender if the JSON is not valid.
 pub fn json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     edited_json_object(bytes, None, &[])
 }
 
-/// Reads a JSON object as if it held one more field, which its path names, and without fields that are read by
-/// themselves.
+/// Parses a JSON object as if it contained one more field, which its path names, and without the fields that are read
+/// separately.
 pub(super) fn edited_json_object<T: DeserializeOwned>(
     bytes: &[u8],
     added: Option<(&'static str, u64)>,

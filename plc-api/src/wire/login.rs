@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Who wants to be let in.
+/// Credentials of a person.
 #[derive(Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -13,28 +13,28 @@ pub struct LoginRequest {
     pub pin: String,
 }
 
-/// Who asks, and what the asker may do.
+/// The current user and the user's role.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CurrentUser {
-    /// Name of the user; null: the machine asks nobody who it is.
+    /// Name of the user; null if the machine does not require users to identify themselves.
     pub user: Option<String>,
-    /// What the user may do: `view`, `operate`, `handler` or `admin`.
+    /// Role of the user: `view`, `operate`, `handler` or `admin`.
     pub role: &'static str,
     /// True for the token of a login, which `DELETE /login` ends.
     pub is_login: bool,
 }
 
-/// A token for some hours.
+/// A token that is valid for some hours.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Login {
-    /// Sent with each request, as any token.
+    /// Sent with each request, like any token.
     pub token: String,
     /// Name of the user.
     pub user: String,
-    /// What the user may do: `view`, `operate`, `handler` or `admin`.
+    /// Role of the user: `view`, `operate`, `handler` or `admin`.
     pub role: &'static str,
-    /// Seconds for which it counts.
+    /// Validity of the token, s.
     pub expires_s: u64,
 }

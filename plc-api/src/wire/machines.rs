@@ -8,7 +8,7 @@ use crate::types::output::PendingOutput;
 use crate::types::start::StartConditions;
 use crate::types::state::State;
 
-/// Topics of a machine from which others are shown, below its root.
+/// Topics of another machine that are shown, below its root.
 pub const TOPICS: [&str; 7] = [
     "presence",
     "heartbeat",
@@ -19,63 +19,63 @@ pub const TOPICS: [&str; 7] = [
     "cs/+/time_left",
 ];
 
-/// Machines beside this one.
+/// The other machines.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "MachineList"))]
 pub struct Machines {
     /// Addresses of the configuration, `[hmi] machines`, in their order.
     pub addresses: Vec<String>,
-    /// The external broker that this runtime shares with others.
+    /// The external broker that this runtime shares with other machines.
     pub broker: SharedBroker,
-    /// Machines that are or were at the shared broker, ascending by name; at most 256.
+    /// Machines that are or were connected to the shared broker, ascending by name; at most 256.
     pub machines: Vec<MachineSeen>,
 }
 
-/// The broker at which other machines are heard.
+/// State of the broker that connects the machines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum SharedBroker {
-    /// The embedded one, which has this machine alone.
+    /// The runtime uses the embedded broker, to which only this machine is connected.
     #[default]
     None,
-    /// It is being connected to.
+    /// The connection is being established.
     Connecting,
-    /// What is heard there is here.
+    /// The connection is established, and `machines` contains the received data.
     Connected,
 }
 
-/// A machine as its messages tell.
+/// A machine according to its messages.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MachineSeen {
     /// Its name.
     pub machine: String,
-    /// Whether it is there.
+    /// Whether the machine is online.
     pub link: MachineLink,
-    /// Age of its newest heartbeat, ms; `null`: none has arrived.
+    /// Age of its newest heartbeat, ms; `null` if none has been received.
     pub age_ms: Option<u64>,
-    /// Address of its HMI, where it says one.
+    /// Address of its HMI, if the machine publishes one.
     pub url: Option<String>,
-    /// How many alarms are active.
+    /// Number of active alarms.
     pub alarm_count: u32,
-    /// The newest of them, at most 4.
+    /// The newest active alarms, at most 4.
     pub alarms: Vec<AlarmRecord>,
-    /// What its coordinate systems do, ascending by number; at most 8.
+    /// States of its coordinate systems, ascending by number; at most 8.
     pub coordinate_systems: Vec<CoordinateSystemSeen>,
 }
 
-/// Whether a machine is there.
+/// Whether a machine is online.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum MachineLink {
-    /// It is.
+    /// The machine is online.
     Online,
-    /// It has not said in time that it is there: what is told of it is old.
+    /// No presence was received within `expires_ms`; the data shown are stale.
     Silent,
-    /// It has said that it goes, or its connection was lost.
+    /// The machine has announced that it leaves, or its connection was lost.
     Offline,
 }
 
@@ -87,12 +87,12 @@ pub struct CoordinateSystemSeen {
     pub number: CoordinateSystemNumber,
     /// Its state.
     pub state: Option<State>,
-    /// The output that it waits for.
+    /// The output for which it waits.
     pub waiting_on: Option<PendingOutput>,
-    /// Time to the end of the program that runs, s.
+    /// Time to the end of the program in progress, s.
     pub left_s: Option<f64>,
-    /// Share of the program that is done, 0 to 1.
+    /// Completed share of the program, 0 to 1.
     pub progress: Option<f64>,
-    /// What prevents a start of its loaded program; null: it has not said so.
+    /// Obstacles of a start of its loaded program; null if it has not published them.
     pub start_conditions: Option<StartConditions>,
 }

@@ -23,23 +23,23 @@ use crate::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeSta
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 
-/// A message to be sent, and how its end is known.
+/// A message to be sent, and the event that completes its request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outgoing {
-    /// Below the machine's root.
+    /// Path below the machine's root.
     pub path: String,
     /// JSON.
     pub payload: String,
     /// Its retain flag.
     pub retain: bool,
-    /// What ends the request.
+    /// Event that completes the request.
     pub until: Until,
 }
 
-/// What ends a request.
+/// Event that completes a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Until {
-    /// The broker has it.
+    /// The broker has acknowledged the message.
     Acknowledged,
     /// The `result` of a claim or reset.
     Result {
@@ -49,25 +49,25 @@ pub enum Until {
         m: u16,
         /// Sequence number of the output.
         seq: u64,
-        /// Who claims or resets.
+        /// Sender of the claim or reset.
         handler_id: String,
-        /// Which instance of it.
+        /// Instance of the sender.
         instance: Option<String>,
-        /// False: it is a claim.
+        /// Whether it is a reset; otherwise a claim.
         is_reset: bool,
     },
     /// The `result` of a presence.
     Announced {
-        /// Of the handler.
+        /// Id of the handler.
         handler_id: String,
-        /// Which instance of it.
+        /// Instance of the handler.
         instance: String,
     },
     /// The `reply` of a command: accepted, or done.
     Reply {
-        /// Of the command.
+        /// Id of the command.
         command_id: String,
-        /// True: done.
+        /// Whether to wait until it is done.
         done: bool,
     },
 }
@@ -124,7 +124,7 @@ impl Until {
     }
 }
 
-/// Who sends a request that is answered on `reply/{client_id}`, and to which coordinate system; 0: to all.
+/// Returns the sender of a request that is answered on `reply/{client_id}`, and its coordinate system; 0 for all.
 pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta)> {
     match request {
         Request::Command { cs, meta, .. } | Request::Lease { cs, meta, .. } => Some((*cs, meta)),
@@ -136,11 +136,11 @@ pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta
     }
 }
 
-/// The message of a request. Replies come to `client_id`, whatever the request says. `m_of` finds the M number of an open output
-/// where the request does not name it.
+/// Creates the message of a request. Replies are sent to `client_id`, regardless of the client id in the request.
+/// `m_of` finds the M number of an open output if the request does not name it.
 ///
 /// # Errors
-/// `not_supported` for what MQTT does not carry; `not_found` for an output that is not open.
+/// Returns `not_supported` if MQTT does not carry the request, and `not_found` if the output is not open.
 pub fn encode(
     request: Request,
     client_id: &str,
@@ -149,10 +149,10 @@ pub fn encode(
     encode_not_after(request, None, client_id, m_of)
 }
 
-/// The message of a request with an age limit, which is left out where nothing can move after the request.
+/// Creates the message of a request with an age limit, which is left out if nothing can move after the request.
 ///
 /// # Errors
-/// As [`encode`].
+/// Fails like [`encode`].
 pub fn encode_not_after(
     mut request: Request,
     not_after: Option<&NotAfter>,
@@ -191,7 +191,7 @@ pub fn encode_not_after(
     Err(Refusal::new(RefusalCode::NotSupported, text))
 }
 
-/// Rows with their topics.
+/// Returns the rows that have topics.
 fn topics() -> impl Iterator<Item = (&'static Row, &'static Topic)> {
     ROWS.iter().filter_map(|row| Some((row, row.topic.as_ref()?)))
 }
@@ -225,14 +225,14 @@ impl Topic {
         }
     }
 
-    /// True for a claim and a reset, which a `result` answers.
+    /// Returns true for a claim and a reset, which a `result` answers.
     fn has_result(&self) -> bool {
         self.pattern.ends_with("/claim") || self.pattern.ends_with("/reset")
     }
 
-    /// Who sends a payload, and under which condition.
+    /// Reads the sender and the conditions from a payload.
     fn meta(&self, payload: &[u8], retained: bool, is_urgent: bool) -> Result<CommandMeta, Refusal> {
-        // whatever stands there, it delays no hold, stop or abort
+        // the content of this field must never delay a hold, stop or abort
         let left_out = if is_urgent { &[NOT_AFTER][..] } else { &[] };
         let meta: CommandMeta = edited_json_object(payload, None, left_out)
             .map_err(|error| invalid(text_of(Fault::Json(error))))?;
@@ -256,47 +256,47 @@ impl Topic {
     }
 }
 
-/// What a message asks for.
+/// Content of a received message.
 #[expect(
     clippy::large_enum_variant,
     reason = "nearly every message is the large one, and it is moved once"
 )]
 #[derive(Debug, PartialEq)]
 pub enum Inbound {
-    /// Something for the port.
+    /// A request to the port.
     Ask {
-        /// What.
+        /// The request.
         request: ParsedRequest,
-        /// Hold, stop and abort pass every queue, and so does an alarm.
+        /// Hold, stop, abort and an alarm bypass every queue.
         urgent: bool,
     },
-    /// A command that never becomes a request: its sender is told.
+    /// A command that does not become a request: its sender is notified.
     Reject {
-        /// To which coordinate system.
+        /// Coordinate system of the command.
         cs: CoordinateSystemNumber,
-        /// Who sent it.
+        /// Sender of the command.
         client_id: String,
-        /// Its id.
+        /// Id of the command.
         command_id: String,
-        /// Why.
+        /// Reason.
         refusal: Refusal,
     },
-    /// A claim or reset that never becomes a request: its sender is told by a `result`, if it may speak in this name.
+    /// A claim or reset that does not become a request: its sender is notified by a `result`, if it may use this name.
     RefuseOutput {
         /// Coordinate system of the output.
         cs: CoordinateSystemNumber,
         /// M number of the output.
         m: u16,
-        /// What its sender is told.
+        /// Result for the sender.
         result: HandshakeResult,
         /// The right that the request needs.
         right: Right,
     },
-    /// What cannot be answered, since nobody is named: for the log.
+    /// A message that cannot be answered because it names no sender: for the log.
     Drop(String),
 }
 
-/// Reads a message. `retained`: it came with the retain flag, so that it is old, and is not carried out.
+/// Parses a message. With `retained` it came with the retain flag, so it is stale and is not executed.
 pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
     let (speaker, request) = Speaker::split(path);
     let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, request)?)));
@@ -354,7 +354,7 @@ impl Row {
 }
 
 impl Inbound {
-    /// The same from the sender that its topic names.
+    /// Sets the sender that its topic names.
     fn said_by(mut self, speaker: &Speaker) -> Result<Self, String> {
         let Inbound::Ask { request, .. } = &mut self else {
             return Ok(self);
@@ -392,7 +392,7 @@ fn text_of(fault: Fault) -> String {
     }
 }
 
-/// Tells the sender of a claim or reset by a result, when it can be read who that is and which output it means.
+/// Notifies the sender of a claim or reset by a result, if the sender and the output can be read.
 fn refuse_output(
     right: Right,
     topic: &Topic,
@@ -416,7 +416,7 @@ fn refuse_output(
             .find(|(name, _)| *name == wanted)
             .map(|(_, level)| *level)
     };
-    // the rest of a payload that is too large is passed over without keeping it
+    // the rest of a payload that is too large is read but not kept
     let named: Named = json_object(payload).unwrap_or_default();
     let handler_id = named.handler_id.as_str().unwrap_or_default();
     let instance = named.instance.as_str().filter(|named| is_client_id(named));
@@ -448,7 +448,7 @@ fn invalid(text: impl Into<String>) -> Refusal {
     Refusal::new(RefusalCode::Invalid, text)
 }
 
-/// Tells the sender when it can be read who that is, else the log.
+/// Notifies the sender if it can be read, otherwise writes to the log.
 fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbound {
     #[derive(Default, Deserialize)]
     #[serde(default)]
@@ -456,7 +456,7 @@ fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbou
         client_id: Value,
         command_id: Value,
     }
-    // the rest of a payload that is too large is passed over without keeping it
+    // the rest of a payload that is too large is read but not kept
     let named: Named = json_object(payload).unwrap_or_default();
     let client_id = named.client_id.as_str().unwrap_or_default();
     let command_id = named.command_id.as_str().unwrap_or_default();

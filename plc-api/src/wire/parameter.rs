@@ -5,50 +5,50 @@ use crate::types::data::JournalFilter;
 use crate::types::planned::PATH_TOLERANCE_MM;
 use crate::types::run::RUN_WAIT_MAX_S;
 
-/// Why something that came in is no request.
+/// Reason why received data are not a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
-    /// A level of the path is not of its kind.
+    /// A level of the path has the wrong form.
     Level(String),
-    /// There is no such thing.
+    /// The addressed object does not exist.
     NotFound(String),
-    /// The body is not of the form of its route or topic.
+    /// The body does not have the form of its route or topic.
     Json(String),
     /// A value is out of its range, or missing.
     Invalid(String),
 }
 
-/// What the query of a route said.
+/// Values in the query of a route.
 #[derive(Debug, Clone, Default)]
 pub struct QueryValues {
-    /// Number of the first.
+    /// Number of the first element.
     pub from: Option<u32>,
-    /// How many.
+    /// Number of elements.
     pub count: Option<u32>,
     /// Whether to wait until it is done.
     pub wait: Option<String>,
-    /// Which lines of the journal.
+    /// Filter for lines of the journal.
     pub filter: JournalFilter,
-    /// NC dialect of what is stored.
+    /// NC dialect of the stored text.
     pub dialect: Option<String>,
     /// The coordinate system that runs a program.
     pub cs: Option<CoordinateSystemNumber>,
-    /// How exact a path is to be, mm.
+    /// Required accuracy of a path, mm.
     pub tolerance: Option<f64>,
     /// Letters of axes.
     pub axes: Option<String>,
 }
 
-/// Values that a parameter can have, as the documents list them.
+/// Allowed values of a parameter, as the documents list them.
 #[derive(Debug, Clone, Copy)]
 pub enum Values {
     /// A whole number from the first to the second; `None`: without an upper bound.
     Integer(u32, Option<u32>),
-    /// A number that is not below this one.
+    /// A number not below this one.
     Number(f64),
-    /// A text of so many characters.
+    /// A text with this minimum and maximum number of characters.
     Text(usize, usize),
-    /// A text that only the limit of a request's head bounds.
+    /// A text limited only by the size of a request's head.
     AnyText,
     /// One of these words.
     Words(&'static [&'static str]),
@@ -67,7 +67,7 @@ pub struct QueryParameter {
     pub is_required: bool,
     /// Its meaning.
     pub description: &'static str,
-    /// Reads a value; `None` if the text is none.
+    /// Reads a value; returns `None` if the text is not valid.
     read: fn(&str, &mut QueryValues) -> Option<()>,
 }
 
@@ -132,7 +132,7 @@ const fn cs(description: &'static str) -> QueryParameter {
     }
 }
 
-/// A parameter of the journal that is a text.
+/// Creates a text parameter of the journal.
 const fn journal_text(
     name: &'static str,
     description: &'static str,
@@ -147,7 +147,7 @@ const fn journal_text(
     }
 }
 
-/// Characters of a parameter of the journal. Reason: no name or time is longer.
+/// Largest number of characters of a journal parameter. Reason: no name or time is longer.
 const JOURNAL_TEXT_MAX: usize = 256;
 
 const DIALECT: QueryParameter = QueryParameter {
@@ -261,7 +261,7 @@ impl Query {
         count("How many lines; without it 100."),
     ]);
 
-    /// Whether a command is answered when it is done.
+    /// Whether to answer a command when it is done.
     pub const WAIT: Self = Self {
         parameters: &[wait(
             Values::Words(&["0", "1", "false", "true", ""]),
@@ -270,7 +270,7 @@ impl Query {
         ignores_others: true,
     };
 
-    /// How many seconds an end is waited for.
+    /// Seconds to wait for an end.
     pub const SECONDS: Self = Self::of(&[wait(
         Values::Integer(0, Some(RUN_WAIT_MAX_S)),
         "How many seconds its end is waited for at most; without it the answer comes at once.",
@@ -311,10 +311,10 @@ impl Query {
         }
     }
 
-    /// Reads the names and values of a query.
+    /// Parses the names and values of a query.
     ///
     /// # Errors
-    /// A parameter that is not listed or occurs twice, a value that is none, or a required parameter that is missing.
+    /// Fails if a parameter is not listed or occurs twice, a value is not valid, or a required parameter is missing.
     pub fn read<'a>(
         &self,
         pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
@@ -356,7 +356,7 @@ impl Query {
 }
 
 impl Values {
-    /// False for a text of fewer or more characters than the document says.
+    /// Returns false for a text with fewer or more characters than the document allows.
     fn admits_length_of(&self, text: &str) -> bool {
         match self {
             Values::Text(min, max) => (*min..=*max).contains(&text.chars().count()),
@@ -364,7 +364,7 @@ impl Values {
         }
     }
 
-    /// The values in the words of an error.
+    /// Returns the allowed values in the words of an error.
     fn shown(&self) -> String {
         match self {
             Values::Integer(min, Some(max)) => format!("a whole number, {min} to {max}"),

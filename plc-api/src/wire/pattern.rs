@@ -1,6 +1,6 @@
-//! Paths with names: `cs/{cs}/tool/set` or `/cs/{cs}/{verb=load}`, filled by a writer and taken apart by a reader.
+//! Paths with names: `cs/{cs}/tool/set` or `/cs/{cs}/{verb=load}`, filled by a writer and split by a reader.
 //!
-//! `{name}` stands for one level; `{name=value}` is the level `value`, and gives it the name.
+//! `{name}` stands for one level; `{name=value}` is the fixed level `value`, and assigns it to the name.
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
@@ -23,7 +23,7 @@ fn level(text: &str) -> Level<'_> {
     }
 }
 
-/// The pattern as documents show it: fixed levels by their value.
+/// Returns the pattern as documents show it: fixed levels by their value.
 pub(super) fn shown(pattern: &str) -> String {
     let levels = pattern.split('/').map(|text| match level(text) {
         Level::Plain(_) | Level::Named(_) => text,
@@ -32,7 +32,7 @@ pub(super) fn shown(pattern: &str) -> String {
     levels.collect::<Vec<_>>().join("/")
 }
 
-/// The pattern as an MQTT filter: `+` for each level that varies.
+/// Returns the pattern as an MQTT filter: `+` for each level that varies.
 pub(super) fn filter(pattern: &str) -> String {
     let shown = shown(pattern);
     let levels = shown.split('/').map(|text| match level(text) {
@@ -42,7 +42,7 @@ pub(super) fn filter(pattern: &str) -> String {
     levels.collect::<Vec<_>>().join("/")
 }
 
-/// Names of the pattern, fixed levels among them.
+/// Returns the names of the pattern, including those of fixed levels.
 pub(super) fn names(pattern: &str) -> impl Iterator<Item = &str> {
     pattern.split('/').filter_map(|text| match level(text) {
         Level::Plain(_) => None,
@@ -50,7 +50,7 @@ pub(super) fn names(pattern: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Fixed levels of the pattern by name.
+/// Returns the fixed levels of the pattern by name.
 pub(super) fn fixed(pattern: &str) -> impl Iterator<Item = (&str, &str)> {
     pattern.split('/').filter_map(|text| match level(text) {
         Level::Fixed(name, value) => Some((name, value)),
@@ -58,8 +58,8 @@ pub(super) fn fixed(pattern: &str) -> impl Iterator<Item = (&str, &str)> {
     })
 }
 
-/// The path with these values, each in the form that `encode` gives it; `None` when the pattern names one that is not
-/// among them, or fixes another value.
+/// Returns the path with these values, each encoded by `encode`, or `None` if the pattern contains a name without a
+/// value, or fixes another value.
 pub(super) fn fill(pattern: &str, params: &[Param], encode: impl Fn(&str) -> String) -> Option<String> {
     let value = |name: &str| Some(params.iter().find(|(known, _)| *known == name)?.1.as_str());
     let mut levels = Vec::new();
@@ -73,7 +73,7 @@ pub(super) fn fill(pattern: &str, params: &[Param], encode: impl Fn(&str) -> Str
     Some(levels.join("/"))
 }
 
-/// The values that a path gives to the names of the pattern; `None` when it is not one of its paths.
+/// Returns the values that a path gives to the names of the pattern, or `None` if it does not match.
 pub(super) fn take_apart<'a>(pattern: &'static str, path: &'a str) -> Option<Vec<(&'a str, &'a str)>> {
     let mut params = Vec::new();
     let mut levels = path.split('/');
@@ -96,7 +96,7 @@ const RESERVED: &AsciiSet = &NON_ALPHANUMERIC
     .remove(b'_')
     .remove(b'~');
 
-/// As one level of a path: all but unreserved characters as `%XX`.
+/// Encodes a text as one level of a path: all but unreserved characters as `%XX`.
 pub fn percent_encoded(text: &str) -> String {
     utf8_percent_encode(text, RESERVED).to_string()
 }

@@ -1,4 +1,4 @@
-//! Payloads and bodies without a type of their own, and conversions for rows whose form differs between transports.
+//! Payloads and bodies without their own type, and conversions for rows whose form differs between transports.
 
 use std::collections::BTreeMap;
 
@@ -21,10 +21,10 @@ use crate::types::state::{LockSet, Switch};
 use crate::types::trace::{TRACE_SAMPLES_MAX, TraceQuery};
 use crate::types::upload::ProgramUpload;
 
-/// Optional block skips: numbers from 1 to this.
+/// Largest number of an optional block skip.
 const SKIP_MAX: u8 = 31;
 
-/// Runs where no number is named.
+/// Default number of runs.
 const RUNS: u32 = 100;
 
 /// Body of a command without arguments.
@@ -38,20 +38,20 @@ pub(super) struct Empty {}
 #[cfg_attr(feature = "schema", schemars(deny_unknown_fields))]
 #[allow(dead_code, reason = "it is the form of what Command::parse reads")]
 pub(super) struct StartArgs {
-    /// Line of the first block, from 1; null: from the head. The others go with it.
+    /// Line of the first block, from 1; null for the beginning. The other fields require it.
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     from_line: Option<u32>,
-    /// The program that has the line, where that is a subprogram.
+    /// The program that contains the line, if it is a subprogram.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
     program: Option<u16>,
-    /// Which time the program comes to the line, from 1.
+    /// Which pass of the program over the line, from 1.
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     occurrence: Option<u32>,
-    /// How the axes come to where the block begins; null: `plane_first`.
+    /// How the axes approach the start of the block; null for `plane_first`.
     approach: Option<Approach>,
 }
 
-/// Body of what brings a machine to rest, or ends a lease; its members are ignored.
+/// Body of a command that stops a machine, or of the end of a lease; its members are ignored.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct NoArgs {}
 
@@ -73,7 +73,7 @@ pub(super) struct CommandArgs {
 #[serde(deny_unknown_fields)]
 pub(super) struct LeaseBreak {}
 
-/// Body of an input with one value, with no other field.
+/// Body of an input with one value, without other fields.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Toggle {
@@ -85,7 +85,7 @@ struct Toggle {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct Skips {
-    /// On or off by number, 1 to 31; those not named stay.
+    /// On or off by number, 1 to 31; numbers that are not named do not change.
     set: BTreeMap<u8, bool>,
 }
 
@@ -104,10 +104,10 @@ pub(super) enum InputSet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct VariableWrite {
-    /// Their letter, as `GET` gives it: that of the path.
+    /// Their letter as in the answer to `GET`: that of the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<VariableKind>,
-    /// Number of the first, as `GET` gives it: that of the query.
+    /// Number of the first variable as in the answer to `GET`: that of the query.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<u32>,
     /// Their values, ascending by number.
@@ -154,9 +154,9 @@ impl VariableWrite {
 pub(super) struct VariableGet {
     /// Their letter.
     pub kind: VariableKind,
-    /// Number of the first.
+    /// Number of the first variable.
     pub from: u32,
-    /// How many.
+    /// Number of variables.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
     pub count: u32,
 }
@@ -168,14 +168,14 @@ pub(super) struct VariableGet {
 pub(super) struct VariableSet {
     /// Their letter.
     pub kind: VariableKind,
-    /// Number of the first.
+    /// Number of the first variable.
     pub from: u32,
     /// Their values, ascending by number.
     #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
     pub values: Vec<Number>,
 }
 
-/// With what is asked of the journal.
+/// Adds the filter of the journal.
 pub(super) fn with_filter(parts: RequestParts, filter: JournalFilter) -> RequestParts {
     let JournalFilter {
         since,
@@ -249,7 +249,7 @@ pub(super) fn lease(
     Ok(Request::Lease { cs, request, meta })
 }
 
-/// Over REST a header names the lease.
+/// Reads the release of a lease. Over REST a header names the lease.
 pub(super) fn release(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fault> {
     if !incoming.is_rest() {
         return incoming.json().map(LeaseRequest::Release);
@@ -259,7 +259,7 @@ pub(super) fn release(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fa
     Ok(LeaseRequest::Release(LeaseRelease { fence }))
 }
 
-/// Over REST other fields are passed over.
+/// Reads the breaking of a lease. Over REST other fields are ignored.
 pub(super) fn break_lease(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fault> {
     if incoming.is_rest() {
         incoming.json::<Value>()?;
@@ -269,7 +269,7 @@ pub(super) fn break_lease(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest
     Ok(LeaseRequest::Break)
 }
 
-/// Over MQTT other fields are passed over.
+/// Reads an on/off value. Over MQTT other fields are ignored.
 pub(super) fn switch(incoming: &IncomingRequest<'_>) -> Result<bool, Fault> {
     if incoming.is_rest() {
         incoming.json().map(|Toggle { value }| value)
@@ -290,7 +290,7 @@ pub(super) fn read_input(incoming: &IncomingRequest<'_>) -> Result<Input, Fault>
     })
 }
 
-/// Overrides have a row of their own.
+/// Reads the setting of an input. Overrides have their own row.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
@@ -318,7 +318,7 @@ pub(super) fn write_input(cs: u8, input: Input) -> Result<RequestParts, Request>
     })
 }
 
-/// Over REST the path names one of them.
+/// Reads optional block skips. Over REST the path names one of them.
 pub(super) fn skips(incoming: &IncomingRequest<'_>) -> Result<BTreeMap<u8, bool>, Fault> {
     if !incoming.is_rest() {
         return incoming.json().map(|Skips { set }| set);
@@ -331,7 +331,7 @@ pub(super) fn skips(incoming: &IncomingRequest<'_>) -> Result<BTreeMap<u8, bool>
     Ok([(number, value)].into())
 }
 
-/// P variables are the same on the topic of each coordinate system.
+/// Creates the parts for an area. P variables are the same on the topics of all coordinate systems.
 pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
     let (cs, kind) = match area {
         VariableArea::Global => (1, "p"),
@@ -340,13 +340,13 @@ pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
     RequestParts::of(cs).with("kind", kind).with("verb", verb)
 }
 
-/// The variables that a route names.
+/// Reads the variables that a route names.
 pub(super) fn area(incoming: &IncomingRequest<'_>) -> Result<VariableArea, Fault> {
     let cs = incoming.optional_number("cs")?;
     Ok(cs.map_or(VariableArea::Global, VariableArea::CoordinateSystem))
 }
 
-/// How long is waited, s.
+/// Reads the wait time, s.
 pub(super) fn read_seconds(incoming: &IncomingRequest<'_>) -> Result<u32, Fault> {
     let Some(wait) = &incoming.query.wait else {
         return Ok(0);
@@ -355,7 +355,7 @@ pub(super) fn read_seconds(incoming: &IncomingRequest<'_>) -> Result<u32, Fault>
     seconds.ok_or_else(|| Fault::Invalid(format!("wait={wait:.16}: write seconds, 0 to {RUN_WAIT_MAX_S}")))
 }
 
-/// Which runs are asked for.
+/// Reads the filter for runs.
 pub(super) fn read_runs(incoming: &IncomingRequest<'_>) -> Result<RunQuery, Fault> {
     let QueryValues { from, count, cs, .. } = incoming.query;
     at_least_one("count", count)?;
@@ -374,7 +374,7 @@ fn at_least_one(name: &str, value: Option<u32>) -> Result<(), Fault> {
     }
 }
 
-/// Which samples are asked for.
+/// Reads the requested samples.
 pub(super) fn read_trace(incoming: &IncomingRequest<'_>) -> Result<TraceQuery, Fault> {
     let QueryValues {
         from, count, axes, ..
@@ -387,7 +387,7 @@ pub(super) fn read_trace(incoming: &IncomingRequest<'_>) -> Result<TraceQuery, F
     })
 }
 
-/// Which part of a planned path is asked for.
+/// Reads the requested part of a planned path.
 pub(super) fn read_path(incoming: &IncomingRequest<'_>) -> Result<PathQuery, Fault> {
     let QueryValues {
         from,
@@ -449,7 +449,7 @@ pub(super) fn write_variables(incoming: &IncomingRequest<'_>) -> Result<Request,
     })
 }
 
-/// Nothing but a text is the plain request.
+/// Reads a program to be stored. With only a text it is the plain request.
 pub(super) fn store_program(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, condition, signature) = (
         incoming.number("number")?,
@@ -470,13 +470,13 @@ pub(super) fn store_program(incoming: IncomingRequest<'_>) -> Result<Request, Fa
     Ok(Request::StoreProgram(number, upload))
 }
 
-/// The text is the body.
+/// Reads a check of a text, which is the body.
 pub(super) fn check_text(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, dialect) = (incoming.number("number")?, incoming.query.dialect.clone());
     Ok(Request::CheckText(number, dialect, text(incoming)?))
 }
 
-/// The parts of an upload.
+/// Creates the parts of an upload.
 pub(super) fn upload(number: u16, upload: ProgramUpload) -> RequestParts {
     let parts = RequestParts::default().with("number", number);
     let parts = parts.text(upload.text).condition(&upload.condition);
@@ -490,7 +490,7 @@ pub(super) fn upload(number: u16, upload: ProgramUpload) -> RequestParts {
     }
 }
 
-/// Without a condition it is the plain request.
+/// Reads the removal of a program. Without a condition it is the plain request.
 pub(super) fn remove_program(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, condition) = (incoming.number("number")?, incoming.condition()?);
     Ok(if condition.is_none() {

@@ -8,12 +8,12 @@ use crate::types::program::ProgramDiagnostic;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::verb::Verb;
 
-/// A refusal as HTTP says it.
+/// A refusal over HTTP.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default)]
 pub struct Problem {
-    /// `about:blank`: the status says it all.
+    /// `about:blank`: the status is sufficient.
     #[serde(rename = "type")]
     pub kind: String,
     /// Name of the status.
@@ -22,27 +22,27 @@ pub struct Problem {
     pub status: u16,
     /// Machine-readable: a [`RefusalCode`] or a code of the server.
     pub code: String,
-    /// What, why, and what to do.
+    /// Description, reason and remedy.
     pub detail: String,
-    /// Where the state refuses: that state.
+    /// If the state refuses: the current state.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub state: Option<Execution>,
-    /// Where the state refuses: what is allowed now.
+    /// If the state refuses: the commands that are allowed now.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub allowed: Vec<Verb>,
-    /// Where a program has errors: the findings.
+    /// If a program has errors: the findings of the check.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub diagnostics: Vec<ProgramDiagnostic>,
-    /// Where a command was accepted and then failed: its reply.
+    /// If a command was accepted and then failed: its reply.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reply: Option<Box<CommandReply>>,
-    /// Where a program belongs to a run that has not ended: that run.
+    /// If a program belongs to a run that has not ended: the id of the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run_id: Option<String>,
 }
 
 impl Problem {
-    /// A problem of this status; the server adds the status's name.
+    /// Creates a problem with this status; the server adds the name of the status.
     pub fn new(status: u16, code: impl Into<String>, detail: impl Into<String>) -> Self {
         Self {
             kind: "about:blank".to_owned(),
@@ -53,17 +53,17 @@ impl Problem {
         }
     }
 
-    /// A request that is not well-formed, or a value out of its range.
+    /// Creates the problem of a malformed request or a value out of its range.
     pub fn invalid(detail: impl Into<String>) -> Self {
         Self::from(Refusal::new(RefusalCode::Invalid, detail))
     }
 
-    /// Nothing is there.
+    /// Creates the problem of an object that does not exist.
     pub fn not_found(detail: impl Into<String>) -> Self {
         Self::from(Refusal::new(RefusalCode::NotFound, detail))
     }
 
-    /// Of a command that was accepted and then failed, or was refused before under the same id.
+    /// Creates the problem of a command that was accepted and then failed, or that was refused before with the same id.
     pub fn of_reply(reply: &CommandReply) -> Self {
         let status = code_of_word(&reply.code).map_or(409, status_of);
         Self {
@@ -72,13 +72,13 @@ impl Problem {
         }
     }
 
-    /// For an answer that does not belong to its request: a fault of the port.
+    /// Creates the problem of an answer that does not match its request: a fault of the port.
     pub fn unexpected() -> Self {
         let text = "the machine answered something else than what was asked; this is a fault of the runtime, please report it";
         Self::new(500, "unexpected_answer", text)
     }
 
-    /// The refusal that an answer with this status says.
+    /// Returns the refusal of an answer with this status.
     pub(super) fn refusal(self, status: u16) -> Refusal {
         let code = code_of_word(&self.code).unwrap_or(match status {
             404 => RefusalCode::NotFound,
@@ -108,7 +108,7 @@ impl From<Refusal> for Problem {
     }
 }
 
-/// The word of a code in replies and problems.
+/// Returns the word of a code in replies and problems.
 pub fn code_word(code: RefusalCode) -> String {
     match serde_json::to_value(code) {
         Ok(serde_json::Value::String(word)) => word,
@@ -116,7 +116,7 @@ pub fn code_word(code: RefusalCode) -> String {
     }
 }
 
-/// The code of a word in replies and problems.
+/// Returns the code of a word in replies and problems.
 pub(super) fn code_of_word(word: &str) -> Option<RefusalCode> {
     serde_json::from_value(word.into()).ok()
 }

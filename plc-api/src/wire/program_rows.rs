@@ -73,7 +73,7 @@ pub(super) const CHECK_TEXT: Row = Row {
     )
 };
 
-/// Where a program lies among others.
+/// Folder of a program.
 pub(super) const FOLDER: Row = Row {
     routes: &[Route::put::<ProgramFolder>(
         "/programs/{number}/folder",

@@ -36,19 +36,19 @@ use crate::types::state::{LockSet, Switch, Tool};
 use crate::types::stored_data::StoredDataAnswer;
 use crate::types::upload::ProgramUpload;
 
-/// Lines of the journal where no number is named.
+/// Default number of journal lines.
 const JOURNAL_LINES: u32 = 100;
 
 /// Fields that name the sender and its command in a payload.
 const IDS: &[&str] = &["command_id", "client_id"];
 
-/// The same, with the age that makes it too old.
+/// `IDS`, and the age limit of the command.
 const IDS_AND_AGE: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms"];
 
-/// The same, of what can let something move.
+/// `IDS_AND_AGE`, for requests after which something can move.
 const IDS_AND_AGES: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms", NOT_AFTER];
 
-/// All of [`CommandMeta`](crate::types::command::CommandMeta).
+/// All fields of [`CommandMeta`](crate::types::command::CommandMeta).
 pub(super) const COMMAND: &[&str] = &[
     "command_id",
     "client_id",
@@ -71,7 +71,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     Route::put::<T>(pattern, summary)
 }
 
-/// Every request. An alarm is acknowledged by its own route; the server finds out which coordinate system it is of.
+/// Every request. An alarm is acknowledged by its own route; the server determines its coordinate system.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
@@ -91,7 +91,7 @@ pub static ROWS: [Row; 53] = [
         "Asks the operator about an output."),
     about_an_output!(AnswerQuestion(OperatorAnswer) "answer" Operate -> HandshakeResult =>
         "Answers a question of a handler."),
-    // to a REST server a frame of the WebSocket carries it
+    // the WebSocket carries it to a REST server
     Row {
         topic: Some(Topic::new::<ValidateResult>(
             "cs/{cs}/m_code/{m}/validate_result",

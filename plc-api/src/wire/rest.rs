@@ -13,7 +13,7 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Input, Request};
 use crate::types::topic::Topic;
 
-/// A request as it goes over HTTP, and how its answer is read.
+/// A request over HTTP, and the form of its answer.
 #[derive(Debug, Clone)]
 pub struct Exchange {
     /// HTTP method.
@@ -22,26 +22,26 @@ pub struct Exchange {
     pub right: Right,
     /// Path and query, below the interface's path.
     pub path: String,
-    /// Headers besides the token.
+    /// Headers in addition to the token.
     pub headers: Vec<(&'static str, String)>,
     /// Its body.
     pub body: Option<String>,
-    /// How it is answered.
+    /// Form of its answer.
     pub answer: AnswerForm,
 }
 
-/// The exchange of a request.
+/// Encodes a request.
 ///
 /// # Errors
-/// `not_supported` for what the interface has no route for.
+/// Returns `not_supported` if the interface has no route for the request.
 pub fn encode(request: Request) -> Result<Exchange, Refusal> {
     encode_not_after(request, None)
 }
 
-/// The exchange of a request with an age limit, which is left out where nothing can move after the request.
+/// Encodes a request with an age limit, which is left out if nothing can move after the request.
 ///
 /// # Errors
-/// As [`encode`].
+/// Fails like [`encode`].
 pub fn encode_not_after(request: Request, not_after: Option<&NotAfter>) -> Result<Exchange, Refusal> {
     let unsupported = |text: String| Err(Refusal::new(RefusalCode::NotSupported, text));
     if let Request::Input(_, Input::OptionalSkip(set)) = &request
@@ -68,7 +68,7 @@ pub fn encode_not_after(request: Request, not_after: Option<&NotAfter>) -> Resul
     unsupported(format!("REST has no route for this request: {request:?}"))
 }
 
-/// The exchange that reads a state; `None` for one that has no route.
+/// Encodes the reading of a state; returns `None` if the state has no route.
 pub fn read(topic: &Topic) -> Option<Exchange> {
     let parts = match topic {
         Topic::CoordinateSystem(cs, _) => RequestParts::of(*cs),
@@ -131,7 +131,7 @@ fn query(values: &[(&str, String)]) -> String {
     }
 }
 
-/// A body without what its path names.
+/// Returns a body without the fields that are in its path.
 fn without_names(mut body: Value, pattern: &str) -> Value {
     if let Value::Object(fields) = &mut body {
         for name in names(pattern) {

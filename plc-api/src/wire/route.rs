@@ -1,14 +1,14 @@
-//! A route of REST: where a request goes, what it carries, and what the documents say of it.
+//! A route of REST: its address, its content, and its description in the documents.
 
 use super::parameter::{Query, Values};
 use super::pattern;
 use crate::types::form::{Form, HasForm};
 use crate::types::ids::COMMAND_ID_MAX;
 
-/// What a request or an answer carries.
+/// Content of a request or an answer.
 #[derive(Debug, Clone, Copy)]
 pub enum Content {
-    /// Nothing: a body is not read.
+    /// Nothing: a body is ignored.
     Nothing,
     /// JSON of this form.
     Json(Form),
@@ -16,28 +16,28 @@ pub enum Content {
     Text,
     /// Any JSON object: a document.
     Document,
-    /// Bytes of a form of their own.
+    /// Bytes in their own format.
     Bytes,
 }
 
 /// Headers that a route reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Headers {
-    /// None of ours.
+    /// No header of this interface.
     Nothing,
     /// `Idempotency-Key`.
     Key,
-    /// `Idempotency-Key`, and `Lease-Fence`, which must be there.
+    /// `Idempotency-Key`, and `Lease-Fence`, which is required.
     KeyAndFence,
     /// `Idempotency-Key`, and the conditions of a command: `Lease-Fence`, `If-Match`.
     Command,
-    /// What the client has already: `If-None-Match`.
+    /// Version that the client already has: `If-None-Match`.
     Cached,
-    /// Which program is to be changed: `If-Match`, `If-None-Match`.
+    /// Condition for changing a program: `If-Match`, `If-None-Match`.
     Condition,
-    /// The same, and `Program-Signature`.
+    /// `If-Match`, `If-None-Match` and `Program-Signature`.
     Upload,
-    /// The token of a client that can set no `Authorization`: `Sec-WebSocket-Protocol`.
+    /// The token of a client that cannot set `Authorization`: `Sec-WebSocket-Protocol`.
     WebSocket,
 }
 
@@ -77,7 +77,7 @@ const FENCE: HeaderParameter = HeaderParameter::new(
     "Number of the control lease under which it is sent.",
 );
 
-/// Writes the form of one to three of what a command may expect.
+/// Writes the form of one to three conditions of a command.
 macro_rules! expected_form {
     ($one:literal) => {
         concat!("^", $one, "(, *", $one, "){0,2}$")
@@ -131,7 +131,7 @@ const PROTOCOLS: HeaderParameter = HeaderParameter::new(
 );
 
 impl Headers {
-    /// The headers.
+    /// Returns the headers.
     pub fn parameters(self) -> &'static [HeaderParameter] {
         const FENCE_REQUIRED: HeaderParameter = HeaderParameter {
             is_required: true,
@@ -149,13 +149,13 @@ impl Headers {
         }
     }
 
-    /// True if a header of this name is read.
+    /// Returns true if a header of this name is read.
     pub fn reads(self, name: &str) -> bool {
         let mut parameters = self.parameters().iter();
         parameters.any(|parameter| parameter.name.eq_ignore_ascii_case(name))
     }
 
-    /// True for what a command reads.
+    /// Returns true for the headers of a command.
     pub fn has_key(self) -> bool {
         matches!(self, Headers::Key | Headers::KeyAndFence | Headers::Command)
     }
@@ -168,26 +168,26 @@ pub struct Route {
     pub method: &'static str,
     /// Path below `/api/v1`: a pattern with names in braces.
     pub pattern: &'static str,
-    /// What it does, in one sentence.
+    /// Its effect, in one sentence.
     pub summary: &'static str,
-    /// What its query says.
+    /// Its query.
     pub query: Query,
     /// Headers that it reads.
     pub headers: Headers,
-    /// What its body holds.
+    /// Its body.
     pub body: Content,
-    /// Status of success, and what it carries.
+    /// Status and content of a success.
     pub answer: (u16, Content),
-    /// Another status of success.
+    /// Another status of success, with its content.
     pub other_answer: Option<(u16, Content)>,
-    /// Statuses of refusals that do not follow from the rest.
+    /// Statuses of refusals that do not follow from the other fields.
     pub refusals: &'static [u16],
     /// Largest `{number}` of its path.
     pub number_max: u32,
 }
 
 impl Route {
-    /// A route without a body, which is answered without content.
+    /// Creates a route without a body, which is answered without content.
     pub const fn new(method: &'static str, pattern: &'static str, summary: &'static str) -> Self {
         Self {
             method,
@@ -203,96 +203,96 @@ impl Route {
         }
     }
 
-    /// Reads something of the machine.
+    /// Creates a route that reads data of the machine.
     pub const fn get(pattern: &'static str, summary: &'static str) -> Self {
         Self::new("GET", pattern, summary)
     }
 
-    /// Sets a value.
+    /// Creates a route that sets a value.
     pub(super) const fn put<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
         Self::new("PUT", pattern, summary).takes(Content::Json(Form::of::<T>()))
     }
 
-    /// Tells or asks something.
+    /// Creates a route that sends a message or a request.
     pub(super) const fn post<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
         Self::new("POST", pattern, summary).takes(Content::Json(Form::of::<T>()))
     }
 
-    /// With a body.
+    /// Sets the content of the body.
     #[must_use]
     pub const fn takes(mut self, body: Content) -> Self {
         self.body = body;
         self
     }
 
-    /// Answered with JSON of this form.
+    /// Sets an answer with JSON of this form.
     #[must_use]
     pub const fn gives<T: HasForm>(self) -> Self {
         self.answered(200, Content::Json(Form::of::<T>()))
     }
 
-    /// Answered with JSON of this form, and where what is new can be read.
+    /// Sets an answer with JSON of this form, and the address of the new resource.
     pub(super) const fn gives_new<T: HasForm>(self) -> Self {
         self.answered(201, Content::Json(Form::of::<T>()))
     }
 
-    /// Answered with this status and content.
+    /// Sets the status and content of the answer.
     #[must_use]
     pub const fn answered(mut self, status: u16, content: Content) -> Self {
         self.answer = (status, content);
         self
     }
 
-    /// Or answered with this status and JSON of this form.
+    /// Adds an alternative answer with this status and JSON of this form.
     pub(super) const fn or<T: HasForm>(mut self, status: u16) -> Self {
         self.other_answer = Some((status, Content::Json(Form::of::<T>())));
         self
     }
 
-    /// With this query.
+    /// Sets the query.
     pub(super) const fn query(mut self, query: Query) -> Self {
         self.query = query;
         self
     }
 
-    /// With these headers.
+    /// Sets the headers.
     #[must_use]
     pub const fn headers(mut self, headers: Headers) -> Self {
         self.headers = headers;
         self
     }
 
-    /// With these refusals besides.
+    /// Adds these refusals.
     #[must_use]
     pub const fn refusals(mut self, refusals: &'static [u16]) -> Self {
         self.refusals = refusals;
         self
     }
 
-    /// With another largest number in its path.
+    /// Sets the largest number in its path.
     pub(super) const fn number_max(mut self, number_max: u32) -> Self {
         self.number_max = number_max;
         self
     }
 
-    /// What its path fixes, by name.
+    /// Returns the values that its path fixes, by name.
     pub fn fixed(&self) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
         pattern::fixed(self.pattern)
     }
 
-    /// Names in its path that stand for a value of the caller.
+    /// Returns the names in its path that stand for values of the caller.
     pub fn names(&self) -> impl Iterator<Item = &'static str> + use<> {
         let pattern = self.pattern;
         let is_fixed = move |name: &str| pattern::fixed(pattern).any(|(fixed, _)| fixed == name);
         pattern::names(pattern).filter(move |name| !is_fixed(name))
     }
 
-    /// Statuses of success, and what they carry.
+    /// Returns the statuses of success, with their contents.
     pub fn answers(&self) -> impl Iterator<Item = (u16, Content)> + use<> {
         [Some(self.answer), self.other_answer].into_iter().flatten()
     }
 
-    /// Its path with names in braces.
+    /// Returns its path with names in braces.
     pub fn path(&self) -> String {
         pattern::shown(self.pattern)
     }

@@ -1,4 +1,4 @@
-//! A request as a row: where it goes, and how it is written there and read from there.
+//! A request as a row: its routes and topics, and how it is written to them and read from them.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -27,11 +27,11 @@ use crate::types::upload::ProgramCondition;
 /// Header with the id of a command.
 pub(super) const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
-/// Header with the revision of the state or the hash of the program that a command expects, and with the hash of the program
-/// that is to be changed.
+/// Header with the revision of the state or the hash of the program that a command expects, or with the hash of the
+/// program to be changed.
 pub(super) const IF_MATCH: &str = "if-match";
 
-/// Header with the hashes of programs that must not be there, or that the client has already.
+/// Header with the hashes of programs that must not be stored, or that the client already has.
 pub const IF_NONE_MATCH: &str = "if-none-match";
 
 /// Header with the signature of a program.
@@ -48,24 +48,24 @@ pub(super) const NOT_AFTER: &str = "not_after";
 pub struct Row {
     /// The right that its sender needs.
     pub right: Right,
-    /// Its routes: several where the path names what the request holds, such as the verb of a command.
+    /// Its routes: several if the path contains a part of the request, such as the verb of a command.
     pub routes: &'static [Route],
-    /// Where it comes in over MQTT.
+    /// Topic on which it is received over MQTT.
     pub topic: Option<Topic>,
-    /// True where it may carry [`NotAfter`]: something can move after it. A lease has an end of its own.
+    /// Whether it may carry [`NotAfter`], because something can move after it. A lease has its own validity.
     pub takes_not_after: bool,
-    /// True where it carries a whole program, in its body or in its answer: a server carries out a few such at a time.
+    /// Whether its body or answer is a whole program: a server executes only a few such requests at a time.
     pub is_large: bool,
     /// Reads it from a route or from a topic.
     pub(super) read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
-    /// How it is answered over REST.
+    /// Form of its answer over REST.
     pub answer: fn(&Request) -> AnswerForm,
-    /// What a route or topic says of it; another request is given back.
+    /// Splits a request into the parts for routes and topics; returns any other request unchanged.
     pub write: fn(Request) -> Result<RequestParts, Request>,
 }
 
 impl Row {
-    /// A row without routes and topic, which is answered without content.
+    /// Creates a row without routes and topic, which is answered without content.
     pub(super) const fn new(
         right: Right,
         read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
@@ -83,10 +83,10 @@ impl Row {
         }
     }
 
-    /// Reads a request from what came in.
+    /// Reads a request from received data.
     ///
     /// # Errors
-    /// What came in is no request of the row.
+    /// Fails if the data are not a request of this row.
     pub fn parse(&self, mut incoming: IncomingRequest<'_>) -> Result<ParsedRequest, Fault> {
         incoming.not_after_is_apart = self.takes_not_after;
         let not_after = incoming.not_after()?;
@@ -99,7 +99,7 @@ impl Row {
         Ok(ParsedRequest { not_after, ..parsed })
     }
 
-    /// A request of the row.
+    /// Wraps a request of this row.
     pub(super) fn parsed(&self, request: Request) -> ParsedRequest {
         ParsedRequest {
             request,
@@ -109,8 +109,8 @@ impl Row {
     }
 }
 
-/// A request as its row has read it, with the right that its sender needs. Only reading makes one, so the right is judged
-/// by the values that are carried out.
+/// A request read by its row, with the right that its sender needs. Only reading creates one, so the right is checked
+/// with the values that are executed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParsedRequest {
     request: Request,
@@ -119,22 +119,22 @@ pub struct ParsedRequest {
 }
 
 impl ParsedRequest {
-    /// What is asked.
+    /// Returns the request.
     pub fn request(&self) -> &Request {
         &self.request
     }
 
-    /// The right that its sender needs.
+    /// Returns the right that its sender needs.
     pub fn right(&self) -> Right {
         self.right
     }
 
-    /// Its age limit.
+    /// Returns its age limit.
     pub fn not_after(&self) -> Option<&NotAfter> {
         self.not_after.as_ref()
     }
 
-    /// Names the connection by which a client without an instance is told from others. None but a server end names connections.
+    /// Sets the connection as the instance of a client without one. Only a server end names connections.
     pub fn identify(&mut self, connection: &str) {
         let instance = match &mut self.request {
             Request::Claim(_, _, claim) => &mut claim.instance,
@@ -154,7 +154,7 @@ impl ParsedRequest {
         }
     }
 
-    /// The handler that owns a level or an output of the plant; `None` for other requests.
+    /// Returns the handler that owns a level or an output of the plant, or `None` for other requests.
     pub(super) fn owner_mut(&mut self) -> Option<&mut Option<String>> {
         match &mut self.request {
             Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => Some(&mut set.handler_id),
@@ -163,27 +163,27 @@ impl ParsedRequest {
         }
     }
 
-    /// The request itself.
+    /// Returns the request.
     pub fn into_request(self) -> Request {
         self.request
     }
 }
 
-/// The instance that a connection stands for.
+/// Returns the instance name of a connection.
 pub fn connection_name(connection: &str) -> String {
     let named = connection.replace(['/', '+', '#', '\0'], "_");
     let named = named.chars().take(INSTANCE_MAX - 1);
     CONNECTION_MARK.to_string() + &named.collect::<String>()
 }
 
-/// A topic that comes in.
+/// A topic for received messages.
 #[derive(Debug)]
 pub struct Topic {
     /// Path below the machine's root: a pattern with names in braces.
     pub pattern: &'static str,
-    /// What a message does, in one sentence.
+    /// Effect of a message, in one sentence.
     pub summary: &'static str,
-    /// True where the retain flag is right: a state of its sender. A retained command would be carried out again.
+    /// Whether the retain flag is allowed: for a state of its sender. A retained command would be executed again.
     pub retained: bool,
     /// Form of its payload, without the fields of its envelope.
     pub form: Form,
@@ -203,77 +203,77 @@ impl Topic {
         }
     }
 
-    /// With these fields of [`CommandMeta`].
+    /// Sets the fields of [`CommandMeta`] in its payload.
     pub(super) const fn envelope(mut self, envelope: &'static [&'static str]) -> Self {
         self.envelope = envelope;
         self
     }
 
-    /// With the retain flag.
+    /// Allows the retain flag.
     pub(super) const fn retained(mut self) -> Self {
         self.retained = true;
         self
     }
 
-    /// Its path with names in braces.
+    /// Returns the path with names in braces.
     pub fn path(&self) -> String {
         pattern::shown(self.pattern)
     }
 
-    /// Its filter, with `+` for each level that varies.
+    /// Returns the filter, with `+` for each level that varies.
     pub fn filter(&self) -> String {
         pattern::filter(self.pattern)
     }
 
-    /// True for a path of the topic.
+    /// Returns true if a path belongs to the topic.
     pub fn fits(&self, path: &str) -> bool {
         pattern::take_apart(self.pattern, path).is_some()
     }
 }
 
-/// The sender of a request over REST: what the head of the request says, and what counts where it says nothing.
+/// Sender of a request over REST: the values of the request's head, and their defaults.
 pub trait Sender {
-    /// A header by its name in lower case; empty where it is not ASCII.
+    /// Returns a header by its name in lower case; empty if it is not ASCII.
     fn header(&self, name: &str) -> Option<&str>;
 
-    /// Id of the sender.
+    /// Returns the id of the sender.
     fn client_id(&self) -> String;
 
-    /// A command id that nobody used in this boot.
+    /// Returns a command id that is unused in this boot.
     fn new_command_id(&self) -> String;
 }
 
-/// How a request came in.
+/// How a request was received.
 #[expect(clippy::large_enum_variant, reason = "it lives while one request is parsed")]
 pub enum Source<'a> {
     /// On a route of REST.
     Http(&'a dyn Sender),
     /// On a topic of MQTT without an envelope.
     Message,
-    /// On a topic of MQTT with fields of this in its payload, which are named.
+    /// On a topic of MQTT whose payload contains these fields of the envelope.
     Command(CommandMeta, &'static [&'static str]),
 }
 
-/// What came in on a route or topic.
+/// Data received on a route or topic.
 pub struct IncomingRequest<'a> {
-    /// Values of the names in its path.
+    /// Values of the names in the path.
     pub params: &'a [(&'a str, &'a str)],
-    /// Its body; for JSON an object.
+    /// The body; an object if it is JSON.
     pub body: Cow<'a, [u8]>,
-    /// Its query.
+    /// The query.
     pub query: QueryValues,
-    /// How it came in.
+    /// How the request was received.
     pub source: Source<'a>,
-    /// True where `not_after` of the body is read by itself. [`Row::parse`] sets it.
+    /// Whether `not_after` of the body is read separately. [`Row::parse`] sets it.
     pub not_after_is_apart: bool,
 }
 
-/// A number of a path, which is written as such: of `1`, `01` and `+1` only the first names something.
+/// Parses a number of a path, which has only one spelling: of `1`, `01` and `+1` only the first is valid.
 pub fn number<T: FromStr + ToString>(text: &str) -> Option<T> {
     text.parse().ok().filter(|number: &T| number.to_string() == text)
 }
 
-/// True when each value can be what its name stands for.
+/// Returns true if each value is valid for its name.
 pub fn check_path(params: &[(&str, &str)]) -> bool {
     params.iter().all(|(name, value)| match *name {
         "cs" => number::<CoordinateSystemNumber>(value).is_some(),
@@ -284,7 +284,7 @@ pub fn check_path(params: &[(&str, &str)]) -> bool {
 }
 
 impl IncomingRequest<'_> {
-    /// The value of a name of the path; empty where the path does not name it.
+    /// Returns the value of a name of the path; empty if the path does not contain it.
     pub(super) fn text(&self, name: &str) -> &str {
         self.find(name).unwrap_or_default()
     }
@@ -294,13 +294,13 @@ impl IncomingRequest<'_> {
         params.find(|(known, _)| *known == name).map(|(_, value)| *value)
     }
 
-    /// The same as a number.
+    /// Returns the value of a name of the path as a number.
     pub(super) fn number<T: FromStr + ToString>(&self, name: &str) -> Result<T, Fault> {
         let text = self.text(name);
         number(text).ok_or_else(|| Fault::Level(text.to_owned()))
     }
 
-    /// A number that not every path of the request names.
+    /// Returns a number that is not part of every path of the request.
     pub(super) fn optional_number<T: FromStr + ToString>(&self, name: &str) -> Result<Option<T>, Fault> {
         self.find(name).map(|_| self.number(name)).transpose()
     }
@@ -309,7 +309,7 @@ impl IncomingRequest<'_> {
         self.number("cs")
     }
 
-    /// An input or output of the plant.
+    /// Returns an input or output of the plant.
     pub(super) fn io_point(&self) -> Result<IoPoint, Fault> {
         let (side, name) = (self.text("side"), self.text("name").to_owned());
         let side = IoSide::of_wire_name(side)
@@ -317,7 +317,7 @@ impl IncomingRequest<'_> {
         Ok(IoPoint { side, name })
     }
 
-    /// The JSON body. What is said of an output is of the same form where the path names the output.
+    /// Parses the JSON body. A message about an output also has this form if the path names the output.
     pub(super) fn json<T: DeserializeOwned>(&self) -> Result<T, Fault> {
         let seq = self.optional_number("seq")?;
         let left_out = match &self.source {
@@ -328,7 +328,7 @@ impl IncomingRequest<'_> {
         edited_json_object(&self.body, seq.map(|seq| ("seq", seq)), left_out).map_err(Fault::Json)
     }
 
-    /// True over REST.
+    /// Returns true over REST.
     pub(super) fn is_rest(&self) -> bool {
         matches!(self.source, Source::Http(_))
     }
@@ -340,7 +340,7 @@ impl IncomingRequest<'_> {
         }
     }
 
-    /// Identity and condition of the sender in a payload.
+    /// Returns the sender and the conditions from a payload.
     pub(super) fn payload_meta(&self) -> Option<CommandMeta> {
         match &self.source {
             Source::Command(meta, _) => Some(meta.clone()),
@@ -348,7 +348,8 @@ impl IncomingRequest<'_> {
         }
     }
 
-    /// Identity and condition of a command: from the payload, or from `Idempotency-Key`, `If-Match` and `Lease-Fence`.
+    /// Returns the sender and the conditions of a command: from the payload, or from `Idempotency-Key`, `If-Match` and
+    /// `Lease-Fence`.
     pub(super) fn meta(&self) -> Result<CommandMeta, Fault> {
         let sender = match &self.source {
             Source::Http(sender) => sender,
@@ -374,7 +375,7 @@ impl IncomingRequest<'_> {
         })
     }
 
-    /// Number of the control lease under which it is sent.
+    /// Returns the number of the control lease under which the request is sent.
     pub(super) fn fence(&self) -> Result<Option<u64>, Fault> {
         let fence = self.header(LEASE_FENCE).map(|text| text.trim().parse());
         fence.transpose().map_err(|_| {
@@ -385,7 +386,7 @@ impl IncomingRequest<'_> {
         })
     }
 
-    /// What must hold of a program that is to be changed.
+    /// Returns the condition for changing a program.
     pub(super) fn condition(&self) -> Result<ProgramCondition, Fault> {
         let hashes = |name| {
             let read = |text| tag::hashes(name, text, name == IF_MATCH).map_err(Fault::Invalid);
@@ -397,12 +398,12 @@ impl IncomingRequest<'_> {
         })
     }
 
-    /// The signature of a program.
+    /// Returns the signature of a program.
     pub(super) fn signature(&self) -> Option<String> {
         self.header(PROGRAM_SIGNATURE).map(|text| text.trim().to_owned())
     }
 
-    /// Whether to answer when it is done.
+    /// Returns whether to answer when the request is done.
     pub(super) fn wait(&self) -> Result<bool, Fault> {
         match self.query.wait.as_deref() {
             None | Some("0" | "false") => Ok(false),
@@ -414,7 +415,7 @@ impl IncomingRequest<'_> {
     }
 }
 
-/// A request in parts, of which each route and topic takes what it names.
+/// A request in parts; each route and topic takes the parts that it names.
 #[derive(Debug, Default)]
 pub struct RequestParts {
     /// Values for the names in a path.
@@ -423,7 +424,7 @@ pub struct RequestParts {
     pub(super) query: Vec<(&'static str, String)>,
     pub(super) headers: Vec<(&'static str, String)>,
     pub(super) body: Body,
-    /// Payload of its topic where that is not its body.
+    /// Payload of its topic if that is not its body.
     pub(super) payload: Option<Value>,
 }
 
@@ -437,19 +438,19 @@ pub(super) enum Body {
 }
 
 impl RequestParts {
-    /// Of a coordinate system.
+    /// Creates the parts of a request to a coordinate system.
     pub(super) fn of(cs: CoordinateSystemNumber) -> Self {
         Self::default().with("cs", cs)
     }
 
-    /// Of an input or output of the plant.
+    /// Creates the parts of a request for an input or output of the plant.
     pub(super) fn of_io(point: &IoPoint) -> Self {
         Self::default()
             .with("side", point.side.wire_name())
             .with("name", &point.name)
     }
 
-    /// With a value of a name of the path.
+    /// Reads a program to be stored. With only a text it is the plain request.
     #[allow(
         clippy::needless_pass_by_value,
         reason = "numbers and literals read better so"
@@ -459,7 +460,7 @@ impl RequestParts {
         self
     }
 
-    /// Of an output.
+    /// Creates the parts of a request about an output.
     pub(super) fn of_output(
         cs: CoordinateSystemNumber,
         m: Option<u16>,
@@ -483,7 +484,7 @@ impl RequestParts {
         self
     }
 
-    /// With the payload of its topic.
+    /// Sets the payload of its topic.
     pub(super) fn payload(mut self, payload: &impl Serialize) -> Self {
         self.payload = Some(json!(payload));
         self
@@ -498,7 +499,7 @@ impl RequestParts {
         self
     }
 
-    /// With a value of the query that may be left out.
+    /// Adds a query value, which may be left out.
     pub(super) fn queried(self, name: &'static str, value: Option<impl ToString>) -> Self {
         match value {
             Some(value) => self.query(name, value),
@@ -515,12 +516,12 @@ impl RequestParts {
         self
     }
 
-    /// Whether to answer when it is done.
+    /// Sets whether to answer when the request is done.
     pub(super) fn waiting(self, wait: bool) -> Self {
         if wait { self.query("wait", 1) } else { self }
     }
 
-    /// With what must hold of a program.
+    /// Sets the condition for changing a program.
     pub(super) fn condition(mut self, condition: &ProgramCondition) -> Self {
         for (name, hashes) in [
             (IF_MATCH, &condition.if_match),
@@ -533,7 +534,7 @@ impl RequestParts {
         self
     }
 
-    /// With the id of a command and its condition.
+    /// Sets the id and the conditions of a command.
     pub(super) fn meta(mut self, meta: CommandMeta) -> Self {
         self.limit_age(meta.not_after.as_ref());
         let mut parts = self.header(IDEMPOTENCY_KEY, meta.command_id);

@@ -1,6 +1,6 @@
 //! Macros that write the rows of requests.
 
-/// Writes a request of this row; another one is given back.
+/// Writes a request of this row; returns any other request unchanged.
 macro_rules! written {
     ($request:pat => $parts:expr) => {
         |request| match request {
@@ -37,7 +37,7 @@ macro_rules! carried {
     (@write $parts:ident, $value:ident, $level:ident) => { $parts.with(stringify!($value), $value) };
 }
 
-/// The row of what is said of an output: a route names it by its sequence number, and a topic by its M number.
+/// The row of a message about an output: a route names the output by its sequence number, and a topic by its M number.
 macro_rules! about_an_output {
     ($request:ident($type:ty) $level:literal $right:ident $(-> $answer:ty)? => $summary:literal) => {
         Row {

@@ -1,11 +1,12 @@
-//! Who sends a message over MQTT, as its topic says: `handler/{id}/...` and `client/{id}/...`.
+//! Sender of a message over MQTT, as named in its topic: `handler/{id}/...` and `client/{id}/...`.
 //!
-//! The access rules of any broker can tie these topics to users. What a payload says of its sender must agree with its topic.
+//! The access rules of any broker can restrict these topics to users. The sender in a payload must agree with its
+//! topic.
 
 use super::row::ParsedRequest;
 use crate::types::request::{Input, Request};
 
-/// Levels with which the path of a request begins, after those of its sender.
+/// Beginnings of the paths of requests, after the levels of the sender.
 const REQUESTS: [&str; 5] = ["cs/", "io/", "motor/", "alarm/raise", "stored_data/answer"];
 
 /// The sender of a message.
@@ -31,14 +32,14 @@ impl Speaker {
         "client/+/stored_data/answer",
     ];
 
-    /// The id in the topic.
+    /// Returns the id in the topic.
     pub fn id(&self) -> &str {
         match self {
             Speaker::Handler(id) | Speaker::Client(id) => id,
         }
     }
 
-    /// The sender that a path names, and the path of the request. Presences and heartbeats are paths of their own.
+    /// Splits a path into its sender and the path of the request. Presences and heartbeats have their own paths.
     pub fn split(path: &str) -> (Option<Self>, &str) {
         let mut levels = path.splitn(3, '/');
         let (Some(kind), Some(id), Some(rest)) = (levels.next(), levels.next(), levels.next()) else {
@@ -52,7 +53,7 @@ impl Speaker {
         }
     }
 
-    /// The path on which this sender publishes a request.
+    /// Returns the path on which this sender publishes a request.
     pub fn path(&self, path: &str) -> String {
         match self {
             Speaker::Handler(id) => format!("handler/{id}/{path}"),
@@ -60,7 +61,8 @@ impl Speaker {
         }
     }
 
-    /// The sender of a request: the handler that it names, else `handler` for what a handler sets, else the client.
+    /// Returns the sender of a request: the handler that it names, otherwise `handler` for requests of a handler,
+    /// otherwise the client.
     pub fn of_request(request: &Request, handler: Option<&str>, client: &str) -> Self {
         let client = || Speaker::Client(client.to_owned());
         match request {
@@ -85,10 +87,11 @@ impl Speaker {
         }
     }
 
-    /// Makes the sender of a request that of its topic where the payload names none. `client_id`: the client that the payload names.
+    /// Sets the sender of the topic in a request whose payload names none. `client_id` is the client named in the
+    /// payload.
     ///
     /// # Errors
-    /// In words: the payload names another sender.
+    /// Fails, in words, if the payload names another sender.
     pub(super) fn identify(&self, parsed: &mut ParsedRequest, client_id: Option<&str>) -> Result<(), String> {
         if let Some(owner) = parsed.owner_mut().filter(|owner| owner.is_none()) {
             *owner = matches!(self, Speaker::Handler(_)).then(|| self.id().to_owned());
@@ -113,7 +116,7 @@ impl Speaker {
     }
 }
 
-/// True for a client id that is the id of the topic, or begins with it and `-`.
+/// Returns true for a client id that is the id of the topic, or starts with it and `-`.
 fn is_of(client_id: &str, id: &str) -> bool {
     client_id == id
         || client_id
@@ -121,7 +124,7 @@ fn is_of(client_id: &str, id: &str) -> bool {
             .is_some_and(|rest| rest.starts_with('-'))
 }
 
-/// The handler in whose name a request is made.
+/// Returns the handler in whose name a request is made.
 fn named(request: &Request) -> Option<String> {
     match request {
         Request::Claim(_, _, claim) => Some(claim.handler_id.clone()),

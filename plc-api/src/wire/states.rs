@@ -1,4 +1,4 @@
-//! Readable states: the same messages as on MQTT, with the revision as `ETag`, and what a server adds to them.
+//! Readable states: the same messages as on MQTT, with the revision as `ETag`, and the additional states of a server.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -18,11 +18,11 @@ use crate::types::topic::{CsTopic, Topic};
 #[derive(Debug)]
 pub struct StateRow {
     of: StateOf,
-    /// Where it is read.
+    /// Route on which it is read.
     pub route: Route,
 }
 
-/// What has the state.
+/// Owner of the state.
 #[derive(Debug)]
 enum StateOf {
     Machine(Topic),
@@ -41,7 +41,7 @@ impl StateRow {
         row
     }
 
-    /// The topic of the state, by the names in the path of its route.
+    /// Returns the topic of the state, with the names in the path of its route.
     pub fn topic(&self, params: &[(&str, &str)]) -> Topic {
         let level = |name: &str| {
             let mut named = params.iter().filter(|(known, _)| *known == name);
@@ -57,7 +57,7 @@ impl StateRow {
         }
     }
 
-    /// Name of the input whose state it is.
+    /// Returns the name of the input if it is the state of an input.
     pub fn input(&self) -> Option<&'static str> {
         self.route.pattern.strip_prefix("/cs/{cs}/inputs/")
     }
@@ -100,7 +100,7 @@ pub struct CoordinateSystems {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(inline))]
 pub struct WithState {
-    /// Which.
+    /// Description of the coordinate system.
     #[serde(flatten)]
     pub info: CoordinateSystemInfo,
     /// The message of its state.
@@ -158,16 +158,16 @@ pub struct AllIo {
     pub outputs: BTreeMap<String, Value>,
 }
 
-/// Whether the server answers, has its MQTT broker, and all tasks of the runtime work.
+/// Health of the server, its MQTT broker, and all tasks of the runtime.
 #[derive(Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Health {
-    /// Of the server.
+    /// Status of the server.
     pub status: HealthStatus,
-    /// The external MQTT broker that it is connected to.
+    /// The external MQTT broker to which the server is connected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broker: Option<BrokerInUse>,
-    /// True where hold, stop and abort need no login (`[hmi] stop_without_login`).
+    /// Whether hold, stop and abort need no login (`[hmi] stop_without_login`).
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub stop_without_login: bool,
     /// Tasks and threads of the runtime that have failed since its start.
@@ -180,7 +180,7 @@ pub struct Health {
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum HealthStatus {
-    /// Nothing is missing.
+    /// Everything works.
     Ok,
     /// No MQTT broker can be reached, or a task has failed; HTTP and the machine work.
     Degraded,

@@ -1,21 +1,21 @@
-//! `ETag`, `If-Match` and `If-None-Match`: what HTTP compares, as text.
+//! `ETag`, `If-Match` and `If-None-Match`: the tags that HTTP compares, as text.
 
 use crate::types::BootId;
 use crate::types::command::Expect;
 use crate::types::upload::Hashes;
 
-/// Digits of a program's hash.
+/// Number of digits of a program's hash.
 const HASH_DIGITS: usize = 64;
 
-/// Tags of one header. Reason: nobody means more programs at once.
+/// Largest number of tags of one header. Reason: no request needs more programs at once.
 const TAGS_MAX: usize = 64;
 
-/// A hash as the value of `ETag`.
+/// Returns a hash as the value of `ETag`.
 pub fn etag(hash: &str) -> String {
     format!("\"{hash}\"")
 }
 
-/// True when `If-None-Match` names the hash, or any: the client has it already.
+/// Returns true if `If-None-Match` names the hash, or any: the client already has it.
 pub fn is_had(header: &str, hash: &str) -> bool {
     let mut tags = tags(header);
     tags.any(|tag| tag == "*" || unquoted(tag.strip_prefix("W/").unwrap_or(tag)) == hash)
@@ -42,13 +42,14 @@ fn hash(tag: &str) -> Option<String> {
     is_hash.then(|| tag.to_ascii_lowercase())
 }
 
-/// Before the boot in a tag, which could be a number otherwise.
+/// Prefix of the boot in a tag, because a boot alone could look like a number.
 const BOOT: &str = "boot:";
 
-/// Characters of the name of a boot.
+/// Largest number of characters of a boot id.
 const BOOT_ID_MAX: usize = 64;
 
-/// The condition of a command: the revision of the state, the hash of the program and the boot, all of which must hold.
+/// Parses the condition of a command: the revision of the state, the hash of the program and the boot, all of which
+/// must match.
 pub(super) fn expected(header: &str) -> Result<Expect, String> {
     let mut expect = Expect::default();
     for tag in tags(header).map(unquoted) {
@@ -72,7 +73,7 @@ pub(super) fn expected(header: &str) -> Result<Expect, String> {
     Ok(expect)
 }
 
-/// The same as a header; `None`: nothing that it can say is expected.
+/// Returns the condition as a header, or `None` if no part of it can be written in the header.
 pub(super) fn of_expected(expect: &Expect) -> Option<String> {
     let rev = expect.state_rev.map(|rev| rev.to_string());
     let boot = expect.boot_id.as_ref().map(|boot| format!("{BOOT}{}", boot.0));
@@ -81,7 +82,7 @@ pub(super) fn of_expected(expect: &Expect) -> Option<String> {
     (!tags.is_empty()).then(|| tags.join(", "))
 }
 
-/// The programs that a header names. Those that `If-Match`, which is strict, names weakly are none.
+/// Parses the programs that a header names. Weak tags do not match in `If-Match`, which is strict.
 pub(super) fn hashes(name: &str, header: &str, is_strict: bool) -> Result<Hashes, String> {
     if header.trim() == "*" {
         return Ok(Hashes::Any);
@@ -101,7 +102,7 @@ pub(super) fn hashes(name: &str, header: &str, is_strict: bool) -> Result<Hashes
     ))
 }
 
-/// The same as a header. None of these is a tag that no program has.
+/// Returns the programs as a header. An empty list becomes a tag that no program has.
 pub(super) fn of_hashes(hashes: &Hashes) -> String {
     match hashes {
         Hashes::Any => "*".to_owned(),

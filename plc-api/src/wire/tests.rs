@@ -1,4 +1,4 @@
-//! What is written on a wire is read there as it was: for requests of every row, on every transport that carries them.
+//! Requests are read as they were written: for requests of every row, on every transport that carries them.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -180,7 +180,7 @@ fn command() -> impl Strategy<Value = Command> {
     ]
 }
 
-/// A request of an output: where, which, and two texts.
+/// A request about an output: coordinate system, M number, sequence number, and two texts.
 type Output = (u8, Option<u16>, u64, String, String);
 
 fn output(transport: Transport) -> impl Strategy<Value = Output> {
@@ -389,7 +389,7 @@ fn of_machine() -> impl Strategy<Value = Request> {
 fn of_commands(transport: Transport) -> impl Strategy<Value = Request> {
     let commands = (1..=255_u8, command(), meta(transport), any::<bool>());
     let commands = commands.prop_map(move |(cs, command, meta, wait)| {
-        // an order of a run is always waited for
+        // the order of a run is always answered when it is done
         let wait = (wait || matches!(command, Command::Run(_))) && transport == Rest;
         Request::Command { cs, command, meta, wait }
     });
@@ -400,7 +400,7 @@ fn of_commands(transport: Transport) -> impl Strategy<Value = Request> {
             1 => (LeaseRequest::Release(LeaseRelease { fence }), id_only(meta)),
             _ => (LeaseRequest::Break, id_only(meta)),
         };
-        // the header that names the lease is that of a condition, too
+        // the header with the lease is also a condition
         meta.fence = (transport == Rest && which == 1).then_some(fence);
         Request::Lease { cs, request, meta }
     });
@@ -443,7 +443,7 @@ fn decoded(level: &str) -> String {
     level.decode_utf8().unwrap().into_owned()
 }
 
-/// A request as a server reads it from HTTP. `cs` is what the server knows of an alarm.
+/// Reads a request from HTTP as a server does. `cs` is the coordinate system that the server knows for an alarm.
 fn read_rest(exchange: rest::Exchange, cs: u8) -> ParsedRequest {
     let (path, query) = exchange.path.split_once('?').unwrap_or((&exchange.path, ""));
     let routes = ROWS

@@ -19,25 +19,25 @@ use crate::types::topic::Topic;
 /// Time between the pings of a machine.
 pub const PING_INTERVAL: Duration = Duration::from_secs(15);
 
-/// An end that is not heard for this long, not even by a ping or its answer, is lost: three pings.
+/// Time without any message, ping or pong after which the other end is lost: three pings.
 pub const SILENCE_MAX: Duration = Duration::from_secs(45);
 
-/// What a client sends.
+/// A frame of a client.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocketRequest"))]
 #[serde(deny_unknown_fields)]
 pub struct ClientFrame {
-    /// Topics below the machine's root; `+` is one level, a last `#` all below.
+    /// Topics below the machine's root to subscribe; `+` is one level, a last `#` all levels below.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub subscribe: Vec<String>,
-    /// The same, as they were subscribed.
+    /// Topics to unsubscribe, written as in their subscriptions.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unsubscribe: Vec<String>,
-    /// A handler comes, changes what it handles, or goes.
+    /// A handler comes online, changes what it serves, or leaves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handler: Option<AnnouncedHandler>,
-    /// A client wants to be watched.
+    /// A client asks to be watched.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub heartbeat: Option<WatchedClient>,
     /// The answer to a `validate` message.
@@ -45,7 +45,7 @@ pub struct ClientFrame {
     pub validate_result: Option<ValidatedCode>,
 }
 
-/// A handler that a client serves as long as it is connected: its presence, with its id.
+/// A handler that a client serves while it is connected: its presence and its id.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AnnouncedHandler {
@@ -54,7 +54,7 @@ pub struct AnnouncedHandler {
     presence: HandlerPresence,
 }
 
-/// A client that is heard, and within which time it will be heard again.
+/// A client to be watched, and the time within which its next heartbeat follows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -65,7 +65,7 @@ pub struct WatchedClient {
     cs: Option<CoordinateSystemNumber>,
 }
 
-/// What a handler says of an M code that a program to be loaded holds.
+/// Answer of a handler about an M code of a program that is being loaded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -78,10 +78,10 @@ pub struct ValidatedCode {
     text: Option<String>,
 }
 
-/// The frame of a request.
+/// Creates the frame of a request.
 ///
 /// # Errors
-/// `not_supported` for what goes over REST.
+/// Returns `not_supported` for requests that are sent over REST.
 pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
     let mut frame = ClientFrame::default();
     match request {
@@ -108,7 +108,7 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
 }
 
 impl ClientFrame {
-    /// The requests of a frame.
+    /// Returns the requests of a frame.
     pub fn requests(self) -> impl Iterator<Item = ParsedRequest> {
         let handler = self
             .handler
@@ -132,24 +132,24 @@ impl ClientFrame {
             .filter_map(parsed)
     }
 
-    /// Its JSON.
+    /// Returns the frame as JSON.
     pub fn to_json(&self) -> String {
         json!(self).to_string()
     }
 }
 
-/// What a server sends.
+/// A frame of a server.
 #[derive(Debug)]
 pub enum ServerFrame {
     /// The message of a topic.
     Message(Box<Message>),
-    /// Why something that the client sent is refused.
+    /// Reason why a frame of the client is refused.
     Error(Refusal),
-    /// A message of a topic that this version does not know, or not of the topic's form.
+    /// A message of a topic that this version does not know, or whose form it cannot read.
     Unknown(String),
 }
 
-/// A topic, in front of its message.
+/// The topic that precedes its message.
 #[derive(Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocket"))]
@@ -164,24 +164,24 @@ pub struct Named {
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocketError"))]
 pub struct ErrorFrame {
     error: String,
-    /// Machine-readable reason, where there is one.
+    /// Machine-readable reason, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     code: Option<RefusalCode>,
 }
 
-/// The frame of a message: the message with its topic in front.
+/// Creates the frame of a message: the message, preceded by its topic.
 pub fn message_frame(path: &str, message: &Message) -> String {
     let json = message.to_json();
     let rest = json.strip_prefix('{').unwrap_or("}");
     format!("{{\"topic\":{},{rest}", json!(path))
 }
 
-/// The frame of what is not right.
+/// Creates the frame of an error.
 pub fn error_frame(text: &str) -> String {
     frame_of(text, None)
 }
 
-/// The frame of a refusal.
+/// Creates the frame of a refusal.
 pub fn refusal_frame(refusal: &Refusal) -> String {
     frame_of(&refusal.text, Some(refusal.code))
 }
@@ -192,7 +192,7 @@ fn frame_of(text: &str, code: Option<RefusalCode>) -> String {
 }
 
 impl ServerFrame {
-    /// Reads a frame. What is no frame at all is an error of at most 200 characters.
+    /// Reads a frame. A text that is not a frame becomes an error of at most 200 characters.
     pub fn read(text: &str) -> Self {
         let Ok(Named { topic: path }) = serde_json::from_str(text) else {
             let (code, text) = match serde_json::from_str(text) {

@@ -1,14 +1,14 @@
-//! As much of an HTTP/1.1 client as the benches need: one request after the other on a connection that stays open.
+//! The part of an HTTP/1.1 client that the benches need: one request after the other on a connection that stays open.
 
 use std::net::SocketAddr;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
-/// What is asked.
+/// A request.
 pub const STATE: &str = "/api/v1/cs/1/state";
 
-/// One connection.
+/// A connection.
 pub struct Client {
     stream: TcpStream,
     request: Vec<u8>,
@@ -26,7 +26,7 @@ impl Client {
         })
     }
 
-    /// Asks once and reads the whole answer.
+    /// Sends a request and reads the whole answer.
     pub async fn get(&mut self) -> anyhow::Result<()> {
         self.stream.write_all(&self.request).await?;
         self.buffer.clear();
@@ -42,7 +42,7 @@ impl Client {
     }
 }
 
-/// Bytes of the answer with its head; `None` while the head is not whole.
+/// Returns the size of the answer with its header in bytes; `None` while the header is incomplete.
 fn answer_length(bytes: &[u8]) -> anyhow::Result<Option<usize>> {
     let Some(head) = bytes.windows(4).position(|end| end == b"\r\n\r\n") else {
         return Ok(None);

@@ -1,38 +1,43 @@
-//! An M code on its way: output, claim, handler, reset, next block.
+//! Times of an M code: output, claim, handler, reset, next block.
 //!
-//! A program of blocks `M100 VA1` runs, and a handler that returns at once resets each: in the runtime's process without
-//! any server end, in it beside them, over the embedded broker, and over a Mosquitto. All times count from the
-//! moment when the runtime publishes the output, by the time stamps of its own messages, to: the reset counts, and the next
-//! block's output is published. The output is claimed in the step that makes it (rule H20).
+//! A program of blocks `M100 VA1` runs, and a handler that returns at once resets each M code: in the runtime's process
+//! without any server end, in the same process with server ends, over the embedded broker, and over a Mosquitto. All
+//! times begin when the runtime publishes the output. They end when the reset takes effect, and when the next block's
+//! output is published, both by the time stamps of the runtime's messages. The output is claimed in the step that
+//! issues it (rule H20).
 //!
-//! A next block with motion gives its first setpoint in the servo cycle after that, up to one servo period later.
+//! If the next block moves, its first setpoint follows in the next servo cycle, up to one servo period later.
 //!
-//! Measured on a 2-core Xeon virtual machine with nothing else to do, bench profile; medians, the lowest and the highest of three
-//! runs, and the highest p99:
+//! Measured on a 2-core Xeon virtual machine without other load, bench profile; medians, the lowest and the highest of
+//! three runs, and the highest p99:
 //!
-//! | from the output to | nobody on the network | in process | embedded broker | Mosquitto |
+//! | from the output to | no server end | in process | embedded broker | Mosquitto |
 //! | --- | --- | --- | --- | --- |
 //! | reset counts | 4 µs, p99 33 µs | 5 to 6 µs, 36 µs | 0.27 to 0.29 ms, 0.87 ms | 0.29 to 0.30 ms, 0.89 ms |
 //! | next output | 12 µs, p99 1.1 ms | 14 to 20 µs, 0.8 ms | 0.29 to 0.31 ms, 0.91 ms | 0.31 to 0.32 ms, 0.92 ms |
 //!
-//! When the claim was a message of its own, and outputs were not written ahead of their notice, measured in turn with these: in
-//! process 10 to 12 µs, over the embedded broker 0.62 to 0.65 ms, over Mosquitto 0.42 to 0.51 ms. The line that is written ahead takes
-//! 2 µs of the 12. The p99 in process is a servo period: now and then the next block waits for a servo cycle.
+//! For comparison, measured alternately with these: when the claim was a separate message, and outputs were not written
+//! ahead of their notice, the times were 10 to 12 µs in process, 0.62 to 0.65 ms over the embedded broker, and 0.42 to
+//! 0.51 ms over Mosquitto. The line that is written ahead takes 2 µs of the 12. The p99 in process is a servo period:
+//! sometimes the next block waits for a servo cycle.
 //!
-//! The runtime reaches its embedded broker without a socket. When it spoke TCP with it as everybody does, measured in turn with these:
-//! 0.44 to 0.50 ms to the next output, p99 1.05 ms, with about 50 system calls for each M code.
+//! The runtime reaches its embedded broker without a socket. With TCP, measured alternately with these, it took 0.44 to
+//! 0.50 ms to the next output, p99 1.05 ms, with about 50 system calls for each M code.
 //!
-//! Each message is written while the next one is made. Measured in turn with all made first, on a 2-core AMD EPYC virtual machine,
-//! medians of six runs to the next output: embedded broker 0.35 against 0.41 ms, Mosquitto 0.41 against 0.43 ms. There both processors
-//! are busy 86 percent of the time, a quarter of it in Mosquitto, and 42 percent of the runtime's and the handler's in sending: the
-//! client library writes each message by itself.
+//! Each message is written while the next one is created. Measured alternately with a version that creates all messages
+//! first, on a 2-core AMD EPYC virtual machine, medians of six runs to the next output: embedded broker 0.35 against
+//! 0.41 ms, Mosquitto 0.41 against 0.43 ms. With Mosquitto, both processors are busy 86 percent of the time. A quarter
+//! of that is in Mosquitto, and 42 percent is sending by the runtime and the handler, because the client library writes
+//! each message separately.
 //!
-//! The place in the program is published at most 5 times a second. In turn with a place for each M code, on the same machine, medians
-//! of four runs to the next output: embedded broker 0.31 against 0.34 ms, Mosquitto 0.32 against 0.38 ms; the highest p99 was 1.23 ms.
+//! The position in the program is published at most 5 times a second. Measured alternately with one message for each M
+//! code, on the same machine, medians of four runs to the next output: embedded broker 0.31 against 0.34 ms, Mosquitto
+//! 0.32 against 0.38 ms; the highest p99 was 1.23 ms.
 //!
-//! In process the handler's own thread carries out claim, reset and what follows; nearly all of the time is computing.
+//! In process, the handler's own thread executes claim, reset and the following steps; nearly all of the time is
+//! computing.
 //!
-//! Over the broker two messages follow each other, the pending output and the reset.
+//! Over the broker there are two messages in sequence: the pending output and the reset.
 
 use std::time::{Duration, SystemTime};
 
@@ -47,14 +52,14 @@ use crate::machine::{self, Machine};
 use crate::mosquitto::Mosquitto;
 use crate::table::{Durations, say};
 
-/// Outputs of a program that are not counted: connections and memory warm up.
+/// Number of outputs of a program that are not counted, because connections and memory warm up.
 const WARM_UP: usize = 200;
 
-/// Outputs of a program that are counted. Reason: the events of all fit a subscription, which is read after the end; who
-/// waits for each message is woken by each, and that would be a part of what is measured.
+/// Number of outputs of a program that are counted. Reason: all their events fit into a subscription, which is read
+/// after the end. Waiting for each message would wake the reader each time and change the measured times.
 const OUTPUTS: usize = 1000;
 
-/// Times that the program runs.
+/// Number of runs of the program.
 const RUNS: usize = 4;
 
 pub async fn run() -> anyhow::Result<()> {
@@ -105,7 +110,7 @@ async fn measure(plc: &Plc, handlers: Plc) -> anyhow::Result<()> {
     for _ in 0..RUNS {
         let subscription = plc.port().subscribe(Filter::Topics(topics.to_vec()));
         cs.start().await?;
-        // looked at now and then, for the same reason
+        // polled at intervals, for the same reason
         loop {
             tokio::time::sleep(Duration::from_millis(5)).await;
             if cs.state().await?.execution == Execution::ProgramCompleted {
@@ -119,7 +124,7 @@ async fn measure(plc: &Plc, handlers: Plc) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Waits until the machine knows the handler `bench`.
+/// Waits until the handler `bench` is registered at the machine.
 pub async fn until_served(plc: &Plc) -> anyhow::Result<()> {
     loop {
         let handlers = plc.port().ask(Handlers).await?;
@@ -137,7 +142,7 @@ struct Times {
 }
 
 impl Times {
-    /// What a program has published, from its first output to its end.
+    /// Messages of a program, from its first output to its end.
     fn add(&mut self, mut subscription: Subscription) -> anyhow::Result<()> {
         anyhow::ensure!(subscription.lost() == 0, "messages were lost");
         let mut outputs = 0;

@@ -1,4 +1,4 @@
-//! The machine that is measured: one coordinate system of three axes, with all server ends on free ports.
+//! The measured machine: one coordinate system of three axes, with all server ends on free ports.
 
 use std::future::Future;
 
@@ -35,7 +35,7 @@ number = 1
 axes = { X = 1, Y = 2, Z = 3 }
 "#;
 
-/// The runtime, its server ends, and the folder that it keeps its programs in.
+/// The runtime, its server ends, and its data folder.
 pub struct Machine {
     pub runtime: Runtime,
     pub gateway: Gateway,
@@ -43,7 +43,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Starts it in real time, with a broker of its own.
+    /// Starts the machine in real time, with its embedded broker.
     pub async fn start() -> anyhow::Result<Machine> {
         Machine::start_at(MqttSettings {
             embedded_listen: Some("127.0.0.1:0".to_owned()),
@@ -52,7 +52,7 @@ impl Machine {
         .await
     }
 
-    /// The same with these settings of MQTT.
+    /// Starts the machine with these MQTT settings.
     pub async fn start_at(mqtt: MqttSettings) -> anyhow::Result<Machine> {
         let (runtime, folder) = alone(CONFIG).await?;
         let settings = GatewaySettings {
@@ -69,12 +69,12 @@ impl Machine {
         })
     }
 
-    /// The machine in this process.
+    /// Connects to the machine in this process.
     pub fn in_process(&self) -> Plc {
         Plc::in_process(self.runtime.port())
     }
 
-    /// The machine over its embedded broker.
+    /// Connects to the machine over its embedded broker.
     pub async fn over_mqtt(&self) -> anyhow::Result<Plc> {
         let broker = self
             .gateway
@@ -83,21 +83,21 @@ impl Machine {
         Ok(Plc::connect(&format!("mqtt://{broker}/bench")).await?)
     }
 
-    /// Stops it in order.
+    /// Stops the machine in order.
     pub async fn stop(self) {
         self.runtime.shutdown().await;
         self.gateway.shutdown().await;
     }
 }
 
-/// A runtime without server ends, in real time, and the folder that it keeps its programs in.
+/// A runtime without server ends, in real time, and its data folder.
 pub async fn alone(config: &str) -> anyhow::Result<(Runtime, TempDir)> {
     let folder = tempfile::tempdir()?;
     let runtime = Runtime::start(Config::from_toml(config, folder.path())?).await?;
     Ok((runtime, folder))
 }
 
-/// Runs a future as `tandem serve` runs: on as many threads as there are processors.
+/// Runs a future as `tandem serve` does: with one thread for each processor.
 pub fn in_real_time(part: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<()> {
     tokio::runtime::Builder::new_multi_thread()
         .enable_all()

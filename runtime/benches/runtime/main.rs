@@ -1,4 +1,4 @@
-//! What a user feels of the runtime as a whole, measured in real time. Run it on a quiet machine:
+//! Times of the whole runtime as a user experiences them, measured in real time. Run it on a quiet machine:
 //!
 //! ```text
 //! cargo bench -p tandem-runtime --bench runtime              all, about 3 min
@@ -6,7 +6,7 @@
 //!                                                            ten_minutes
 //! ```
 //!
-//! Each part says in its own docs what it measures, and what was measured where.
+//! The doc comment of each part describes the measurement, its results and the computer.
 
 mod http;
 mod m_code;

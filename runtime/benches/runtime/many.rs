@@ -1,12 +1,13 @@
-//! Eight coordinate systems at once, each 200 M codes a second, with a handler in the runtime's process; the servo
-//! thread's overruns are counted: cycles that were not finished within their period of 1 ms.
+//! Eight coordinate systems at the same time, each with 200 M codes a second and a handler in the runtime's process.
+//! Counts the overruns of the servo thread: cycles that were not finished within their period of 1 ms.
 //!
-//! Each program repeats `M100 VA1` and a dwell that fills the 5 ms; what an M code takes beyond its share shows in the
-//! M codes a second. Windows of a second with and without programs take turns in one runtime, so that what else the
-//! computer does falls on both: overruns of idle windows are the computer's own, and the difference tells what the M codes add.
+//! Each program repeats `M100 VA1` and a dwell that fills the 5 ms; if an M code takes longer than its share, the
+//! number of M codes a second drops. Windows of one second with and without programs alternate in one runtime, so that
+//! other load of the computer affects both. Overruns of idle windows are caused by the computer; the difference is
+//! caused by the M codes.
 //!
-//! Measured on a 2-core Xeon virtual machine that others kept busy, bench profile, in 10 s: 249 M codes a second in each,
-//! 3 of 8035 cycles not finished in time; idle, in 10 s of their own, 9 of 9990.
+//! Measured on a 2-core Xeon virtual machine with other load, bench profile, in 10 s: 249 M codes a second in each
+//! coordinate system, 3 of 8035 cycles not finished in time; idle, in a separate 10 s, 9 of 9990.
 
 use std::fmt::Write;
 use std::time::{Duration, Instant};
@@ -24,16 +25,17 @@ const COORDINATE_SYSTEMS: u8 = 8;
 
 const M_CODES_PER_S: u32 = 200;
 
-/// A window without programs, and about that of one with them.
+/// Duration of a window without programs, and approximately of one with programs.
 const WINDOW: Duration = Duration::from_secs(1);
 
-/// Windows of each kind.
+/// Number of windows of each kind.
 const WINDOWS: u32 = 10;
 
-/// Dwell beside each M code, ms: 5 ms for both, less one for the output and one for the cycle that the dwell waits for.
+/// Dwell after each M code, ms: 5 ms for both, minus 1 ms for the output and one for the cycle that the dwell waits
+/// for.
 const DWELL_MS: u32 = 1000 / M_CODES_PER_S - 2;
 
-/// What the servo thread did in windows of one kind.
+/// Measurements of the servo thread in windows of one kind.
 #[derive(Default)]
 struct Windows {
     cycles: u64,
@@ -75,7 +77,7 @@ pub async fn run() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// All programs from start to end; a failure shows as a program that does not complete.
+/// Runs all programs from start to end; after an error, a program does not complete.
 async fn run_programs(plc: &Plc) {
     let started = (1..=COORDINATE_SYSTEMS).map(|cs| async move {
         let system = plc.coordinate_system(cs);
@@ -129,7 +131,7 @@ fn cycles(timing: &ServoTiming) -> u64 {
     timing.lateness.buckets.iter().map(|(_, count)| count).sum()
 }
 
-/// Eight coordinate systems of one axis.
+/// Returns a configuration of eight coordinate systems with one axis each.
 fn config() -> String {
     let mut text = "[machine]\nname = \"bench\"\n".to_owned();
     for cs in 1..=COORDINATE_SYSTEMS {

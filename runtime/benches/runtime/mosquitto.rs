@@ -1,4 +1,4 @@
-//! A Mosquitto of the bench's own.
+//! A Mosquitto started by the bench.
 
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
@@ -9,7 +9,7 @@ use plc_api::Plc;
 use tandem_gateway::MqttSettings;
 use tempfile::NamedTempFile;
 
-/// A broker on a port that was free, without delays of small packets; ends when it is dropped.
+/// A broker on a free port, without delays of small packets; ends when it is dropped.
 pub struct Mosquitto {
     process: Child,
     port: u16,
@@ -45,7 +45,7 @@ impl Mosquitto {
         Ok(broker)
     }
 
-    /// A machine's settings for it.
+    /// Returns a machine's settings for this broker.
     pub fn settings(&self) -> MqttSettings {
         MqttSettings {
             embedded_listen: None,
@@ -54,7 +54,7 @@ impl Mosquitto {
         }
     }
 
-    /// The machine `bench` over it.
+    /// Connects to the machine `bench` over this broker.
     pub async fn connect(&self) -> anyhow::Result<Plc> {
         Ok(Plc::connect(&format!("mqtt://127.0.0.1:{}/bench", self.port)).await?)
     }
@@ -62,7 +62,7 @@ impl Mosquitto {
 
 impl Drop for Mosquitto {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The process may already have ended.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

@@ -1,13 +1,14 @@
-//! A program of ten short blocks, and one of a million (17.6 MB), on the way into the store, onto the machine, and to
-//! the first motion.
+//! Times of a program of ten short blocks, and of one of a million (17.6 MB), for storing it, loading it, and starting
+//! it.
 //!
-//! - write: it is parsed, checked, and on disk when the request is answered;
-//! - load: it is checked against the coordinate system's axes and limits;
-//! - start: until the first setpoint leaves the start, as a reader of the positions sees it. With a servo period of
-//!   1 ms, of which the first block waits for half of one on the mean. A short program tells what the way alone takes.
+//! - write: the program is parsed and checked, and it is on disk when the request is answered;
+//! - load: the program is checked against the coordinate system's axes and limits;
+//! - start: until a subscriber to the positions sees the first setpoint that differs from the start. The servo period
+//!   is 1 ms; on average the first block waits for half of it. The short program shows the time that does not depend
+//!   on the size.
 //!
-//! A text that is written again as it is has been checked before: `load` shows that case, and its p99 a first load. Measured on a
-//! 2-core AMD EPYC virtual machine, bench profile, medians and p99:
+//! A text that is written again unchanged is already checked: `load` shows that case, and its p99 a first load.
+//! Measured on a 2-core AMD EPYC virtual machine, bench profile, medians and p99:
 //!
 //! | blocks | write | load | start |
 //! | --- | --- | --- | --- |
@@ -27,7 +28,7 @@ use crate::table::{Durations, say};
 
 const ROUNDS: usize = 20;
 
-/// A start that takes longer has failed.
+/// Time after which a start has failed.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 pub async fn run() -> anyhow::Result<()> {
@@ -70,7 +71,7 @@ async fn measure(plc: &Plc, blocks: usize) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A spiral of short straight blocks, as a CAM system writes them.
+/// Returns a spiral of short straight blocks, as a CAM system writes them.
 fn short_blocks(blocks: usize) -> String {
     let mut text = String::from("G17 G91 G01 F3000 X1\n");
     for i in 2..blocks {
@@ -81,7 +82,7 @@ fn short_blocks(blocks: usize) -> String {
     text
 }
 
-/// The machine position of X.
+/// Returns the machine position of X.
 async fn x(plc: &Plc) -> anyhow::Result<f64> {
     let topic = Topic::cs(1, CsTopic::Position);
     let message = plc.port().read(&topic).await;

@@ -1,7 +1,7 @@
-//! REST: `GET /api/v1/cs/1/state`, again and again on connections that stay open. The clients run in the same process
-//! and take their share of the processors.
+//! REST: `GET /api/v1/cs/1/state`, repeatedly on connections that stay open. The clients run in the same process and
+//! use part of the processor time.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine, release profile, nothing else running; other work takes its share.
+//! Measured on a 2-core AMD EPYC virtual machine, release profile, without other load.
 //!
 //! | connections | requests/s | median | p99 |
 //! | --- | --- | --- | --- |
@@ -37,7 +37,7 @@ pub async fn run() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Asks as fast as it can, and tells how long each answer took.
+/// Sends requests as fast as possible, and returns the time of each answer.
 pub async fn load(address: SocketAddr, connections: usize, time: Duration) -> anyhow::Result<Durations> {
     let mut clients = JoinSet::new();
     let end = Instant::now() + time;

@@ -1,15 +1,15 @@
-//! How late the servo thread wakes up, with a servo period of 1 ms: while nothing else happens, and while eight REST
-//! clients in the same process ask as fast as they can. The thread has real-time priority where that is allowed.
+//! Delay of the servo thread's wake-ups, with a servo period of 1 ms: while idle, and while eight REST clients in the
+//! same process send requests as fast as they can. The thread has real-time priority if that is allowed.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine without a real-time kernel, release profile, with real-time priority. The
-//! tails are those of the host, which takes the processors away for milliseconds: the idle machine has them, too.
+//! Measured on a 2-core AMD EPYC virtual machine without a real-time kernel, release profile, with real-time priority.
+//! The tails are caused by the host, which withdraws the processors for milliseconds: the idle machine has them, too.
 //!
 //! | | median | p99 | p99.9 | latest | not finished in time |
 //! | --- | --- | --- | --- | --- | --- |
 //! | idle | below 64 µs | below 512 µs | below 4.1 ms | 5 ms | 31 of 9967 |
 //! | REST load | below 32 µs | below 64 µs | below 2 ms | 36 ms | 26 of 9987 |
 //!
-//! Before it asked for that priority, a cycle of the loaded machine was below 1 ms at p99.
+//! Before the thread requested that priority, a cycle of the loaded machine was below 1 ms at p99.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -56,7 +56,7 @@ fn tell(machine: &Machine, what: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// End of the histogram's bucket that this share of the wake-ups stays below.
+/// Returns the end of the histogram's bucket below which this share of the wake-ups stays.
 fn within_us(statistics: &ServoStatistics, per_mille: u64) -> u64 {
     let counts: Vec<u64> = statistics
         .lateness

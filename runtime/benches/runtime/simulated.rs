@@ -1,15 +1,16 @@
-//! How much faster than real time simulated time passes: three axes, servo period 1 ms, ten minutes and more of motion
-//! with everything that a run has, from reading the text on. Simulated seconds by seconds on the clock.
+//! Ratio of simulated time to real time: three axes, servo period 1 ms, ten minutes and more of motion, for a complete
+//! run including the reading of the text. Simulated seconds divided by seconds on the clock.
 //!
 //! - long lines: sides of 100 mm, each from rest to rest (G61);
 //! - short lines: sides of 0.4 mm in a polygon, blended (G64, G501), 6 ms each;
-//! - look-ahead: the same with G500;
-//! - dense lines, dense ahead: the same with sides of 0.1 mm, 2 ms each, which costs about 1.7 us a block;
+//! - look-ahead: short lines with G500;
+//! - dense lines, dense ahead: like short lines and look-ahead, with sides of 0.1 mm, 2 ms each, which costs about
+//!   1.7 us a block;
 //! - arcs: full circles of 20 mm.
 //!
-//! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `stages` go at 1,270,000 a
-//! second from the text to profiles; bench profile, the medians of three runs, and the lowest round of all. Where a test has
-//! handlers, the clock of tokio goes with that of the machine, and short lines take about a third longer.
+//! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `stages` reach 1,270,000 blocks
+//! a second from the text to profiles; bench profile, the medians of three runs, and the lowest of all rounds. In tests
+//! with handlers, the clock of tokio follows that of the machine, and short lines take about a third longer.
 //!
 //! | program | times real time | lowest |
 //! | --- | --- | --- |
@@ -20,7 +21,7 @@
 //! | dense ahead | 936 to 1030 | 848 |
 //! | arcs | 420,000 to 487,000 | 153,000 |
 //!
-//! A host that does half of it has half of these.
+//! A host with half of that speed reaches half of these values.
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -31,7 +32,7 @@ use tandem_runtime::test::Bench;
 use crate::machine::CONFIG;
 use crate::table::say;
 
-/// Each program is run at least so often, and for so long: what takes a millisecond is measured when it is warm.
+/// Smallest number of runs and smallest total time of each program, so that short programs are measured after warm-up.
 const ROUNDS_MIN: usize = 5;
 const TIME_MIN: Duration = Duration::from_millis(500);
 
@@ -77,7 +78,7 @@ fn squares() -> String {
     text
 }
 
-/// So many blended polygons of 1000 sides, mm.
+/// Returns a number of blended polygons of 1000 sides, mm.
 fn polygons(codes: &str, side_mm: f64, turns: u32) -> String {
     let mut text = format!("G17 G64 G91 G01 {codes}\n");
     for _ in 0..turns {

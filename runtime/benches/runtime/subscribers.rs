@@ -1,8 +1,8 @@
-//! The stream of positions of a moving axis, 10 a second, to 200 subscribers of the embedded broker, and what it costs:
-//! the command `tandem` runs as a process of its own, and its processor time is read from the system (Linux only).
+//! The stream of positions of a moving axis, 10 a second, to 200 subscribers of the embedded broker, and its processor
+//! time. The command `tandem` runs in a separate process, whose processor time is read from the system (Linux only).
 //!
-//! Measured on a 2-core Xeon virtual machine that others kept busy, bench profile: 1989 messages a second to 200 subscribers
-//! for 5.5 % of a processor, where none subscribes 2.0 %.
+//! Measured on a 2-core Xeon virtual machine with other load, bench profile: 1989 messages a second to 200 subscribers
+//! take 5.5 % of a processor; without subscribers it is 2.0 %.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -22,10 +22,10 @@ const SUBSCRIBERS: usize = 200;
 
 const TIME: Duration = Duration::from_secs(10);
 
-/// Longer than all of the bench takes: a position is published while it changes.
+/// Longer than the whole bench, because a position is published only while it changes.
 const MOTION: &str = r#"{"command_id": "move", "client_id": "bench", "args": {"text": "G01 X10000 F600"}}"#;
 
-/// Ticks of processor time a second, as Linux tells them to programs.
+/// Ticks of processor time a second, as Linux reports them to programs.
 const TICKS_PER_S: f64 = 100.0;
 
 pub async fn run() -> anyhow::Result<()> {
@@ -61,7 +61,7 @@ async fn subscribe(port: u16, number: usize, heard: Arc<AtomicU64>) -> anyhow::R
     }
 }
 
-/// The command, with one coordinate system.
+/// The command, running with one coordinate system.
 struct Served {
     process: Child,
     port: u16,
@@ -128,10 +128,11 @@ impl Served {
         Ok(())
     }
 
-    /// Processor time so far.
+    /// Returns the processor time so far.
     fn processor_s(&self) -> Option<f64> {
         let text = std::fs::read_to_string(format!("/proc/{}/stat", self.process.id())).ok()?;
-        // the name in parentheses may hold spaces; after it, from the state on, fields 12 and 13 are user and system time
+        // the name in parentheses may contain spaces; after it, from the state on, fields 12 and 13 are user and system
+        // time
         let fields: Vec<_> = text.rsplit_once(") ")?.1.split(' ').collect();
         let ticks = |at: usize| fields.get(at)?.parse::<f64>().ok();
         Some((ticks(11)? + ticks(12)?) / TICKS_PER_S)
@@ -140,7 +141,7 @@ impl Served {
 
 impl Drop for Served {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The process may already have ended.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

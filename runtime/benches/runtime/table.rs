@@ -1,4 +1,4 @@
-//! Durations to the lines of a table.
+//! Converts durations into the lines of a table.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ impl Durations {
         self.0.len()
     }
 
-    /// `median, p99, max`, in microseconds.
+    /// Returns `median, p99, max`, in microseconds.
     pub fn line(&mut self) -> String {
         self.0.sort_unstable();
         let at = |per_mille: usize| {
@@ -39,7 +39,7 @@ impl Durations {
     }
 }
 
-/// A line of the bench's output.
+/// Prints a line of the bench's output.
 #[allow(clippy::print_stdout, reason = "a bench tells its numbers on standard output")]
 pub fn say(line: &str) {
     println!("{line}");

@@ -2,19 +2,19 @@
 //!
 //! Unit tests are mostly debug builds: `cargo bench --profile dev -p tandem-runtime --bench runtime -- ten_minutes`.
 //!
-//! Processor time, measured on a 2-core AMD EPYC virtual machine (busy with other work, which this time does not count):
+//! Processor time, measured on a 2-core AMD EPYC virtual machine (other load on it is not included in this time):
 //!
 //! | ten minutes of | debug |
 //! | --- | --- |
 //! | a handler that sleeps | below 10 ms |
-//! | the same while the spindle turns | 10 ms |
+//! | the same handler while the spindle turns | 10 ms |
 //! | one dwell | below 10 ms |
 //! | 60 lines of 100 mm | 10 ms |
 //! | a scan program each 10 ms, 60,000 scans | 1.1 s |
 //! | 60,000 blended lines (17 minutes) | 5.6 s |
 //!
-//! Cycles in which nothing is told are left out, with drives that follow without lag; so the time grows with what
-//! happens (blocks, outputs, scans), not with how long it takes.
+//! Cycles without messages are skipped, with drives that follow without lag; so the time depends on the number of
+//! events (blocks, outputs, scans), not on their duration.
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -46,7 +46,7 @@ pub fn run() -> anyhow::Result<()> {
     measure("60,000 lines", handlers(), &short_lines())
 }
 
-/// 60,000 short lines, blended.
+/// Returns 60,000 short lines, blended.
 fn short_lines() -> String {
     let mut text = "G90 G64\n".to_owned();
     for n in 0..60_000 {
@@ -78,7 +78,7 @@ fn measure(what: &str, program: SequenceProgram, text: &str) -> anyhow::Result<(
     Ok(())
 }
 
-/// Time that this process has computed, s; in steps of 10 ms, as Linux tells it.
+/// Returns the processor time of this process, s; in steps of 10 ms, as Linux reports it.
 fn processor_s() -> anyhow::Result<f64> {
     let stat = std::fs::read_to_string("/proc/self/stat")?;
     let fields = stat.rsplit(')').next().unwrap_or_default();

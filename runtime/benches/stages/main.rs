@@ -1,4 +1,5 @@
-//! Speed of the stages in a row, from NC text to profiles, on one core; the profiles are dropped as the servo takes them.
+//! Speed of the stages in sequence, from NC text to profiles, on one core; the profiles are dropped in the order of the
+//! servo.
 //!
 //! ```text
 //! cargo bench -p tandem-runtime --bench stages                all
@@ -25,7 +26,7 @@ fn main() {
     divan::main();
 }
 
-/// So many where it is measured; a twentieth where `cargo test --benches` runs each bench once.
+/// Number of blocks in a measurement; a twentieth of it if `cargo test --benches` runs each bench once.
 fn measured<N: std::ops::Div<Output = N> + From<u8>>(number: N) -> N {
     if std::env::args().any(|argument| argument == "--bench") {
         number
@@ -34,7 +35,8 @@ fn measured<N: std::ops::Div<Output = N> + From<u8>>(number: N) -> N {
     }
 }
 
-/// Three linear motors of 500 mm/s and 5000 mm/s². The arcs go a million millimetres in all: the soft limits are beyond.
+/// Three linear motors of 500 mm/s and 5000 mm/s². The arcs have a total length of a million millimetres, so the soft
+/// limits are larger.
 fn settings() -> CoordinateSystemSettings {
     let motor = |number| {
         Some(MotorSettings {
@@ -49,7 +51,7 @@ fn settings() -> CoordinateSystemSettings {
     }
 }
 
-/// The tree of a program without findings.
+/// Returns the tree of a program without findings.
 fn parsed(source: &Arc<str>) -> Arc<NcProgram> {
     let (program, findings) = parse(Arc::clone(source), Grammar::nj());
     assert!(findings.is_empty());
@@ -83,7 +85,7 @@ fn interpret(program: &Arc<NcProgram>, mut each: impl FnMut(Block)) {
     }
 }
 
-/// Path and motion.
+/// Runs path and motion.
 struct Stages {
     path: PathStage,
     planner: Planner,
@@ -116,7 +118,7 @@ impl Stages {
         self.profiles.clear();
     }
 
-    /// The number of profiles.
+    /// Returns the number of profiles.
     fn finish(mut self) -> usize {
         assert_eq!(self.path.finish(&mut self.segments), Ok(()));
         self.plan();
@@ -125,7 +127,7 @@ impl Stages {
     }
 }
 
-/// All stages: the number of profiles.
+/// Runs all stages; returns the number of profiles.
 fn from_text(source: &Arc<str>) -> usize {
     let mut stages = Stages::new();
     interpret(&parsed(source), |block| stages.push(&block));

@@ -1,8 +1,8 @@
 //! From text to profiles: 102,000 blocks, 1000 squares with rounded corners and lead-in and lead-out, as lines and arcs,
 //! without and with cutter compensation.
 //!
-//! Medians, blocks a second on one core of a virtual machine with two. The lines of `look_ahead` go at 980,000
-//! from the text to profiles on the faster one, at 470,000 on the slower one.
+//! Medians, blocks a second on one core of a virtual machine with two cores. The lines of `look_ahead` reach 980,000
+//! from the text to profiles on the faster one, 470,000 on the slower one.
 //!
 //! | machine | without compensation, G501 | G500 | with compensation, G501 | G500 |
 //! | --- | --- | --- | --- | --- |
@@ -20,7 +20,7 @@ fn count() -> u32 {
     measured(1000)
 }
 
-/// Blocks of one square, lead-in and lead-out among them.
+/// Number of blocks of one square, including lead-in and lead-out.
 const BLOCKS: u32 = 102;
 
 /// Sides of 30 mm in 13 lines, corners of 10 mm in 12 arcs.

@@ -1,7 +1,7 @@
 //! The order in which the embedded broker received messages.
 //!
-//! Hold, stop and abort overtake messages that are still on their way to the runtime. A command to move that arrived before one of
-//! them must not take effect after it.
+//! Hold, stop and abort overtake messages that have not reached the runtime yet. A command to move that arrived before
+//! one of them must not take effect after it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -9,8 +9,8 @@ use std::time::Duration;
 use plc_api::types::CoordinateSystemNumber;
 use tokio::sync::Notify;
 
-/// User properties in which the embedded broker gives the number of a message in the order of arrival, and marks an urgent request
-/// that it has passed to the machine. What a client writes there is removed.
+/// User properties in which the embedded broker gives the number of a message in the order of arrival, and marks an
+/// urgent request that it has passed to the machine. Those written by a client are removed.
 pub(crate) const ARRIVAL: &str = "x-tandem-arrival";
 pub(crate) const EXECUTED: &str = "x-tandem-executed";
 
@@ -18,14 +18,14 @@ pub(crate) const EXECUTED: &str = "x-tandem-executed";
 /// unless a flood delays the commands, and 20 ms are far below the 250 ms within which a stop is accepted.
 const ORDER_WAIT_MAX: Duration = Duration::from_millis(20);
 
-/// Numbers of one coordinate system.
+/// Arrival numbers of one coordinate system.
 #[derive(Debug, Default)]
 struct Numbers {
-    /// Of the newest command to move that has arrived.
+    /// The newest command to move that has arrived.
     moving: AtomicU64,
-    /// Of the newest one that the machine has received.
+    /// The newest command to move that the machine has received.
     received: AtomicU64,
-    /// Of the newest hold, stop or abort.
+    /// The newest hold, stop or abort.
     halting: AtomicU64,
 }
 

@@ -2,7 +2,7 @@
 //! the loopback only and admits everyone. Only the runtime publishes states.
 //!
 //! Every setting of the library is set here, because its defaults listen on all addresses and write files. Commands,
-//! claims and settings with the retain flag are refused: they would be carried out again at the next start.
+//! claims and settings with the retain flag are rejected: otherwise they would be executed again at the next start.
 
 mod door;
 mod guard;
@@ -38,42 +38,43 @@ use guard::Guard;
 pub(crate) use sessions::Sessions;
 pub(crate) use socket::SocketBytes;
 
-/// Clients that may be connected; more are refused.
+/// Limit of connected clients; further ones are rejected.
 const CLIENTS_MAX: usize = PLACES.known;
 /// Bytes of one packet. Reason: the largest message, `birth`, stays far below.
 pub(crate) const PACKET_MAX: usize = 1024 * 1024;
 /// Subscriptions of one client.
 const SUBSCRIPTIONS_MAX: usize = 1024;
-/// Bytes of the topic filter of a subscription; a longer one is refused. Reason: the broker keeps it for as long as the session.
+/// Bytes of the topic filter of a subscription; a longer one is rejected. Reason: the broker keeps it as long as the
+/// session.
 const FILTER_BYTES_MAX: usize = 512;
 /// Bytes of one retained message.
 const RETAINED_SIZE_MAX: usize = 256 * 1024;
 /// How long the broker remembers an absent client; messages for it wait in memory.
 const SESSION_EXPIRY: Duration = Duration::from_hours(1);
-/// Messages that wait for one client; the oldest are dropped for more.
+/// Messages queued for one client; beyond this limit the oldest are dropped.
 const QUEUED_MAX: usize = 1000;
-/// Bytes that wait for one client: 160 MiB for all that are connected or remembered.
+/// Bytes queued for one client: 160 MiB for all connected and remembered clients.
 const QUEUED_BYTES_MAX: usize = 512 * 1024;
-/// Messages on their way to one client that is connected, of each quality of service; more wait, or are dropped with
-/// quality 0.
+/// Messages in transit to one connected client, for each quality of service. Further ones wait; those of quality 0 are
+/// dropped.
 pub(crate) const ON_THE_WAY_MAX: usize = 128;
-/// Messages of quality 2 that one client has begun and not finished; more end its connection.
+/// Unfinished messages of quality 2 of one client; a further one ends its connection.
 const UNFINISHED_MAX: u16 = 256;
-/// Time to stop; then its task is ended.
+/// Time limit for stopping; then the task is aborted.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
 /// Protocol version of MQTT 5 in its CONNECT packet.
 const MQTT_5: u8 = 5;
 
-/// Who may connect, and as what.
+/// Rules for the admission of clients.
 pub(crate) struct BrokerAccess {
     /// Topic root of the machine, with its last slash.
     pub(crate) root: String,
-    /// Client id of the runtime's own connection; others may not use it.
+    /// Client id of the runtime's own connection; other clients may not use it.
     pub(crate) runtime_client_id: String,
-    /// Users; `None`: everyone.
+    /// Users. `None` admits every client with all rights.
     pub(crate) users: Option<Users>,
-    /// Hears of what is refused.
+    /// Receives notes on rejected requests.
     pub(crate) machine: Machine,
 }
 
@@ -88,7 +89,7 @@ pub(crate) struct Broker {
     _hall: AbortOnDropHandle<()>,
 }
 
-/// Where messages are handed on.
+/// Exchange of messages between clients.
 #[derive(Clone)]
 pub(crate) struct Exchange {
     guard: Arc<Guard>,
@@ -96,23 +97,23 @@ pub(crate) struct Exchange {
 }
 
 impl Exchange {
-    /// The payload as one that counts while it is on its way.
+    /// Wraps the payload so that it is counted while in transit.
     pub(crate) fn count(&self, payload: Bytes) -> Bytes {
         self.guard.on_the_way.count(payload)
     }
 
-    /// Closes clients that take nothing, where there is no room for so many bytes.
+    /// Closes clients that do not read if there is no room for this number of bytes.
     pub(crate) fn make_room(&self, bytes: usize) {
         self.guard.on_the_way.has_room(bytes);
     }
 }
 
-/// Where clients over WebSocket come in.
+/// Entrance for clients over WebSocket.
 #[derive(Clone)]
 pub(crate) struct Entrance(Arc<Hall>);
 
 impl Entrance {
-    /// Serves a client until it has gone.
+    /// Serves a client until it disconnects.
     pub(crate) async fn serve(
         &self,
         bytes: SocketBytes,
@@ -179,7 +180,7 @@ impl Broker {
         })
     }
 
-    /// Where clients over WebSocket come in, if the settings let them.
+    /// Returns the entrance for clients over WebSocket, if the settings enable it.
     pub(crate) fn entrance(&self, settings: &MqttSettings) -> Option<Entrance> {
         settings.websocket.then(|| self.entrance.clone())
     }
@@ -196,23 +197,23 @@ impl Broker {
 
     /// Passes urgent requests to this lane from now on, while it exists.
     pub(crate) fn open_urgent_lane(&self, lane: &Arc<dyn ExecuteUrgent>) {
-        // a second lane never takes the place of the first
+        // a second lane never replaces the first
         let _ = self.exchange.guard.urgent.set(Arc::downgrade(lane));
     }
 
-    /// The order in which it receives messages.
+    /// Returns the order in which the broker receives messages.
     pub(crate) fn arrivals(&self) -> Arc<Arrivals> {
         Arc::clone(&self.exchange.guard.arrivals)
     }
 
-    /// What the runtime's own connection goes to.
+    /// Returns the exchange for the runtime's own connection.
     pub(crate) fn exchange(&self) -> Exchange {
         self.exchange.clone()
     }
 
     /// Closes all connections and stops.
     pub(crate) async fn stop(self) {
-        // an error only if nobody listens any more
+        // fails only if no task listens any more
         let _ = self.stop.send(());
         self.clients.close();
         let _ = tokio::time::timeout(STOP_MAX, self.clients.wait()).await;

@@ -44,13 +44,13 @@ pub(crate) fn days_to_end(end: SystemTime, now: SystemTime) -> Option<u64> {
     (left <= ANNOUNCED_BEFORE).then_some(left.as_secs() / (24 * 3600))
 }
 
-/// A value of this tag, and what follows it.
+/// Returns the value of this tag, and the rest.
 fn take(der: &[u8], tag: u8) -> Option<(&[u8], &[u8])> {
     let (found, value, rest) = take_any(der)?;
     (found == tag).then_some((value, rest))
 }
 
-/// The tag of the first value, the value, and what follows it.
+/// Returns the tag of the first value, the value, and the rest.
 fn take_any(der: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (&tag, rest) = der.split_first()?;
     let (&first, rest) = rest.split_first()?;
@@ -73,7 +73,7 @@ fn take_any(der: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     (rest.len() >= length).then(|| (tag, &rest[..length], &rest[length..]))
 }
 
-/// A time, and what follows it.
+/// Returns a time, and the rest.
 fn time(der: &[u8]) -> Option<(SystemTime, &[u8])> {
     let (tag, value, rest) = take_any(der)?;
     let text = std::str::from_utf8(value).ok()?;
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn the_validity_of_a_certificate_is_read_in_both_forms_of_time() {
-        // from 2050 on RFC 5280 wants the long form
+        // from 2050 on RFC 5280 requires the long form
         for (from, until) in [(1999, 2020), (2020, 2049), (2026, 2050), (2060, 2100)] {
             let time = |text: String| humantime::parse_rfc3339(&text).unwrap();
             let expected = Validity {

@@ -33,7 +33,7 @@ pub enum GatewayError {
         setting: &'static str,
         /// Its value.
         value: String,
-        /// What is wrong, and how to correct it.
+        /// The error, and how to correct it.
         text: String,
     },
     /// A TLS file cannot be used.

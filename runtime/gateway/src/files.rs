@@ -1,4 +1,4 @@
-//! Files that this process may have open: each connection is one.
+//! Limit of open files of this process: each connection is one.
 
 use plc_api::server::ServerNotice;
 
@@ -11,7 +11,7 @@ use crate::server;
 /// MTConnect, the connection to an external broker.
 const OWN_FILES: u64 = 128;
 
-/// The same at the least, where the limit is so low that connections and the rest share it.
+/// Minimum for these files, where the limit is so low that connections and the rest share it.
 const OWN_FILES_MIN: u64 = 40;
 
 /// Limits of connections that the files of this process allow.
@@ -19,7 +19,7 @@ const OWN_FILES_MIN: u64 = 40;
 pub(crate) struct ConnectionLimits {
     pub(crate) http: PlaceLimits,
     pub(crate) mqtt: PlaceLimits,
-    /// What to tell people, if there are fewer than usual.
+    /// Warning for the operator, if there are fewer files than usual.
     pub(crate) warning: Option<String>,
 }
 
@@ -35,7 +35,7 @@ impl ConnectionLimits {
         limits
     }
 
-    /// Limits within so many files; `None`: as many as wanted.
+    /// Returns the limits for this number of available files. `None` means that it is not limited.
     fn within(files: Option<u64>) -> Self {
         let usual = Self {
             http: server::PLACES,
@@ -65,7 +65,7 @@ impl ConnectionLimits {
     }
 }
 
-/// Raises the soft limit of open files to the hard one. Returns the limit that holds; `None`: there is none.
+/// Raises the soft limit of open files to the hard one. Returns the resulting limit; `None` if there is none.
 #[cfg(unix)]
 fn raise_limit() -> Option<u64> {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -109,7 +109,7 @@ mod tests {
                 "{text}"
             );
         }
-        // below, the least that works is kept
+        // below, the smallest usable number is kept
         assert_eq!(ConnectionLimits::within(Some(24)).http.all, 8);
     }
 

@@ -30,7 +30,7 @@ const SERVED: [&str; 8] = ["html", "js", "css", "svg", "png", "ico", "woff2", "w
 const CONTENT_SECURITY_POLICY: &str =
     "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// The page of several machines asks the servers that its user names; its scripts are of this server, too.
+/// The page of several machines connects to the servers that its user names; its scripts come from this server.
 const MACHINES_PAGE: &str = "machines.html";
 const MACHINES_POLICY: &str = "default-src 'self'; connect-src 'self' http: https: ws: wss:; object-src 'none'; base-uri 'none'; \
                                form-action 'none'; frame-ancestors 'none'";
@@ -42,7 +42,7 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
         .layer(CompressionLayer::new())
 }
 
-/// Adds the security headers for browsers to every response, except those that it has.
+/// Adds the security headers for browsers to every response, except those already present.
 pub(crate) fn add_security_headers(response: &mut Response) {
     let headers = [
         (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
@@ -83,7 +83,7 @@ async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {
     }
 }
 
-/// Whether the client has what this tag names.
+/// Whether the client already has the content with this tag.
 pub(crate) fn is_known(request: &HeaderMap, tag: &str) -> bool {
     let tags = request
         .get(header::IF_NONE_MATCH)

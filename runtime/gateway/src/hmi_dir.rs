@@ -1,6 +1,7 @@
-//! `[hmi] dir`: pages and modules of the machine builder, read from the disk with each request, below `/hmi/`. They are served as
-//! the HMI itself is: to everyone who reaches the server, under the same content policy. What has another ending than those in
-//! [`KINDS`], is hidden, or lies outside the folder, also by a link, is not there.
+//! `[hmi] dir`: pages and modules of the machine builder, read from the disk with each request, below `/hmi/`. They are
+//! served like the HMI itself: to every client that reaches the server, under the same content policy. A file is
+//! treated as missing if its extension is not in [`KINDS`], if it is hidden, or if it lies outside the folder, also
+//! through a link.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -22,13 +23,13 @@ use crate::hmi::is_known;
 use crate::problem::Problem;
 use crate::shared::Shared;
 
-/// Where the folder is served.
+/// Path of the folder on the server.
 const ROOT: &str = "/hmi";
 
-/// What is served of a folder that is named itself.
+/// The file that is served for a folder.
 const INDEX: &str = "index.html";
 
-/// Bytes of one file; a larger one is refused. Reason: it goes to tablets, and the machine's computer has other things to do.
+/// Bytes of one file; a larger one is rejected. Reason: tablets load it, and the machine's computer has other work.
 pub(crate) const FILE_MAX: u64 = 64 * 1024 * 1024;
 
 /// Endings of the files that are served, with their types.
@@ -54,14 +55,14 @@ const KINDS: [(&str, &str); 19] = [
     ("webmanifest", "application/manifest+json"),
 ];
 
-/// The routes of the folder; none without one.
+/// Returns the routes of the folder; empty without a folder.
 pub(crate) fn routes(dir: Option<&Path>) -> Router<Arc<Shared>> {
     let Some(dir) = dir else { return Router::new() };
     let dir: Arc<Path> = dir.into();
     let index = Arc::clone(&dir);
     let root = format!("{ROOT}/");
     Router::new()
-        // a relative name in a page is below the folder then
+        // so that relative names in a page refer to the folder
         .route(ROOT, get(|| async { Redirect::permanent("/hmi/") }))
         .route(
             &root,
@@ -118,7 +119,7 @@ impl From<std::io::Error> for Unread {
     }
 }
 
-/// Opens a file of the folder. Where it truly lies counts, so that no link leads out.
+/// Opens a file of the folder. The resolved path decides, so that no link leads outside.
 async fn open(dir: &Path, path: &str) -> Result<Found, Unread> {
     if !is_plain(path) {
         return Err(Unread::NotThere);
@@ -129,7 +130,7 @@ async fn open(dir: &Path, path: &str) -> Result<Found, Unread> {
         place = fs::canonicalize(place.join(INDEX)).await?;
     }
     let kind = kind_within(&dir, &place).ok_or(Unread::NotThere)?;
-    // a FIFO would keep whoever opens it waiting
+    // opening a FIFO would block
     let seen = fs::metadata(&place).await?;
     if !seen.is_file() {
         return Err(Unread::NotThere);
@@ -154,7 +155,7 @@ fn is_plain(path: &str) -> bool {
     path.is_empty() || path.split('/').all(is_name)
 }
 
-/// The type of a file whose place within the folder may be told.
+/// Returns the type of a file if its path lies within the folder.
 fn kind_within(dir: &Path, place: &Path) -> Option<&'static str> {
     let path = place.strip_prefix(dir).ok()?.to_str()?;
     let (_, ending) = path.rsplit_once('.')?;
@@ -172,7 +173,7 @@ impl Found {
         if is_known(asked, &self.tag) {
             return (headers, StatusCode::NOT_MODIFIED).into_response();
         }
-        // a file that grows meanwhile stays as long as it was
+        // if the file grows meanwhile, only the announced length is sent
         let body = Body::from_stream(ReaderStream::new(self.file.take(self.bytes)));
         let length = [(header::CONTENT_LENGTH, self.bytes.to_string())];
         (headers, length, body).into_response()

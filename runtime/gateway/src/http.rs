@@ -1,4 +1,4 @@
-//! The router of everything served over HTTP: the interface below `/api/v1`, and the HMI.
+//! The router of all HTTP paths: the interface below `/api/v1`, and the HMI.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::server::Peer;
 use crate::shared::Shared;
 use crate::{access, hmi, hmi_dir, mqtt_socket, mtconnect, origin, rest, server, websocket};
 
-/// Everything that is served over HTTP.
+/// Creates the router of all HTTP paths.
 pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
     let api = rest::routes()
         .merge(websocket::routes())
@@ -40,8 +40,8 @@ pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
         .with_state(shared)
 }
 
-/// What holds for all requests: a place for its connection, our Host and Origin, a count of the answers, headers for browsers. One
-/// layer, since each costs every request half a microsecond.
+/// Common steps of all requests: a slot for the connection, checks of Host and Origin, counting of responses, headers
+/// for browsers. They are one layer, because each layer costs every request half a microsecond.
 async fn enter(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let place = server::hold_place(&shared, &request);
     let refusing = place.as_ref().filter(|place| !place.is_served());

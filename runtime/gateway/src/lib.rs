@@ -1,4 +1,4 @@
-//! The server ends of the sequence-control interface: MQTT, REST, WebSocket and HMI.
+//! The servers of the sequence-control interface: MQTT, REST, WebSocket and HMI.
 //!
 //! They depend on `plc_api` only and serve any [`ServedPort`]: the runtime's, or that of a test. [`Gateway::start`] opens
 //! the listeners. Everything over HTTP starts in `http`, everything over MQTT in `mqtt`.
@@ -80,7 +80,7 @@ pub use tls::ServerTls;
 /// Time for running HTTP requests to end at a shutdown; then they are aborted.
 const HTTP_STOP_MAX: Duration = Duration::from_secs(2);
 
-/// The server ends of one machine while they run.
+/// The running servers of one machine.
 pub struct Gateway {
     http_addr: SocketAddr,
     http: JoinHandle<()>,
@@ -98,7 +98,7 @@ impl std::fmt::Debug for Gateway {
     }
 }
 
-/// The embedded broker, where there is one.
+/// Starts the embedded broker, if it is configured.
 fn start_broker(
     settings: &GatewaySettings,
     root: &str,
@@ -118,7 +118,7 @@ fn start_broker(
     Broker::start(address, access, tls, refused, limits).map(Some)
 }
 
-/// The MQTT end, at the embedded broker where there is one.
+/// Starts the MQTT task, at the embedded broker if there is one.
 fn start_mqtt(parts: mqtt::Parts, broker: Option<&Broker>) -> Result<MqttEnd, GatewayError> {
     Ok(if let Some(broker) = broker {
         MqttEnd::start_inside(parts, broker)
@@ -128,7 +128,7 @@ fn start_mqtt(parts: mqtt::Parts, broker: Option<&Broker>) -> Result<MqttEnd, Ga
     })
 }
 
-/// The listener of HTTP and its address.
+/// Opens the listener of HTTP and returns its address.
 fn listen(settings: &GatewaySettings) -> Result<(TcpListener, SocketAddr), GatewayError> {
     let address = settings.http_address()?;
     let listener = bind(HTTP_LISTEN, address)?;
@@ -136,14 +136,14 @@ fn listen(settings: &GatewaySettings) -> Result<(TcpListener, SocketAddr), Gatew
     Ok((listener, http_addr))
 }
 
-/// The access over HTTP.
+/// Creates the access control of HTTP.
 fn access(users: Option<Users>, settings: &GatewaySettings) -> Access {
     Access::new(users)
         .open_to(&settings.allow_origins)
         .stop_without_login(settings.hmi.stop_without_login)
 }
 
-/// The listener to machines at the shared broker.
+/// Starts the listener to machines at the shared broker.
 fn start_listener(listener: Listener<BrokerAddress>, shared: &Shared) {
     let listener = Arc::new(listener);
     let listening = move || {
@@ -156,7 +156,7 @@ fn start_listener(listener: Listener<BrokerAddress>, shared: &Shared) {
         .spawn(supervisor.restarted("listener to other machines", listening));
 }
 
-/// The HTTP server.
+/// Starts the HTTP server.
 fn start_http(
     listener: LimitedListener,
     router: Router,
@@ -170,11 +170,11 @@ fn start_http(
 }
 
 impl Gateway {
-    /// Starts all server ends. When it returns, HTTP and the embedded broker are ready; an external broker is connected
-    /// as soon as it is there.
+    /// Starts all servers. When it returns, HTTP and the embedded broker are ready; an external broker is connected as
+    /// soon as it is available.
     ///
     /// # Errors
-    /// A setting cannot be used, or a port is taken; nothing is left running.
+    /// Returns an error if a setting cannot be used, or if a port is taken; then no server runs.
     #[allow(
         clippy::unused_async,
         reason = "it starts tasks, so that it must be called in an executor"
@@ -223,7 +223,7 @@ impl Gateway {
         }
         let parts = mqtt::Parts {
             machine,
-            // an external broker has users of its own
+            // an external broker has its own users
             tokens: tokens.filter(|_| broker.is_some()),
             clients: broker.as_ref().map(Broker::sessions),
             settings: settings.mqtt,
@@ -257,14 +257,14 @@ impl Gateway {
         self.broker.as_ref().map(Broker::addr)
     }
 
-    /// Reads the token file again now; one that cannot be used changes nothing, and is logged. Without tokens nothing happens.
+    /// Reads the token file again. An invalid file changes nothing, and is logged. Without tokens nothing happens.
     pub fn read_tokens_again(&self) {
         if let Some(users) = self.shared.access.users() {
             users.tokens.read_again();
         }
     }
 
-    /// Publishes on MQTT that the runtime is offline, lets requests end, and stops all server ends, within about 5 s.
+    /// Publishes on MQTT that the runtime is offline, lets requests end, and stops all servers, within about 5 s.
     pub async fn shutdown(mut self) {
         self.shared.stop.cancel();
         self.shared.tasks.close();

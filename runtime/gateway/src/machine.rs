@@ -1,8 +1,8 @@
-//! The machine as the server ends see it: anybody may read it, and it carries out only requests that were authorized.
+//! The machine as the servers see it: every server may read it, but it executes only authorized requests.
 //!
-//! A row of the wire parses a request once. [`Machine::judge`] decides on the parsed value whether its user may make it, and
-//! [`Machine::carry_out`] carries out that same value. There is no other way to the port: a request that was not authorized does not
-//! compile.
+//! A row of the wire parses a request once. [`Machine::judge`] decides on the parsed value whether its user may make
+//! it, and [`Machine::carry_out`] executes that same value. There is no other path to the port: code that passes an
+//! unauthorized request does not compile.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -30,11 +30,11 @@ use crate::shares::Shares;
 #[derive(Clone)]
 pub(crate) struct Machine {
     port: Arc<dyn ServedPort>,
-    /// Shares of each user.
+    /// Request budget of each user.
     shares: Arc<Shares>,
 }
 
-/// Who makes a request.
+/// Origin of a request.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Caller<'a> {
     pub(crate) user: &'a User,
@@ -42,7 +42,7 @@ pub(crate) struct Caller<'a> {
     pub(crate) over: ServerTransport,
 }
 
-/// A request that its user may make. Only a [`Machine`] makes one.
+/// A request that its user may make. Only [`Machine`] creates it.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Authorized {
     request: Request,
@@ -50,12 +50,12 @@ pub(crate) struct Authorized {
 }
 
 impl Authorized {
-    /// What is asked.
+    /// The authorized request.
     pub(crate) fn request(&self) -> &Request {
         &self.request
     }
 
-    /// Has a command answered when it is accepted, not when it is done.
+    /// Has a command answered when it is accepted, not when it is finished.
     pub(crate) fn do_not_wait(&mut self) {
         if let Request::Command { wait, .. } = &mut self.request {
             *wait = false;
@@ -71,7 +71,7 @@ impl Machine {
         }
     }
 
-    /// Supervises the tasks of the server ends.
+    /// Supervisor of the servers' tasks.
     pub(crate) fn supervisor(&self) -> Supervisor {
         self.port.supervisor()
     }
@@ -116,7 +116,7 @@ impl Machine {
         })
     }
 
-    /// Has the journal tell of it.
+    /// Records an access in the journal.
     pub(crate) fn note(
         &self,
         what: AccessKind,
@@ -134,8 +134,8 @@ impl Machine {
         }));
     }
 
-    /// The same for a user whose token counts no more: that a handler of its name has gone is still believed, which is what
-    /// the last will of its connection says.
+    /// Authorizes a request of a user whose token is no longer valid. Only the report that the user's handler is
+    /// offline is accepted: the last will of its connection contains it.
     ///
     /// # Errors
     /// `forbidden` for everything else.
@@ -148,7 +148,7 @@ impl Machine {
         }
     }
 
-    /// That a handler has gone, which the server itself has seen: its connection has ended.
+    /// Creates the report that a handler is offline, after the server has seen its connection end.
     pub(crate) fn gone(handler_id: String, instance: Option<String>, over: ServerTransport) -> Authorized {
         Authorized {
             origin: Origin {
@@ -162,7 +162,7 @@ impl Machine {
         }
     }
 
-    /// Carries out what was judged.
+    /// Executes an authorized request.
     pub(crate) fn carry_out(&self, authorized: Authorized) -> BoxFuture<'_, Result<Answer, Refusal>> {
         self.shares.note(&authorized.request);
         self.port.request_from(authorized.origin, authorized.request)
@@ -188,7 +188,7 @@ impl Machine {
         self.port.subscribe(filter)
     }
 
-    /// Open outputs are published again, as redelivered; ends when that is done.
+    /// Publishes pending outputs again, as redelivered. Completes when all are published.
     pub(crate) fn republish(&self) -> BoxFuture<'static, ()> {
         let port = Arc::clone(&self.port);
         let republishing = async move { port.republish().await };
@@ -211,7 +211,7 @@ impl Machine {
     }
 }
 
-/// A request as its REST route.
+/// Formats a request as its REST route.
 fn name_of(request: &Request) -> String {
     match request {
         // a program may have 64 MiB

@@ -1,4 +1,4 @@
-//! Counters of the server ends, states of the machine, and timing of the servo thread, as Prometheus text.
+//! Counters of the servers, states of the machine, and timing of the servo thread, as Prometheus text.
 
 mod machine;
 
@@ -29,20 +29,20 @@ pub(crate) struct Metrics {
     pub(crate) broker: BrokerLink,
 }
 
-/// What is known of the connection to the broker.
+/// State of the connection to the broker.
 #[derive(Debug, Default)]
 pub(crate) struct BrokerLink(Mutex<LinkState>);
 
 #[derive(Debug, Default)]
 struct LinkState {
-    /// The external broker, and since when.
+    /// The external broker, and when it was connected.
     in_use: Option<(BrokerInUse, Instant)>,
     /// The last attempt has failed, or the connection was lost.
     is_lost: bool,
 }
 
 impl BrokerLink {
-    /// It is connected.
+    /// Records a connection.
     pub(crate) fn take(&self, broker: Option<BrokerInUse>) {
         *self.0.lock() = LinkState {
             in_use: broker.map(|broker| (broker, Instant::now())),
@@ -50,7 +50,7 @@ impl BrokerLink {
         };
     }
 
-    /// It is not, and an attempt has failed.
+    /// Records a lost connection or a failed attempt.
     pub(crate) fn lose(&self) {
         *self.0.lock() = LinkState {
             in_use: None,
@@ -137,7 +137,7 @@ impl Metrics {
 struct Text(String);
 
 impl Text {
-    /// Help and kind of a metric: its name says whether it only counts up.
+    /// Writes the help and kind of a metric. The name shows whether it is a counter.
     fn head(&mut self, name: &str, help: &str) {
         let kind = if name.ends_with("_total") {
             "counter"
@@ -185,7 +185,7 @@ impl Text {
         self.durations("tandem_servo_cycle", computing, &servo.computing);
     }
 
-    /// A histogram, whose buckets count all up to their bound, and its maximum.
+    /// Writes a histogram with cumulative buckets, and its maximum.
     fn durations(&mut self, name: &str, help: &str, durations: &Durations) {
         let _ = writeln!(
             self.0,

@@ -1,5 +1,6 @@
-//! MQTT over WebSocket, `/mqtt`: the embedded broker for pages in a browser. Its bytes are those of a connection over TCP, in
-//! binary frames; a packet may be in several, and a frame may have several. Who may connect is the broker's own business.
+//! MQTT over WebSocket, `/mqtt`: the embedded broker for pages in a browser. Its bytes are those of a connection over
+//! TCP, in binary frames; a packet may be in several, and a frame may contain several. The broker itself decides which
+//! clients may connect.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -18,19 +19,19 @@ use crate::server::Peer;
 use crate::shared::Shared;
 use crate::socket_limits;
 
-/// Where the broker answers.
+/// Path of the broker.
 const PATH: &str = "/mqtt";
 
 /// Sub-protocols of MQTT (MQTT 5, 6.0-3).
 const PROTOCOLS: [&str; 2] = ["mqtt", "mqttv3.1"];
 
-/// Connections over WebSocket; more get 503. Reason: each takes a place of HTTP before it says who it is.
+/// Connections over WebSocket; further ones get 503. Reason: each takes a slot of HTTP before it is authenticated.
 pub(crate) const SOCKETS_MAX: usize = 64;
 
 // the largest packet and some pongs have room
 const _: () = assert!(PACKET_MAX < socket_limits::UNSENT_BYTES_MAX);
 
-/// Its route; none without an entrance to the broker.
+/// Returns its route; none without an entrance to the broker.
 pub(crate) fn routes(entrance: Option<&Entrance>) -> Router<Arc<Shared>> {
     let Some(entrance) = entrance else {
         return Router::new();
@@ -59,7 +60,7 @@ fn upgrade_to(
         let text = format!("{SOCKETS_MAX} MQTT clients are connected over WebSocket, which is the limit");
         return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text).into_response();
     };
-    // a request that came over no connection is one of a test of the router
+    // a request without a connection comes from a test of the router
     let (address, certificate) = match peer {
         Some(peer) => (peer.address, peer.certificate),
         None => (IpAddr::V4(Ipv4Addr::LOCALHOST), None),

@@ -14,13 +14,13 @@ use crate::error::GatewayError;
 use crate::settings::{GatewaySettings, SHDR_LISTEN, bind};
 use crate::shared::Shared;
 
-/// Where the agent answers.
+/// Path of the agent.
 pub(crate) const ROOT: &str = "/mtconnect";
 
-/// Starts the agent of the settings, with its adapter; `None`: they have none.
+/// Starts the configured agent with its adapter. Returns `None` if none is configured.
 ///
 /// # Errors
-/// The adapter cannot listen.
+/// Returns an error if the adapter cannot listen.
 pub(crate) async fn start(
     settings: &GatewaySettings,
     port: Arc<dyn Port>,

@@ -1,7 +1,7 @@
 //! Other machines at the shared broker, for the page that shows several machines.
 //!
-//! A separate connection listens to them. It only reads, and exists only while somebody looks at that page; the machine's own
-//! connection is not affected. [`registry`] stores what the [`listener`] receives.
+//! A separate connection listens to them. It only reads, and exists only while that page is shown; the machine's own
+//! connection is not affected. [`registry`] stores the messages that the [`listener`] receives.
 
 mod listener;
 mod registry;
@@ -33,7 +33,7 @@ struct Heard {
 }
 
 impl Neighbours {
-    /// Of this machine, at an external broker or without one.
+    /// Creates the state for this machine, with an external broker or without one.
     pub(crate) fn new(machine: &str, addresses: Vec<String>, has_shared_broker: bool) -> Arc<Self> {
         Arc::new(Self {
             addresses,
@@ -50,7 +50,7 @@ impl Neighbours {
         })
     }
 
-    /// What is known now. While it is asked again and again it is kept up to date.
+    /// Returns the current data. Repeated calls keep it up to date.
     pub(crate) fn machines(&self) -> Machines {
         let now = Instant::now();
         let mut heard = self.heard.lock();

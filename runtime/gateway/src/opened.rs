@@ -1,10 +1,11 @@
-//! Checks settings that open the server to others: pages of other origins, and a folder of files.
+//! Checks settings that open the server to other computers: pages of other origins, and a folder of files.
 
 use std::path::{Path, PathBuf};
 
 use axum::http::uri::Authority;
 
-/// An origin as a browser writes it: scheme and host in small letters, and a port that is not the usual one.
+/// Whether a text is an origin as a browser writes it: scheme and host in small letters, and a port that is not the
+/// default.
 pub(crate) fn is_origin(text: &str) -> bool {
     let named = text
         .strip_prefix("https://")
@@ -21,7 +22,7 @@ pub(crate) fn is_origin(text: &str) -> bool {
     })
 }
 
-/// Why a folder cannot be served: it is none, or it holds what must stay secret.
+/// Returns why a folder cannot be served: it is no folder, or it contains secret files.
 pub(crate) fn folder_problem(dir: &Path, secrets: &[PathBuf]) -> Option<String> {
     let place = match dir.canonicalize() {
         Ok(place) if place.is_dir() => place,

@@ -1,8 +1,8 @@
-//! Only our own web pages may use the server. A page of another site in the same browser must not be able to start a
+//! Only the server's own web pages may use it. A page of another site in the same browser must not be able to start a
 //! machine, neither by its own request (CSRF) nor by a name that it resolves to the loopback (DNS rebinding). So on the
-//! loopback the Host must be a name of the loopback with our port, and so must the Origin, if there is one. On the network
-//! each request needs a token, which no other page has: there the Host may be any name, and an Origin must match it. Pages of the
-//! origins in `[http] allow_origins` may use it as well; they need a token, which they must have from their user.
+//! loopback the Host must be a name of the loopback with the server's port, and so must the Origin, if there is one. On
+//! the network each request needs a token, which no other page has: there the Host may be any name, and an Origin must
+//! match it. Pages of the origins in `[http] allow_origins` may use it as well; they need a token from their user.
 
 use std::collections::HashSet;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -17,11 +17,11 @@ use crate::contract::routes::ROUTES;
 use crate::problem::Problem;
 use crate::shared::Shared;
 
-/// How long a browser remembers what pages of another origin may send.
+/// How long a browser remembers the headers that pages of another origin may send.
 const PREFLIGHT_AGE: Duration = Duration::from_mins(10);
 
-/// Tells browsers that pages of these origins may read answers. They send their token in a header: nothing goes with a request by
-/// itself, such as a cookie.
+/// Allows pages of these origins to read responses. They send their token in a header; nothing is sent automatically,
+/// as a cookie would be.
 pub(crate) fn shared_with(origins: &[HeaderValue]) -> CorsLayer {
     CorsLayer::new()
         .allow_origin(AllowOrigin::list(origins.iter().cloned()))
@@ -31,7 +31,7 @@ pub(crate) fn shared_with(origins: &[HeaderValue]) -> CorsLayer {
         .max_age(PREFLIGHT_AGE)
 }
 
-/// The token and the type of a body, and the headers that routes list.
+/// Returns the headers of the token and of the body's type, and those that routes list.
 fn listed_headers() -> Vec<HeaderName> {
     let routes = ROUTES.values().flatten();
     let listed = routes.flat_map(|(route, _)| route.headers.parameters());
@@ -43,7 +43,7 @@ fn listed_headers() -> Vec<HeaderName> {
     all.into_iter().collect()
 }
 
-/// Admits requests with our Host, and our Origin or none.
+/// Admits requests with the server's own Host, and its own Origin or none.
 pub(crate) fn admit(shared: &Shared, request: &Request) -> Result<(), Problem> {
     check(
         request.uri(),
@@ -54,7 +54,8 @@ pub(crate) fn admit(shared: &Shared, request: &Request) -> Result<(), Problem> {
     )
 }
 
-/// A request may name its host twice: in its target (`GET http://host/path`) and in the Host header. Both must be the same.
+/// Checks the host of a request, which may be named twice: in its target (`GET http://host/path`) and in the Host
+/// header. Both must be the same.
 fn check(
     target: &Uri,
     headers: &HeaderMap,
@@ -85,7 +86,7 @@ fn check(
         let is_ours = if own.ip().is_loopback() {
             of == scheme && is_own(page, own, scheme)
         } else {
-            // a reverse proxy may speak https
+            // a reverse proxy may use https
             [scheme, "https"].contains(&of) && page == host
         };
         if !is_ours {
@@ -97,7 +98,7 @@ fn check(
     Ok(())
 }
 
-/// True for a loopback name or address with our port, or the address listened on.
+/// True for a loopback name or address with the server's port, or the address listened on.
 fn is_own(host: &str, own: SocketAddr, scheme: &str) -> bool {
     let usual = if scheme == "https" { "443" } else { "80" };
     let (name, port) = match host.rsplit_once(':') {

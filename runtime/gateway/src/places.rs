@@ -1,8 +1,8 @@
-//! Places for connections: how many there are, and which connection gives way when none is free.
+//! Connection slots: their number, and which connection is evicted when none is free.
 //!
-//! A connection is a stranger until its client has identified itself. Strangers give way to newcomers: those of the host with the
-//! most of them, the oldest first. Then idle connections of known clients give way. So hosts without a token cannot lock anybody out,
-//! and a newcomer always has room to show its token.
+//! A connection is a stranger until its client is authenticated. A new connection first evicts strangers: the oldest
+//! one of the host with the most strangers. If there are none, it evicts idle connections of known clients. So hosts
+//! without a token cannot block the server, and a new connection always has a slot in which to show its token.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};
@@ -14,21 +14,22 @@ use parking_lot::Mutex;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-/// How many connections may be open.
+/// Limits of open connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PlaceLimits {
-    /// All.
+    /// All connections.
     pub(crate) all: usize,
-    /// Of one host. Reason: one host must not take all. The loopback may.
+    /// Connections of one host. Reason: one host must not take all slots. The loopback may.
     pub(crate) of_one: usize,
-    /// Strangers.
+    /// Connections of strangers.
     pub(crate) strangers: usize,
-    /// Known ones: fewer than all, so that there are always places for strangers.
+    /// Connections of known clients: fewer than all, so that slots for strangers remain.
     pub(crate) known: usize,
 }
 
 impl PlaceLimits {
-    /// The same for so many files in place of those that all listeners want, but never fewer than eight connections.
+    /// Scales the limits to the available files, relative to those that all listeners want, but never below eight
+    /// connections.
     pub(crate) fn scaled(self, files: u64, wanted: u64) -> Self {
         let files = usize::try_from(files.min(wanted)).unwrap_or(usize::MAX);
         let wanted = usize::try_from(wanted).unwrap_or(usize::MAX).max(1);
@@ -42,7 +43,7 @@ impl PlaceLimits {
     }
 }
 
-/// The host of an address. One host has as many IPv6 addresses as it likes, all with the same first 64 bits.
+/// Returns the host of an address. One host can use any number of IPv6 addresses, all with the same first 64 bits.
 pub(crate) fn host_of(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) if !v6.is_loopback() => Ipv6Addr::from_bits(v6.to_bits() >> 64 << 64).into(),
@@ -50,7 +51,7 @@ pub(crate) fn host_of(address: IpAddr) -> IpAddr {
     }
 }
 
-/// The places of one listener.
+/// Connection slots of one listener.
 #[derive(Debug)]
 pub(crate) struct Places {
     limits: PlaceLimits,
@@ -69,14 +70,14 @@ struct Table {
 struct Open {
     host: IpAddr,
     is_known: bool,
-    /// Requests that it waits for.
+    /// Pending requests of the connection.
     busy: u32,
-    /// When bytes went last, ms since the listener began.
+    /// When bytes were last transferred, in ms since the start of the listener.
     moved_ms: Arc<AtomicU64>,
     leave: CancellationToken,
 }
 
-/// A place of one connection; it is free again when this is dropped.
+/// Connection slot; it becomes free when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Place {
     number: u64,
@@ -85,7 +86,7 @@ pub(crate) struct Place {
     leave: CancellationToken,
 }
 
-/// A request that its connection waits for: it does not give way meanwhile.
+/// Pending request of a connection, which is not evicted meanwhile.
 #[derive(Debug)]
 pub(crate) struct Busy(Arc<Place>);
 
@@ -98,7 +99,7 @@ impl Places {
         })
     }
 
-    /// A place for one more connection; others give way for it. `None`: there is none for its host.
+    /// Takes a slot for a new connection, if necessary by eviction. Returns `None` if its host can have none.
     pub(crate) fn take(self: &Arc<Self>, address: IpAddr) -> Option<Place> {
         let host = host_of(address);
         let (moved_ms, leave) = (Arc::new(AtomicU64::new(self.now_ms())), CancellationToken::new());
@@ -135,7 +136,7 @@ impl Places {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// Open connections, and how many of them are known.
+    /// Returns the numbers of open connections and of known ones.
     #[cfg(test)]
     pub(crate) fn counts(&self) -> (usize, usize) {
         let table = self.table.lock();
@@ -148,7 +149,7 @@ impl Table {
         self.open.values().filter(|open| fits(open)).count()
     }
 
-    /// One of those that fit gives way. False when none may.
+    /// Evicts one of the connections that `fits` accepts. Returns `false` if none may be evicted.
     fn give_way(&mut self, fits: impl Fn(&Open) -> bool) -> bool {
         let mut strangers: HashMap<IpAddr, usize> = HashMap::new();
         for open in self.open.values().filter(|open| !open.is_known) {
@@ -174,10 +175,10 @@ impl Table {
 }
 
 impl Place {
-    /// Its client has shown who it is. False when there is no place for one more that is known, so that it stays a stranger, and
-    /// when it has given way.
+    /// Marks the client as authenticated. Returns `false` if the slots of known clients are used up, so that it stays a
+    /// stranger, and if it was evicted.
     ///
-    /// So many of the places of known ones are `reserved` for others.
+    /// `reserved` slots of known clients are kept for other clients.
     pub(crate) fn know(&self, reserved: usize) -> bool {
         let mut table = self.places.table.lock();
         match table.open.get(&self.number) {
@@ -197,37 +198,37 @@ impl Place {
         true
     }
 
-    /// Whether its client has shown who it is.
+    /// Whether the client is authenticated.
     pub(crate) fn is_known(&self) -> bool {
         let table = self.places.table.lock();
         table.open.get(&self.number).is_some_and(|open| open.is_known)
     }
 
-    /// It does not give way while it has this. `None` when it has given way.
+    /// Protects the connection from eviction while the result exists. Returns `None` if it was already evicted.
     pub(crate) fn busy(self: &Arc<Self>) -> Option<Busy> {
         let mut table = self.places.table.lock();
         table.open.get_mut(&self.number)?.busy += 1;
         Some(Busy(Arc::clone(self)))
     }
 
-    /// From now on it does not give way.
+    /// Protects the connection from eviction permanently.
     pub(crate) fn stay(&self) {
         if let Some(open) = self.places.table.lock().open.get_mut(&self.number) {
             open.busy += 1;
         }
     }
 
-    /// Bytes went.
+    /// Records that bytes were transferred.
     pub(crate) fn moved(&self) {
         self.moved_ms.store(self.places.now_ms(), Ordering::Relaxed);
     }
 
-    /// Known connections that there may be.
+    /// Limit of known connections.
     pub(crate) fn known_max(&self) -> usize {
         self.places.limits.known
     }
 
-    /// Cancelled when it gives way.
+    /// Token that is cancelled when the connection is evicted.
     pub(crate) fn leave(&self) -> CancellationToken {
         self.leave.clone()
     }
@@ -248,7 +249,7 @@ impl Drop for Busy {
     }
 }
 
-/// Time after which a listener that the system has no file for tries again.
+/// Delay before a listener accepts again after the system had no file descriptor for it.
 pub(crate) const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 
 #[cfg(test)]

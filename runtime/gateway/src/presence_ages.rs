@@ -1,8 +1,9 @@
-//! Ages of handlers' presences. A handler repeats its presence; one that is too old counts as gone, as if its last will had arrived:
-//! when a node of a broker dies, it publishes no last wills.
+//! Ages of handlers' presences. A handler repeats its presence. If the latest one is too old, the handler is treated as
+//! offline, as after its last will: a node of a broker that fails publishes no last wills.
 //!
-//! Pure; the time is a parameter. The age counts from the arrival of a message, and only while the receiver is connected: it starts
-//! anew with each connection. A retained presence renews nothing: it shows that a handler was there, not that it still is.
+//! Pure; the time is a parameter. The age starts at the arrival of a message, runs only while the receiver is
+//! connected, and restarts with each connection. A retained presence does not renew it: it only shows that the handler
+//! was online earlier.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,7 +12,7 @@ use plc_api::handler_registry::HANDLERS_MAX;
 use plc_api::types::output::HandlerPresence;
 use tokio::time::Instant;
 
-/// Presences that are watched. Reason: of each handler the instance that is there, and one that wants its place.
+/// Limit of watched presences. Reason: for each handler, the current instance and one that waits to replace it.
 const WATCHED_MAX: usize = 2 * HANDLERS_MAX;
 
 /// A handler and its instance.
@@ -21,7 +22,7 @@ pub(crate) type Named = (String, Option<String>);
 #[derive(Debug, Default)]
 pub(crate) struct PresenceAges {
     ages: BTreeMap<Named, Age>,
-    /// There is no connection: no age counts.
+    /// There is no connection, so no age increases.
     is_paused: bool,
 }
 
@@ -29,12 +30,12 @@ pub(crate) struct PresenceAges {
 struct Age {
     expires: Duration,
     heard: Instant,
-    /// A presence with the retain flag on this connection is one that was published before it.
+    /// On this connection, a presence with the retain flag was published before the connection began.
     may_be_retained: bool,
 }
 
 impl PresenceAges {
-    /// A handler says its presence.
+    /// Records a received presence.
     pub(crate) fn hear(&mut self, id: &str, presence: &HandlerPresence, retain: bool, now: Instant) {
         let named = (id.to_owned(), presence.instance.clone());
         let Some(expires_ms) = presence.expires_ms.filter(|_| presence.online) else {
@@ -53,13 +54,13 @@ impl PresenceAges {
         }
     }
 
-    /// False if no further presence can be watched, and this one is not.
+    /// Returns `false` if the limit is reached and this presence is not watched yet.
     pub(crate) fn has_room(&self, id: &str, presence: &HandlerPresence) -> bool {
         let named = (id.to_owned(), presence.instance.clone());
         self.ages.len() < WATCHED_MAX || self.ages.contains_key(&named)
     }
 
-    /// The receiver is connected anew: what it did not hear, nobody could say to it.
+    /// Restarts all ages after a reconnect, because no presence could arrive in the meantime.
     pub(crate) fn begin_anew(&mut self, now: Instant) {
         self.is_paused = false;
         for age in self.ages.values_mut() {
@@ -68,18 +69,18 @@ impl PresenceAges {
         }
     }
 
-    /// The connection is lost.
+    /// Stops all ages: the connection is lost.
     pub(crate) fn pause(&mut self) {
         self.is_paused = true;
     }
 
-    /// When the first of them is too old, unless it is heard.
+    /// Returns when the first presence expires if it is not renewed.
     pub(crate) fn next_end(&self) -> Option<Instant> {
         let ages = self.ages.values().filter(|_| !self.is_paused);
         ages.map(Age::end).min()
     }
 
-    /// Takes those that are too old.
+    /// Removes and returns the expired presences.
     pub(crate) fn take_ended(&mut self, now: Instant) -> Vec<Named> {
         let is_paused = self.is_paused;
         let ended = self.ages.extract_if(.., |_, age| !is_paused && age.end() <= now);

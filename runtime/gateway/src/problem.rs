@@ -8,11 +8,11 @@ use axum::response::{IntoResponse, Response};
 use plc_api::types::refusal::Refusal;
 use plc_api::wire::problem::Problem as Details;
 
-/// A refusal as problem details. Boxed, because it is the rare result of every handler.
+/// A rejection as problem details. Boxed, because it is the rare result of every handler.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Problem {
     details: Box<Details>,
-    /// When it is worth another try, whole seconds.
+    /// Time before a retry, whole seconds.
     retry_after_s: Option<u64>,
 }
 
@@ -21,7 +21,7 @@ impl Problem {
         Details::new(status.as_u16(), code, detail).into()
     }
 
-    /// With when it is worth another try, rounded up to whole seconds.
+    /// Adds the time before a retry, rounded up to whole seconds.
     pub(crate) fn retry_after(mut self, wait: Duration) -> Self {
         self.retry_after_s = Some(
             wait.as_millis()

@@ -5,17 +5,17 @@ use std::fs::read_to_string;
 /// Clock ticks of a second in `/proc/self/stat`, the same on every Linux.
 const TICKS_PER_SECOND: f64 = 100.0;
 
-/// What a process has taken so far.
+/// Resources that a process has used so far.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Usage {
-    /// Time of all cores, s; `None` where the system does not tell.
+    /// Time of all cores, s; `None` if the system does not provide it.
     pub cpu_s: Option<f64>,
-    /// Memory that is resident, bytes; `None` where the system does not tell.
+    /// Resident memory, bytes; `None` if the system does not provide it.
     pub resident_bytes: Option<u64>,
 }
 
 impl Usage {
-    /// That of this process, now.
+    /// Returns the current usage of this process.
     pub fn now() -> Self {
         let read = |name| read_to_string(format!("/proc/self/{name}")).unwrap_or_default();
         Self {
@@ -25,7 +25,7 @@ impl Usage {
     }
 }
 
-/// User and system time of `/proc/self/stat`: fields 14 and 15, counted behind the name in parentheses.
+/// Returns user and system time of `/proc/self/stat`: fields 14 and 15, counted after the name in parentheses.
 fn cpu_s(stat: &str) -> Option<f64> {
     let (_, behind) = stat.rsplit_once(')')?;
     let mut fields = behind.split_whitespace().skip(11);

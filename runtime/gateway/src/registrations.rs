@@ -1,4 +1,4 @@
-//! Handlers that registered by a request of HTTP. The age of its presence alone shows that such a handler is there.
+//! Handlers that registered by an HTTP request. Only the age of its presence shows whether such a handler is online.
 
 use std::time::Duration;
 
@@ -13,8 +13,8 @@ use tracing::warn;
 use crate::machine::Machine;
 use crate::presence_ages::PresenceAges;
 
-/// Delay of the watch from which on this process counts as stalled. Reason: requests that came in the meantime are not read yet, so
-/// all presences get their time anew.
+/// Delay of the watch above which this process is treated as stalled. Reason: requests that arrived meanwhile are not
+/// read yet, so the ages of all presences restart.
 const STALL: Duration = Duration::from_millis(200);
 
 /// Handlers that registered over HTTP.
@@ -25,10 +25,10 @@ pub(crate) struct Registrations {
 }
 
 impl Registrations {
-    /// Watches the age of a presence that is about to be sent to the machine.
+    /// Watches the age of a presence that will be sent to the machine.
     ///
     /// # Errors
-    /// `unavailable`: as many are watched as can be.
+    /// Returns `unavailable` if the limit of watched presences is reached.
     pub(crate) fn begin(&self, id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
         let mut ages = self.ages.lock();
         if !ages.has_room(id, presence) {
@@ -41,7 +41,7 @@ impl Registrations {
         Ok(())
     }
 
-    /// The machine did not accept the presence, or the handler has left.
+    /// Ends the watch: the machine did not accept the presence, or the handler has left.
     pub(crate) fn end(&self, id: &str, instance: Option<&String>) {
         let gone = HandlerPresence::gone(instance.cloned());
         self.ages.lock().hear(id, &gone, false, Instant::now());
@@ -64,7 +64,7 @@ impl Registrations {
             for (id, instance) in ended {
                 warn!("handler {id:?} did not register again within its expires_ms: it is lost");
                 let gone = Machine::gone(id, instance, ServerTransport::Rest);
-                // a runtime that stops refuses it
+                // fails if the runtime is stopping
                 let _ = machine.carry_out(gone).await;
             }
         }
@@ -87,7 +87,7 @@ mod tests {
         }
     }
 
-    /// Handlers that were reported as gone.
+    /// Returns the handlers that were reported as offline.
     fn gone(port: &StubPort) -> Vec<String> {
         let asked = port.asked();
         let gone = asked.into_iter().filter_map(|request| match request {

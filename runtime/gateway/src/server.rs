@@ -1,4 +1,4 @@
-//! The HTTP server: places of connections, the size of headers, and the end of silent connections. It speaks HTTP/1.1 only.
+//! The HTTP server: connection slots, limits on headers, and the end of silent connections. It speaks HTTP/1.1 only.
 
 use std::future::Future;
 use std::io;
@@ -44,30 +44,30 @@ pub(crate) const PLACES: PlaceLimits = PlaceLimits {
 /// the pings of a WebSocket.
 const SILENCE_MAX: Duration = Duration::from_secs(75);
 
-/// Time in which a client must take what it was sent, to which each byte that it takes adds as much as it may need by
-/// [`TAKEN_RATE_MIN`]; then its connection is closed. Reason: what it does not take stays in memory.
+/// Time within which a client must read the data sent to it. Each byte that it reads extends it at [`TAKEN_RATE_MIN`];
+/// then its connection is closed. Reason: unread data stays in memory.
 const UNTAKEN_MAX: Duration = Duration::from_secs(20);
 
 /// Bytes per second: the largest answer takes 17 minutes at this rate.
 const TAKEN_RATE_MIN: u32 = 64 * 1024;
 
-/// Time to receive the head of a request; then its connection is closed.
+/// Time to receive the header of a request; then its connection is closed.
 pub(crate) const HEADER_MAX: Duration = Duration::from_secs(10);
 
 /// Header lines of one request; more are 431.
 const HEADER_LINES_MAX: usize = 64;
 
-/// Bytes of the head of one request; more are 431.
+/// Bytes of the header of one request; more are 431.
 const HEADER_BYTES_MAX: usize = 64 * 1024;
 
-/// Time to hand the refusal of a client without TLS to its connection.
+/// Time to send the rejection to a client without TLS.
 const REFUSAL_MAX: Duration = Duration::from_secs(2);
 
-/// Who is at the other end of a connection.
+/// Client of a connection.
 #[derive(Debug, Clone)]
 pub(crate) struct Peer {
     pub(crate) address: IpAddr,
-    /// The certificate that it has shown.
+    /// Certificate that the client has presented.
     pub(crate) certificate: Option<Fingerprint>,
 }
 
@@ -89,7 +89,7 @@ pub(crate) async fn serve(
         .timer(TokioTimer::new())
         .header_read_timeout(header_max)
         .max_headers(HEADER_LINES_MAX)
-        // a body is written from where it lies: what it holds is released when it is written
+        // a body is written without a copy: its memory is released once it is written
         .writev(true)
         .max_buf_size(HEADER_BYTES_MAX);
     let connections = TaskTracker::new();
@@ -136,7 +136,7 @@ pub(crate) async fn serve(
     connections.wait().await;
 }
 
-/// The connection of a client that speaks TLS where there is a certificate; another is told so.
+/// Accepts a client. If there is a certificate and the client does not use TLS, it receives a rejection.
 async fn let_in(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accepted> {
     let Some(tls) = tls else {
         return Some(Accepted::plain(stream));
@@ -154,27 +154,28 @@ async fn let_in(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accepted> {
         accepted.stream.write_all(answer.as_bytes()).await?;
         accepted.stream.shutdown().await
     };
-    // a client that does not take it has gone
+    // a client that does not read it has disconnected
     let _ = tokio::time::timeout(REFUSAL_MAX, refusing).await;
     None
 }
 
-/// Requests that are served also where there is no place for others: what brings a machine to rest.
+/// Requests that are served even without a free slot: those that stop a machine.
 pub(crate) fn is_urgent(method: &Method, path: &str) -> bool {
     let last: StrDeserializer<'_, ValueError> =
         path.rsplit('/').next().unwrap_or_default().into_deserializer();
     method == Method::POST && Verb::deserialize(last).is_ok_and(Verb::is_urgent)
 }
 
-/// The place of a connection while one of its requests is served.
+/// Connection slot while one of its requests is served.
 pub(crate) struct HeldPlace {
     place: Arc<Place>,
     is_known: bool,
-    /// `None`: it is not to be served.
+    /// `None` if the request must not be served.
     busy: Option<Busy>,
 }
 
-/// Whoever shows a token, or needs none, is known from then on. `None` without a connection: a test of the router.
+/// Marks the client as known if it presents a token or needs none. Returns `None` without a connection, in a test of
+/// the router.
 pub(crate) fn hold_place(shared: &Shared, request: &Request) -> Option<HeldPlace> {
     let place = Arc::clone(request.extensions().get::<Arc<Place>>()?);
     let is_user = place.is_known()
@@ -197,7 +198,7 @@ impl HeldPlace {
         self.busy.is_some()
     }
 
-    /// The answer to a request that is not served.
+    /// Returns the response to a request that is not served.
     pub(crate) fn refusal(&self) -> Problem {
         let text = format!(
             "{} connections are busy, which is the limit; only hold, stop and abort are taken now",
@@ -206,10 +207,10 @@ impl HeldPlace {
         Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
     }
 
-    /// Who is not known is answered once, and the connection is closed.
+    /// Closes the connection of an unknown client after one response.
     pub(crate) fn answered(self, response: &mut Response) {
         if response.status() == StatusCode::SWITCHING_PROTOCOLS {
-            // from now on it is a WebSocket, which has a limit of its own
+            // from now on it is a WebSocket, which has its own limit
             self.place.stay();
         } else if !self.is_known {
             let close = HeaderValue::from_static("close");
@@ -260,10 +261,10 @@ impl LimitedListener {
     }
 }
 
-/// A connection that is closed when it stays silent, and that is not read while its client does not take what it was sent.
+/// A connection that is closed when it stays silent, and that is not read while its client does not read the sent data.
 ///
-/// The layers above answer some of what they read without being asked (the pong of a ping), into a buffer of their own. So
-/// that the client decides how fast that buffer empties, it must not decide how fast it fills.
+/// The layers above answer some input automatically (the pong of a ping), into a buffer of their own. The client
+/// decides how fast that buffer empties, so it must not decide how fast it fills.
 #[derive(Debug)]
 pub(crate) struct Connection {
     stream: ClientStream,
@@ -271,9 +272,9 @@ pub(crate) struct Connection {
     place: Arc<Place>,
     /// The latest write found no room.
     is_blocked: bool,
-    /// When the connection is closed, unless the client has taken all that it was sent until then.
+    /// When the connection is closed, unless the client has read all sent data by then.
     untaken: Option<Pin<Box<Sleep>>>,
-    /// The reader that waits for that room.
+    /// The reader that waits for room.
     reader: Option<Waker>,
 }
 
@@ -306,7 +307,7 @@ impl Connection {
         }
     }
 
-    /// Notes what a write or flush of the layers above has found, and wakes the reader that waits for room.
+    /// Records the result of a write or flush of the layers above, and wakes the reader that waits for room.
     fn note_room<T>(&mut self, result: &Poll<io::Result<T>>) {
         self.is_blocked = result.is_pending();
         if self.is_blocked {
@@ -332,7 +333,7 @@ impl Connection {
         self.watched(context, result)
     }
 
-    /// Returns `true` if the client has not taken in time what it was sent.
+    /// Returns `true` if the client has not read the sent data within the limit.
     fn is_deaf(&mut self, context: &mut Context<'_>) -> bool {
         (self.untaken.as_mut()).is_some_and(|untaken| untaken.as_mut().poll(context).is_ready())
     }
@@ -412,7 +413,7 @@ mod tests {
         drop(client);
     }
 
-    /// A connection whose client has taken nothing of what it was sent, and that client.
+    /// Returns a connection whose client has not read any sent data, and that client.
     async fn blocked() -> (Connection, TcpStream) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let listener = LimitedListener::new(listener, PLACES);

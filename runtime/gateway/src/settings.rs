@@ -1,4 +1,4 @@
-//! Settings of the server ends, which the runtime reads from its configuration file.
+//! Settings of the gateway's servers, read by the runtime from its configuration file.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -18,30 +18,31 @@ use crate::error::GatewayError;
 use crate::opened::{folder_problem, is_origin};
 use crate::tls::{LiveTls, ServerTls};
 
-/// Settings of all server ends of one machine.
+/// Settings of all servers of one machine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GatewaySettings {
     /// Machine name: the level of MQTT topics below `{prefix}/tandem/v1/`. 1 to 32 of `a`-`z`, `0`-`9`, `-`.
     pub machine: String,
     /// `[http] listen`: address and port of REST, WebSocket and HMI. Port 0 takes any free port.
     pub http_listen: String,
-    /// `[tls]`: TLS of HTTP, WebSocket and the embedded broker; `None`: without.
+    /// `[tls]`: TLS of HTTP, WebSocket and the embedded broker. `None` disables TLS.
     pub tls: Option<ServerTls>,
     /// `[mqtt]`: the broker, embedded or external.
     pub mqtt: MqttSettings,
-    /// `[http] token_file`: the users of HTTP and of the embedded broker. `None`: everyone on the loopback may do
-    /// everything, and the servers listen on the loopback only.
+    /// `[http] token_file`: the users of HTTP and of the embedded broker. If it is `None`, every client on the loopback
+    /// has all rights, and the servers listen on the loopback only.
     pub tokens: Option<Arc<Tokens>>,
-    /// `[mtconnect]`; `None`: without it.
+    /// `[mtconnect]`. `None` disables MTConnect.
     pub mtconnect: Option<MtconnectSettings>,
-    /// `[http] login_idle_s`: a login without activity for this long ends; `None`: only after 12 h.
+    /// `[http] login_idle_s`: a login ends after this time without activity. If it is `None`, only the limit of 12 h
+    /// applies.
     pub login_idle: Option<Duration>,
-    /// `[http] allow_origins`: origins whose pages may use HTTP and WebSocket, besides its own; they need tokens. At most
-    /// 16.
+    /// `[http] allow_origins`: origins whose pages may use HTTP and WebSocket, in addition to its own; they need
+    /// tokens. At most 16.
     pub allow_origins: Vec<String>,
-    /// `[http] public_url`: origin of the HMI as others reach it; `None`: not said.
+    /// `[http] public_url`: origin under which clients reach the HMI. `None` if it is not configured.
     pub public_url: Option<String>,
-    /// `[hmi]`: what a machine builder has added to the HMI.
+    /// `[hmi]`: the machine builder's additions to the HMI.
     pub hmi: HmiSettings,
     /// Shortest time between two positions of one coordinate system on MQTT and on a WebSocket, ms. 20 to 10 000.
     pub position_interval_ms: u64,
@@ -52,42 +53,44 @@ pub struct GatewaySettings {
 pub struct MtconnectSettings {
     /// `[mtconnect] version`: version of the documents.
     pub version: MtconnectVersion,
-    /// `[mtconnect] emergency_stop`: name of the input that is on while the emergency stop is not pressed. `None`: without it.
+    /// `[mtconnect] emergency_stop`: name of the input that is on while the emergency stop is not pressed. `None` if
+    /// there is no such input.
     pub emergency_stop: Option<String>,
-    /// `[mtconnect] shdr_listen`: address and port of the adapter, on the loopback. Port 0 takes any free port. `None`: without it.
+    /// `[mtconnect] shdr_listen`: address and port of the adapter, on the loopback. Port 0 takes any free port. `None`
+    /// disables the adapter.
     pub shdr_listen: Option<String>,
 }
 
-/// What a machine builder has added to the HMI.
+/// The machine builder's additions to the HMI.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct HmiSettings {
-    /// `[hmi] dir`: folder that is served below `/hmi/`; `None`: none.
+    /// `[hmi] dir`: folder that is served below `/hmi/`. `None` if no folder is served.
     pub dir: Option<PathBuf>,
     /// `[hmi] machines`: origins of further machines on one page, at most 31.
     pub machines: Vec<String>,
-    /// Files and folders that must not lie in `dir`, nor around it.
+    /// Files and folders that must lie neither inside `dir` nor in a folder that contains it.
     pub secrets: Vec<PathBuf>,
-    /// `[hmi] stop_without_login`: everyone who reaches the HMI may hold, stop and abort.
+    /// `[hmi] stop_without_login`: every client that reaches the HMI may hold, stop and abort.
     pub stop_without_login: bool,
     /// `[[hmi.button]]` and `[[hmi.card]]`.
     pub added: Hmi,
 }
 
-/// Settings of the MQTT end.
+/// Settings of MQTT.
 #[derive(Clone, PartialEq, Eq)]
 pub struct MqttSettings {
-    /// `[mqtt] listen`: address and port of the embedded broker. Port 0 takes any free port. `None`: an external
-    /// broker.
+    /// `[mqtt] listen`: address and port of the embedded broker. Port 0 takes any free port. `None` if the broker is
+    /// external.
     pub embedded_listen: Option<String>,
-    /// `[mqtt] websocket`: the embedded broker answers at `/mqtt` of HTTP, too, over WebSocket; it needs tokens.
+    /// `[mqtt] websocket`: the embedded broker also serves MQTT over WebSocket, at `/mqtt` of HTTP. It needs tokens.
     pub websocket: bool,
-    /// `[mqtt] accept_unverified_senders`: behind an external broker, requests on topics that do not name their senders are taken:
-    /// whoever may publish there can write any sender into the payload.
+    /// `[mqtt] accept_unverified_senders`: with an external broker, accepts requests on topics that do not name their
+    /// senders. Any client that may publish there can then write any sender into the payload.
     pub accept_unverified_senders: bool,
-    /// Host name or address, and port of each external broker, or of each node of one: the first that answers is used, until it
-    /// is lost.
+    /// Host (name or address) and port of each external broker, or of each node of one cluster. The first that answers
+    /// is used until its connection is lost.
     pub brokers: Vec<(String, u16)>,
-    /// TLS to the external broker; `None`: without.
+    /// TLS to the external broker. `None` disables TLS.
     pub tls: Option<TlsFiles>,
     /// User at the external broker.
     pub username: Option<String>,
@@ -159,19 +162,19 @@ pub const MQTT_LISTEN: &str = "[mqtt] listen";
 /// Name of the setting of the address of the SHDR adapter, for messages.
 pub(crate) const SHDR_LISTEN: &str = "[mtconnect] shdr_listen";
 
-/// Origins of others that may be allowed. Reason: each request is compared with them.
+/// Limit of allowed foreign origins. Reason: each request is compared with them.
 pub const ORIGINS_MAX: usize = 16;
 
-/// Addresses of further machines. Reason: the page connects to each, and with this one they are 32.
+/// Limit of addresses of further machines. Reason: the page connects to each of them; with this machine they are 32.
 pub const MACHINES_MAX: usize = 31;
 
-/// Why a setting is refused that opens the server to others.
+/// Reason for rejecting a setting that opens the server to other computers.
 const NEEDS_USERS: &str =
     "this needs users; make tokens with tandem token and name their file in [http] token_file";
 
 impl GatewaySettings {
-    /// Everything that prevents these settings from being served, as far as it can be known without opening a port: values,
-    /// addresses, and the TLS files, which are read. Empty if there is nothing.
+    /// Returns all problems of these settings that can be found without opening a port: values, addresses, and the TLS
+    /// files, which are read. Empty if there is none.
     pub fn problems(&self) -> Vec<GatewayError> {
         let mut problems: Vec<_> = self.check_values().err().into_iter().collect();
         let (http, mqtt) = (self.http_address(), self.mqtt_address());
@@ -206,7 +209,7 @@ impl GatewaySettings {
         problems
     }
 
-    /// What is wrong with MQTT over WebSocket.
+    /// Returns the error in the settings of MQTT over WebSocket.
     fn websocket_problem(&self) -> Option<GatewayError> {
         let text = match (self.mqtt.websocket, &self.mqtt.embedded_listen, &self.tokens) {
             (true, None, _) => "this is for broker = \"embedded\"; an external one has its own".to_owned(),
@@ -222,7 +225,7 @@ impl GatewaySettings {
         })
     }
 
-    /// What is wrong with the origins of others.
+    /// Returns the error in the allowed foreign origins.
     fn origin_problem(&self) -> Option<GatewayError> {
         let wrong = |value: &str, text: String| {
             Some(GatewayError::Setting {
@@ -246,7 +249,7 @@ impl GatewaySettings {
         wrong(other, text.to_owned())
     }
 
-    /// What is wrong with the addresses of this machine and of others.
+    /// Returns the error in the addresses of this machine and of further machines.
     fn machines_problem(&self) -> Option<GatewayError> {
         let wrong = |setting, value: &str, text: String| {
             Some(GatewayError::Setting {
@@ -289,7 +292,8 @@ impl GatewaySettings {
             .transpose()
     }
 
-    /// The address of the SHDR adapter, if there is one: it knows no users, so that it is on the loopback only.
+    /// Returns the address of the SHDR adapter, if it is configured. SHDR has no users, so the adapter listens on the
+    /// loopback only.
     pub(crate) fn shdr_address(&self) -> Result<Option<SocketAddr>, GatewayError> {
         let listen = self
             .mtconnect
@@ -371,7 +375,7 @@ impl MqttSettings {
         format!("{}{machine}/", self.base())
     }
 
-    /// What is before the names of machines in topics.
+    /// Returns the part of a topic before the machine name.
     pub(crate) fn base(&self) -> String {
         match self.prefix.as_str() {
             "" => "tandem/v1/".to_owned(),
@@ -394,7 +398,7 @@ fn is_prefix(prefix: &str) -> bool {
     prefix.is_empty() || prefix.len() <= 128 && !prefix.starts_with('$') && prefix.split('/').all(is_level)
 }
 
-/// Whether two listeners want the same port.
+/// Whether two listeners need the same port.
 fn share_a_port(one: SocketAddr, other: SocketAddr) -> bool {
     let overlap = one.ip() == other.ip() || one.ip().is_unspecified() || other.ip().is_unspecified();
     overlap && one.port() == other.port() && one.port() != 0
@@ -422,8 +426,8 @@ fn listen_address(setting: &'static str, value: &str, has_tokens: bool) -> Resul
     }
 }
 
-/// Connections that the system keeps until they are taken. Reason: in a flood the system tells a client that finds no place to
-/// come again only after a second.
+/// Connections that the system queues until they are accepted. Reason: if the queue is full, the client retries only
+/// after a second.
 const BACKLOG: u32 = 4096;
 
 /// Listens on the address of a setting.
@@ -433,7 +437,7 @@ pub(crate) fn bind(setting: &'static str, address: SocketAddr) -> Result<TcpList
             SocketAddr::V4(_) => TcpSocket::new_v4(),
             SocketAddr::V6(_) => TcpSocket::new_v6(),
         }?;
-        // a runtime that starts again need not wait until old connections are forgotten
+        // so that a restarted runtime need not wait until the system has forgotten the previous connections
         socket.set_reuseaddr(true)?;
         socket.bind(address)?;
         socket.listen(BACKLOG)

@@ -28,20 +28,20 @@ use crate::settings::{HmiSettings, MqttSettings};
 use crate::unread::{LargeRequests, UnreadAnswers};
 use crate::urgent_slots::UrgentSlots;
 
-/// Commands over REST without an answer yet; more get 503. They continue when their client disconnects.
+/// Limit of unanswered commands over REST; further ones get 503. They continue when their client disconnects.
 const COMMANDS_MAX: usize = 256;
 
-/// Holds, stops and aborts of one account that wait until they are done (`?wait=1`); a further one is executed, and answered when
-/// it is accepted.
+/// Holds, stops and aborts of one account that wait until they are done (`?wait=1`). A further one is executed, and
+/// answered when it is accepted.
 const URGENT_WAITS_MAX: usize = 16;
 
 /// Open `WebSocket` connections; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
-/// The MQTT broker, as others reach it.
+/// Address of the MQTT broker for clients.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct MqttServer {
-    /// `None`: the embedded one, at the host of HTTP.
+    /// `None` for the embedded broker, which has the host of HTTP.
     pub(crate) host: Option<String>,
     pub(crate) port: u16,
     /// Over TLS.
@@ -49,7 +49,7 @@ pub(crate) struct MqttServer {
 }
 
 impl MqttServer {
-    /// The embedded broker at this address, or the first node of the external one of the settings.
+    /// Returns the embedded broker at this address, or the first configured node of the external one.
     pub(crate) fn new(embedded: Option<SocketAddr>, settings: &MqttSettings, is_private: bool) -> Self {
         let (host, port) = match embedded {
             Some(address) => (None, address.port()),
@@ -81,11 +81,11 @@ pub(crate) struct Shared {
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) position_interval: Duration,
     pub(crate) large_requests: LargeRequests,
-    /// Large answers that clients have not read.
+    /// Large responses that clients have not read.
     pub(crate) unread: UnreadAnswers,
     pub(crate) websockets: Arc<Semaphore>,
     pub(crate) open_commands: Arc<Semaphore>,
-    /// Hold, stop and abort, beside all other commands.
+    /// Slots for hold, stop and abort, separate from other commands.
     pub(crate) urgent: UrgentSlots,
     urgent_waits: Mutex<HashMap<Account, Arc<Semaphore>>>,
     pub(crate) tasks: TaskTracker,
@@ -136,17 +136,17 @@ impl Shared {
         }
     }
 
-    /// The same with what a machine builder has added to the HMI.
+    /// Adds the machine builder's additions to the HMI.
     pub(crate) fn with_hmi(self, hmi: HmiSettings) -> Self {
         Self { hmi, ..self }
     }
 
-    /// The same with other machines.
+    /// Adds the other machines.
     pub(crate) fn with_neighbours(self, neighbours: Arc<Neighbours>) -> Self {
         Self { neighbours, ..self }
     }
 
-    /// The same, to be shared, with a broker that clients reach over WebSocket.
+    /// Adds the broker that clients reach over WebSocket, and shares the result.
     pub(crate) fn with_entrance(self, entrance: Option<Entrance>) -> Arc<Self> {
         Arc::new(Self { entrance, ..self })
     }
@@ -169,7 +169,7 @@ impl Shared {
         Arc::clone(self)
     }
 
-    /// Whether an account may wait until one more hold, stop or abort is done.
+    /// Takes a permit with which an account may wait for one more hold, stop or abort, if there is one.
     pub(crate) fn urgent_wait(&self, account: &Account) -> Option<OwnedSemaphorePermit> {
         let mut by_account = self.urgent_waits.lock();
         by_account.retain(|_, waits| waits.available_permits() < URGENT_WAITS_MAX);
@@ -178,13 +178,13 @@ impl Shared {
         Arc::clone(waits).try_acquire_owned().ok()
     }
 
-    /// A name of a `WebSocket` that is new in this boot.
+    /// Returns a `WebSocket` name that is unique in this boot.
     pub(crate) fn next_connection(&self) -> String {
         let number = self.connections.fetch_add(1, Ordering::Relaxed);
         format!("websocket-{number}")
     }
 
-    /// A command id that is new in this boot.
+    /// Returns a command id that is unique in this boot.
     pub(crate) fn next_command_id(&self) -> String {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
         format!("rest-{}-{number}", self.machine.boot_id())
@@ -207,13 +207,13 @@ impl Shared {
         }
     }
 
-    /// Makes a request of the machine.
+    /// Passes a request to the machine.
     pub(crate) async fn ask(&self, authorized: Authorized) -> Result<Answer, Problem> {
         self.machine.carry_out(authorized).await.map_err(Problem::from)
     }
 }
 
-/// The problem of an answer that does not belong to its request, which is a fault of the port.
+/// Returns the problem of an answer that does not belong to its request, which is a fault of the port.
 pub(crate) fn unexpected() -> Problem {
     Details::unexpected().into()
 }

@@ -1,7 +1,8 @@
-//! Shares of each user in what the machine remembers of its clients: watches and handlers that are online.
+//! Limits for each user on the watches and online handlers that the machine remembers.
 //!
-//! The machine itself has a limit for all clients. A share keeps one user from taking it all, and a watch belongs to the user who has
-//! asked for it. Without users everyone on the computer may do everything, and only the limits of the machine count.
+//! The machine itself has a limit for all clients. A user's share keeps that user from taking it all. A watch belongs
+//! to the user that requested it. Without users, every client on the computer has all rights, and only the limits of
+//! the machine apply.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -13,10 +14,10 @@ use tokio::time::Instant;
 
 use crate::access::{Account, User};
 
-/// Watches of one user, of the 64 of each coordinate system. Reason: three users leave room for others.
+/// Watches of one user, of the 64 of each coordinate system. Reason: three users leave room for further ones.
 const WATCHES_PER_USER_MAX: usize = 16;
 
-/// Watches of all users who may not operate the machine; the other 16 are reserved for those who may.
+/// Watches of all users who may not operate the machine; the other 16 are reserved for operators.
 const WATCHES_UNRESERVED_MAX: usize = 48;
 
 /// Handlers of one user that are online, of the 256 of the machine.
@@ -40,7 +41,7 @@ impl Shares {
     /// Counts a request of a user.
     ///
     /// # Errors
-    /// `unavailable` beyond the share of the user; `forbidden` for the watch of another user.
+    /// Returns `unavailable` beyond the share of the user; `forbidden` for the watch of another user.
     pub(crate) fn count(&self, user: &User, request: &Request) -> Result<(), Refusal> {
         if user.name().is_none() {
             return Ok(());
@@ -95,7 +96,7 @@ impl Shares {
         Ok(())
     }
 
-    /// Notes that a handler is offline.
+    /// Records that a handler is offline.
     pub(crate) fn note(&self, request: &Request) {
         if let Request::Handler(id, presence) = request
             && !presence.online

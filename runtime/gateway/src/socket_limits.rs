@@ -1,4 +1,4 @@
-//! Limits of every WebSocket of the server, before and after its client has identified itself.
+//! Limits of every WebSocket of the server, before and after its client is authenticated.
 
 use axum::extract::ws::{Message as Frame, WebSocketUpgrade};
 
@@ -17,7 +17,7 @@ pub(crate) const UNSENT_BYTES_MAX: usize = 1024 * 1024 + 64 * 1024;
 const CONTROL_BURST: u32 = 100;
 const CONTROL_PER_SECOND: u32 = 20;
 
-/// Why a client that sends more is closed.
+/// Reason for closing the connection of a client that sends more.
 pub(crate) const TOO_MANY_CONTROL_FRAMES: &str = "more than 20 pings, pongs or empty frames per second";
 
 /// Sets the limits of a connection whose client may send messages of this size, in bytes.

@@ -1,5 +1,5 @@
-//! TLS of the listeners: HTTP, WebSocket and the embedded broker have one certificate, which is read again when its files
-//! change. A client may show a certificate of its own, which counts where the token file names it.
+//! TLS of the listeners: HTTP, WebSocket and the embedded broker share one certificate, which is read again when its
+//! files change. A client may present its own certificate, which is accepted if the token file names it.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -37,7 +37,7 @@ const HANDSHAKE_RECORD: u8 = 0x16;
 /// `[tls]`: the certificate of the listeners.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServerTls {
-    /// The certificate in PEM, with any intermediate ones behind it.
+    /// The certificate in PEM, followed by any intermediate ones.
     pub cert_file: PathBuf,
     /// Its private key in PEM, which only its owner may be able to read.
     pub key_file: PathBuf,
@@ -50,11 +50,11 @@ pub(crate) type Fingerprint = [u8; 32];
 pub(crate) type ClientStream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
 
 impl ServerTls {
-    /// Whether the files can be used.
+    /// Checks whether the files can be used.
     ///
     /// # Errors
-    /// A file cannot be read, holds nothing of its kind, others may read the key, or key and certificate do not belong
-    /// together.
+    /// Fails if a file cannot be read or holds nothing of its kind, if other users may read the key, or if key and
+    /// certificate do not belong together.
     pub(crate) fn check(&self) -> Result<(), String> {
         self.config(None).map(drop)
     }
@@ -115,15 +115,15 @@ impl ServerTls {
     }
 }
 
-/// The certificate in force.
+/// The current certificate.
 #[derive(Clone)]
 pub(crate) struct LiveTls(watch::Receiver<Arc<ServerConfig>>);
 
 impl LiveTls {
-    /// The certificate of these files, which are followed while anybody holds it.
+    /// Loads the certificate of these files, and follows their changes while any handle exists.
     ///
     /// # Errors
-    /// The files cannot be used.
+    /// Fails if the files cannot be used.
     pub(crate) fn follow(
         files: ServerTls,
         tokens: Option<LiveTokens>,
@@ -136,10 +136,11 @@ impl LiveTls {
         Ok(Self(receiver))
     }
 
-    /// Agrees on keys with a client. One that does not speak TLS is given back as it is: who may, its caller decides.
+    /// Negotiates keys with a client. Returns a client without TLS unchanged; the caller decides whether it is
+    /// admitted.
     ///
     /// # Errors
-    /// The client has gone, takes too long, or its TLS cannot be used.
+    /// Fails if the client disconnects, takes too long, or its TLS cannot be used.
     pub(crate) async fn accept(&self, stream: TcpStream) -> io::Result<Accepted> {
         let config = Arc::clone(&self.0.borrow());
         let accepting = async {
@@ -161,12 +162,12 @@ impl LiveTls {
     }
 }
 
-/// A client that was let in.
+/// An accepted client.
 #[derive(Debug)]
 pub(crate) struct Accepted {
     /// Its connection: right with TLS.
     pub(crate) stream: ClientStream,
-    /// The certificate that it has shown.
+    /// Certificate that the client has presented.
     pub(crate) certificate: Option<Fingerprint>,
 }
 
@@ -212,14 +213,14 @@ async fn look_again(
                 info!("the certificate {} was read again", files.cert_file.display());
                 sender.send_replace(Arc::new(config));
             }
-            // certificate and key are two files: between the two writes they do not belong together
+            // certificate and key are two files: between the two writes they do not match
             Err(error) => warn!("{error}; the certificate stays as it was"),
         }
     }
 }
 
-/// Asks a client for a certificate where the token file names some. Any is taken that its client holds the key of: whose it is
-/// the token file says by its fingerprint, so no authority has to vouch for it.
+/// Requests a client certificate if the token file names any. Every certificate is accepted whose key the client has:
+/// the token file assigns it to a user by its fingerprint, so no authority is needed.
 #[derive(Debug)]
 struct NamedCertificates {
     algorithms: WebPkiSupportedAlgorithms,
@@ -316,7 +317,7 @@ mod tests {
         }
 
         fn write(&self, made: &rcgen::CertifiedKey<rcgen::KeyPair>) {
-            // as a tool does: written beside, then put in its place
+            // as a tool does: write a temporary file, then rename it
             for (file, text) in [
                 (&self.tls.key_file, made.signing_key.serialize_pem()),
                 (&self.tls.cert_file, made.cert.pem()),
@@ -329,13 +330,13 @@ mod tests {
         }
     }
 
-    /// True when a client that trusts this certificate alone meets the server.
+    /// True if a client that trusts only this certificate can connect to the server.
     async fn shows(tls: &LiveTls, certificate: &CertificateDer<'static>) -> bool {
         negotiates(tls, certificate, &[]).await.is_some()
     }
 
-    /// The protocol agreed on with a client that trusts this certificate alone and offers these; the outer `None`: they do not
-    /// meet.
+    /// Returns the protocol agreed on with a client that trusts only this certificate and offers these. The outer
+    /// `None` means that the connection failed.
     async fn negotiates(
         tls: &LiveTls,
         certificate: &CertificateDer<'static>,

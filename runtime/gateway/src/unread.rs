@@ -1,4 +1,5 @@
-//! Answers that clients have not read yet: their number or their bytes are limited, in total and for each user or host.
+//! Responses that clients have not read yet: their number or their bytes are limited, in total and for each user or
+//! host.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -17,19 +18,19 @@ use crate::problem::Problem;
 /// Concurrent requests with a whole program, in the request or in the answer; more wait. Reason: each may hold 64 MiB.
 const LARGE_REQUESTS_MAX: usize = 4;
 
-/// Those of one user, so that others find a permit.
+/// Such requests of one user, so that other users find a permit.
 const USER_LARGE_REQUESTS_MAX: usize = 2;
 
-/// Longest time that such a request waits for others of its kind; then 503.
+/// Longest time that such a request waits for a permit; then 503.
 const LARGE_WAIT_MAX: Duration = Duration::from_secs(30);
 
-/// Bytes of an answer that does not count. Reason: a connection takes as many at once.
+/// Size of a response that is not counted, bytes. Reason: a connection reads as many at once.
 const SMALL_BYTES_MAX: usize = 64 * 1024;
 
-/// Bytes of larger answers without a whole program that clients have not read; an answer beyond them is 503.
+/// Unread bytes of larger responses without a whole program; a response beyond them is 503.
 const UNREAD_BYTES_MAX: usize = 64 * 1024 * 1024;
 
-/// Those of one host, so that there is room for answers to others.
+/// Unread bytes of one host, so that there is room for responses to other hosts.
 const HOST_UNREAD_BYTES_MAX: usize = 48 * 1024 * 1024;
 
 /// Permits of requests with a whole program.
@@ -39,7 +40,7 @@ pub(crate) struct LargeRequests {
     of_user: Mutex<HashMap<String, Weak<Semaphore>>>,
 }
 
-/// The permit of one request. Its answer keeps it until it is read.
+/// The permit of one request. Its response keeps it until it is read.
 #[derive(Debug)]
 pub(crate) struct LargePermit {
     _of_all: OwnedSemaphorePermit,
@@ -96,7 +97,7 @@ struct UnreadBytes {
     of_host: HashMap<Option<IpAddr>, usize>,
 }
 
-/// The part of them that belongs to one answer.
+/// The part of them that belongs to one response.
 #[derive(Debug)]
 struct UnreadAnswer {
     table: Arc<Mutex<UnreadBytes>>,
@@ -117,7 +118,7 @@ impl Drop for UnreadAnswer {
     }
 }
 
-/// The body of an answer, with what is released when the connection has taken it.
+/// The body of a response, with the value that is released once the connection has read it.
 struct Held<T> {
     body: Bytes,
     _until_read: T,
@@ -130,10 +131,10 @@ impl<T> AsRef<[u8]> for Held<T> {
 }
 
 impl UnreadAnswers {
-    /// Counts an answer until the connection of its client has taken it. Returns 503 in its place if there is no room.
+    /// Counts a response until the client's connection has read it. Returns 503 instead if there is no room.
     pub(crate) async fn count(&self, host: Option<IpAddr>, mut response: Response) -> Response {
         let permit = response.extensions_mut().remove::<Arc<LargePermit>>();
-        // a body without an exact size is produced as the connection takes it
+        // a body without an exact size is produced as the connection reads it
         let size = response.body().size_hint().exact();
         let Some(bytes) = size.and_then(|size| usize::try_from(size).ok()) else {
             return response;
@@ -169,10 +170,10 @@ impl UnreadAnswers {
     }
 }
 
-/// The same answer, whose bytes hold something until they are written.
+/// Returns the same response, whose bytes keep a value until they are written.
 async fn held<T: Send + 'static>(response: Response, until_read: T) -> Response {
     let (head, body) = response.into_parts();
-    // a body with an exact size is there already
+    // a body with an exact size is in memory already
     let Ok(body) = to_bytes(body, usize::MAX).await else {
         return Problem::from(plc_api::wire::problem::Problem::unexpected()).into_response();
     };
@@ -244,7 +245,7 @@ mod tests {
         permits.push(requests.acquire(Some("admin")).await.unwrap());
         permits.push(requests.acquire(None).await.unwrap());
         assert!(requests.acquire(Some("admin")).await.is_err(), "all are taken");
-        // an answer with a whole program holds its permit until it is written
+        // a response with a whole program holds its permit until it is written
         let mut response = vec![b'x'; BYTES].into_response();
         response.extensions_mut().insert(Arc::new(permits.remove(0)));
         let unread = UnreadAnswers::default().count(Some(host(1)), response).await;

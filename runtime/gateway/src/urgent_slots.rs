@@ -1,4 +1,4 @@
-//! Slots for hold, stop, abort, the end of a jog and alarms, beside those of all other requests.
+//! Slots for hold, stop, abort, the end of a jog and alarms, separate from those of all other requests.
 //!
 //! Each account has one slot for each kind of urgent request and coordinate system. A second request of the same kind waits for
 //! the first, in order of arrival, and is never rejected. So no account can delay the urgent requests of another one.
@@ -19,7 +19,7 @@ use crate::publisher::Publisher;
 
 /// Executes the urgent requests that the embedded broker receives.
 pub(crate) trait ExecuteUrgent: Send + Sync {
-    /// Passes a request to the machine. Returns when the machine has it.
+    /// Passes a request to the machine. Returns when the machine has received it.
     fn execute(
         self: Arc<Self>,
         publisher: Publisher,
@@ -28,7 +28,7 @@ pub(crate) trait ExecuteUrgent: Send + Sync {
     ) -> BoxFuture<'static, ()>;
 }
 
-/// Slots that are kept although nothing uses them. Reason: a slot in use is never removed, so the number only bounds memory.
+/// Idle slots that are kept. Reason: a slot in use is never removed, so the number only limits memory.
 const IDLE_SLOTS_MAX: usize = 1024;
 
 /// Kind of an urgent request.

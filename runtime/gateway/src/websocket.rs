@@ -1,12 +1,12 @@
 //! WebSocket `/api/v1/ws`: the messages of the topics that a client names, as on MQTT.
 //!
 //! The client sends `{"subscribe": ["cs/1/state", "cs/1/m_code/+/output"]}` and `{"unsubscribe": [...]}`; `+` stands
-//! for one level and a last `#` for all below. It gets `{"topic": "cs/1/state", "v": 1, ...}`: of each state first
-//! the full value, then every change. A slow reader is given the latest values: what waits for it is bounded by the
-//! hub. `{"handler": {"id", "online", "handles", "validates"}}` is the presence of a handler that the client serves; it
-//! goes with the connection. `{"validate_result": {"cs", "m", "request_id", "handler_id", "ok", "text"}}` answers a
-//! `validate` message. Both ask for the rights of the topics of these names. What cannot be understood, or is refused, is
-//! answered with `{"error": "..."}`.
+//! for one level and a last `#` for all below. It gets `{"topic": "cs/1/state", "v": 1, ...}`: of each state first the
+//! full value, then every change. A slow reader is given the latest values: the hub limits its queue.
+//! `{"handler": {"id", "online", "handles", "validates"}}` is the presence of a handler that the client serves; it ends
+//! with the connection.
+//! `{"validate_result": {"cs", "m", "request_id", "handler_id", "ok", "text"}}` answers a `validate` message. Both need
+//! the rights for the topics of these names. Invalid and rejected messages are answered with `{"error": "..."}`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
@@ -107,7 +107,7 @@ struct Client {
     // last value of every state, so that a later subscription starts with the full value
     states: BTreeMap<Topic, Arc<Message>>,
     positions: Positions,
-    /// Handlers that go when the connection ends, with their instances.
+    /// Handlers that go offline when the connection ends, with their instances.
     handlers: BTreeMap<String, Option<String>>,
     /// Names the connection.
     name: String,
@@ -139,7 +139,7 @@ impl Client {
         };
         for (id, instance) in std::mem::take(&mut self.handlers) {
             let gone = Machine::gone(id, instance, ServerTransport::WebSocket);
-            // a runtime that stops refuses it
+            // fails if the runtime is stopping
             let _ = self.shared.machine.carry_out(gone).await;
         }
         if let Some((code, reason)) = close {
@@ -151,7 +151,8 @@ impl Client {
         }
     }
 
-    /// Serves until the client has gone, or until the server ends the connection: then returns the code and the reason.
+    /// Serves until the client disconnects, or until the server ends the connection and returns the code and the
+    /// reason.
     async fn serve(&mut self, socket: &mut WebSocket) -> Result<(u16, &'static str), Gone> {
         let mut subscription = self.shared.machine.subscribe(Filter::All);
         let mut ping = tokio::time::interval(PING_INTERVAL);
@@ -214,7 +215,7 @@ impl Client {
         Ok(())
     }
 
-    /// Carries out a frame. Returns how long the client must wait with the next one.
+    /// Executes a frame. Returns how long the client must wait before the next one.
     async fn on_frame(&mut self, socket: &mut WebSocket, text: &str) -> Result<Duration, Gone> {
         let mut bytes = text.len();
         let mut frame: ClientFrame = match json_object(text.as_bytes()) {
@@ -264,8 +265,8 @@ impl Client {
         Ok(self.shared.access.count_bytes(&self.user, bytes as u64))
     }
 
-    /// Carries out a request of a frame. The refusal of a handler names its presence, by which its client knows which one it
-    /// is.
+    /// Executes the request of a frame. The rejection of a handler contains its presence, by which the client
+    /// identifies it.
     async fn carry_out(&mut self, parsed: ParsedRequest) -> Result<(), Refusal> {
         let handler = match parsed.request() {
             Request::Handler(id, presence) => Some((id.clone(), presence.online, presence.instance.clone())),
@@ -304,7 +305,7 @@ impl Client {
     }
 }
 
-/// Waits until what a user has shown counts no more.
+/// Waits until the credentials of a user are no longer valid.
 async fn ended(shared: &Shared, shown: &Shown) -> Ended {
     match shared.access.users() {
         Some(users) => users.ended(shown).await,

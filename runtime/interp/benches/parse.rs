@@ -1,11 +1,12 @@
 //! Speed of the language stages over a generated program of a million short blocks (15.7 MB).
 //!
-//! Measured on one core of a virtual machine with two of an Intel Xeon, with nothing beside it, medians: parsing 23.9 million
-//! blocks a second, parsing and checking 10.8 million, interpretation 7.1 million. Compare runs of the same minutes: in a slow
-//! hour of the same machine they were a third of that. The checker that follows every state takes as long to parse and
-//! check as one that forgot them at branches (74.2 to 74.0 ms, the fastest of pairs in turn on an AMD EPYC); 1.33 times as
-//! long before what is rare was taken out of the way of each block and of each word. Interpretation takes 0.85 times as long
-//! since the kind of an action is a word, not a byte (113 to 132 ms, the fastest of four pairs on an AMD EPYC).
+//! Measured on one core of a virtual machine with two of an Intel Xeon, with no other load, medians: parsing 23.9
+//! million blocks a second, parsing and checking 10.8 million, interpretation 7.1 million. Compare runs of the same
+//! minutes: in a slow hour the same machine reached a third of that. The checker that follows every state takes as long
+//! to parse and check as one that discarded them at branches (74.2 to 74.0 ms, the fastest of alternating pairs on an
+//! AMD EPYC); it took 1.33 times as long before rare cases were moved out of the path of each block and word.
+//! Interpretation takes 0.85 times as long since the kind of an action is a word, not a byte (113 to 132 ms, the
+//! fastest of four pairs on an AMD EPYC).
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -1,8 +1,8 @@
-//! What operators and functions give (manual 4-1; D07 to D10).
+//! Results of operators and functions (manual 4-1; D07 to D10).
 
 use tandem_syntax::{Function, Operator};
 
-/// What an arithmetic operator gives; not a number for the others.
+/// Returns the result of an arithmetic operator; NaN for other operators.
 pub(crate) fn binary(operator: Operator, left: f64, right: f64) -> f64 {
     match operator {
         Operator::Add => left + right,
@@ -29,7 +29,8 @@ pub(crate) fn compare(operator: Operator, left: f64, right: f64) -> Option<bool>
     })
 }
 
-/// The label that a `switch` looks for: truncated toward zero (D10). `None` for what is not a number or too large.
+/// Returns the label that a `switch` selects: truncated toward zero (D10). `None` for NaN and for values that are too
+/// large.
 #[expect(clippy::cast_possible_truncation, reason = "the range is tested")]
 pub(crate) fn label(value: f64) -> Option<i64> {
     const LARGEST: f64 = 9_007_199_254_740_992.0;

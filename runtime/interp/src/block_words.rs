@@ -43,16 +43,16 @@ pub struct BlockWords {
     g_codes: [(&'static Code, usize); G_CODES_MAX],
     g_count: usize,
     m_code: Option<(&'static Code, u16)>,
-    /// The words that codes of the block have as their own, the motion in force apart.
+    /// The words that codes of the block have as their own, except the active motion.
     pub own: AddressSet,
-    /// The axis words that the motion or fixed cycle in force takes.
+    /// The axis words that the active motion or fixed cycle takes.
     pub axis_words: AddressSet,
     /// Place of the first axis word among the words of the block.
     pub first_axis_place: Option<usize>,
-    /// The motion or fixed cycle that takes words of the block; `None` when it is not known, or another code has axis
-    /// words of its own.
+    /// The motion or fixed cycle that takes words of the block. `None` if it is unknown, or if another code has its own
+    /// axis words.
     pub(crate) taker: Option<&'static Code>,
-    /// The addresses of `taker`, kept from block to block as it mostly is the same one.
+    /// The addresses of `taker`, kept from block to block because it rarely changes.
     taker_addresses: AddressSet,
     /// The words that the motion or fixed cycle takes.
     pub(crate) taken: AddressSet,
@@ -62,7 +62,7 @@ pub struct BlockWords {
     pub(crate) indirect: AddressSet,
     /// Words whose variables have a value that the text does not show.
     unknown: AddressSet,
-    /// Those whose value is what the program has written, unless somebody else has written it meanwhile.
+    /// Words whose value is the one that the program wrote, unless another writer changed it meanwhile.
     pub(crate) doubtful: AddressSet,
     /// A code could not be read, and may have words that seem to be no one's.
     unknown_code: bool,
@@ -70,12 +70,12 @@ pub struct BlockWords {
     pub any: bool,
 }
 
-/// With what a block is read.
+/// Data with which a block is read.
 #[derive(Clone, Copy)]
 pub(crate) struct Reading<'a> {
     /// The dialect.
     pub(crate) dialect: &'static Dialect,
-    /// What is in force before the block; which motion takes words is not known when it has none.
+    /// The modal state before the block. If it has no motion, the code that takes the words is unknown.
     pub(crate) modal: &'a Modal,
     /// The variables of indirections.
     pub(crate) known: Known<'a>,
@@ -117,12 +117,12 @@ impl BlockWords {
             .then(|| self.values[address as usize])
     }
 
-    /// The G codes in the order of the text, each with its place among the words.
+    /// Returns the G codes in the order of the text, each with its place among the words.
     pub fn g_codes(&self) -> &[(&'static Code, usize)] {
         &self.g_codes[..self.g_count]
     }
 
-    /// The same without places.
+    /// Returns the G codes without places.
     pub(crate) fn codes(&self) -> impl Iterator<Item = &'static Code> {
         self.g_codes().iter().map(|(code, _)| *code)
     }
@@ -326,7 +326,7 @@ impl BlockWords {
         };
     }
 
-    /// The value of a variable that stands for a number; not a number, and noted, where the text does not show it.
+    /// Returns the value of a variable that is used as a number; NaN, which is recorded, if the text does not show it.
     #[inline(never)]
     fn of_variable(&mut self, address: Address, variable: Variable, known: &Known<'_>) -> f64 {
         let (range, trust) = match known {
@@ -345,7 +345,7 @@ impl BlockWords {
         })
     }
 
-    /// Makes values of written numbers, and judges how they are written. What is wrong there has no value.
+    /// Converts written numbers to values, and checks their form. A wrong number has no value.
     #[inline(never)]
     fn count_increments(&mut self, words: &[Word], with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let unit = self.sets().unit.or(with.modal.in_force.unit).unwrap_or_default();
@@ -371,7 +371,7 @@ impl BlockWords {
         }
     }
 
-    /// Settles which code takes which words.
+    /// Determines which code takes which words.
     fn take_words(
         &mut self,
         program: &NcProgram,
@@ -421,7 +421,7 @@ impl BlockWords {
         }
     }
 
-    /// What takes axis words: a motion of the block ends a fixed cycle.
+    /// Returns the code that takes axis words: a motion of the block ends a fixed cycle.
     fn taker_in_force(&self, modal: &Modal) -> Option<&'static Code> {
         let of = |group| self.codes().find(|code| code.group == group);
         of(ModalGroup::Motion).or_else(|| match of(ModalGroup::FixedCycle) {
@@ -453,7 +453,7 @@ impl BlockWords {
         dialect.modal_words.get(address)
     }
 
-    /// Judges a word: whether it is taken, and its value.
+    /// Checks whether a word is taken, and its value.
     fn judge(&self, word: &Word, with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let dialect = with.dialect;
         let Some(spec) = self.spec(word.address, dialect) else {
@@ -478,7 +478,7 @@ impl BlockWords {
         judge_value(spec, value, word.span(), fault);
     }
 
-    /// Judges a word that no code takes.
+    /// Reports a word that no code takes.
     #[cold]
     fn judge_untaken(&self, word: &Word, dialect: &Dialect, fault: &mut dyn FnMut(Diagnostic)) {
         let name = word.address.text();
@@ -504,13 +504,13 @@ impl BlockWords {
             && MOTION_WORDS.contains(address)
     }
 
-    /// True when a word is not judged, since what takes it is not known.
+    /// True if a word is not checked because the code that takes it is unknown.
     pub(crate) fn is_taking_unclear(&self) -> bool {
         let rest = self.present.without(self.own).intersection(MOTION_WORDS);
         rest.iter().any(|address| self.may_be_taken(address))
     }
 
-    /// Judges what codes need together.
+    /// Checks requirements on combinations of codes.
     fn judge_codes(
         &self,
         program: &NcProgram,
@@ -526,7 +526,7 @@ impl BlockWords {
         }
     }
 
-    /// Judges what each code needs of its words.
+    /// Checks each code's requirements on its words.
     #[inline(never)]
     fn judge_own_words(&self, program: &NcProgram, block: &Block, fault: &mut dyn FnMut(Diagnostic)) {
         for code in self.codes_with_words() {
@@ -551,7 +551,7 @@ impl BlockWords {
         self.g_count > 0 || self.m_code.is_some()
     }
 
-    /// The codes of the block that have words of their own, the motion in force apart.
+    /// Returns the codes of the block that have their own words, except the active motion.
     fn codes_with_words(&self) -> impl Iterator<Item = &'static Code> {
         self.codes().chain(self.m_code()).filter(|code| {
             !code.words.is_empty() && !matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle)

@@ -1,8 +1,8 @@
-//! Checks a program before anything moves: every block in every state that a run may come to it with.
+//! Checks a program before anything moves: every block in every state that a run can reach it with.
 //!
-//! A state is what is in force, the programmed point and the values of variables, as far as the text shows them. States
-//! are followed through branches, loops and calls until no new one comes ([`explore`]); what is wrong in all states of a
-//! block is an error, what is wrong in some of them a warning that names the way ([`verdict`]).
+//! A state is the modal state, the programmed point and the values of variables, as far as the text shows them. States
+//! are followed through branches, loops and calls until no new one is found ([`explore`]). A fault in all states of a
+//! block is an error; a fault in some of them is a warning that names the path ([`verdict`]).
 
 mod block;
 mod codes;
@@ -26,7 +26,7 @@ use explore::Explorer;
 
 /// The programs that exist, to be called.
 pub trait Programs: std::fmt::Debug {
-    /// The program of this number; `None`: there is none.
+    /// Returns the program with this number, or `None` if it does not exist.
     fn find(&self, number: u16) -> Option<Arc<NcProgram>>;
 }
 
@@ -36,42 +36,43 @@ impl Programs for BTreeMap<u16, Arc<NcProgram>> {
     }
 }
 
-/// What the checker may know of the machine; what is `None` is not checked.
+/// Machine data for the checker; a check that needs a `None` field is skipped.
 ///
-/// Build it with `..CheckContext::default()`: fields come with the language.
+/// Build it with `..CheckContext::default()`: later versions add fields.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CheckContext<'a> {
     /// The axes of the coordinate system.
     pub axes: Option<AxisSet>,
-    /// The programs that exist. What is called is checked, too, in the states that it is called in.
+    /// The existing programs. Called programs are also checked, in the states of their calls.
     pub programs: Option<&'a dyn Programs>,
     /// M codes that have settings.
     pub m_codes_with_settings: Option<&'a BTreeSet<u16>>,
-    /// The unit in force at the head of the program.
+    /// The unit at the start of the program.
     pub unit: Unit,
     /// F above it is clipped with a warning, mm/min.
     pub max_feedrate_mm_min: Option<f64>,
     /// F where none is programmed, mm/min; 0: there is none. Without it, that is a warning.
     pub default_feedrate_mm_min: Option<f64>,
-    /// Whether the coordinate system has a spindle: fixed cycles put out other M codes without one.
+    /// Whether the coordinate system has a spindle: without one, fixed cycles output other M codes.
     pub has_spindle: Option<bool>,
     /// S above it is an error, r/min.
     pub max_spindle_speed_r_min: Option<f64>,
-    /// A radius may be smaller than half the chord by so much, mm (D26); `None`: the usual one.
+    /// Amount by which a radius may be smaller than half the chord, mm (D26). `None` selects the default.
     pub arc_radius_tolerance_mm: Option<f64>,
-    /// What the dialect leaves to the machine.
+    /// Options that the dialect leaves to the machine.
     pub options: NcOptions,
-    /// What is in force at the head is not that of the start-up: manual data input that goes on.
+    /// The program continues manual data input, so its initial modal state is not the start-up state.
     pub goes_on: bool,
     /// Manual data input, which has no marks around it.
     pub manual: bool,
-    /// What will be an alarm in a run counts as an error: calculated values that are wrong (D11), what is in force behind
-    /// branches and calls, a feedrate or a spindle speed that is missing. Without it, that is a warning or nothing.
+    /// Reports each fault that would be an alarm in a run as an error: wrong calculated values (D11), a wrong modal
+    /// state after branches and calls, a missing feedrate or spindle speed. Otherwise these are warnings or are not
+    /// reported.
     pub calculates: bool,
 }
 
 impl CheckContext<'_> {
-    /// What the settings of a coordinate system tell.
+    /// Returns the context given by the settings of a coordinate system.
     pub fn of(settings: &CoordinateSystemSettings) -> Self {
         Self {
             axes: Some(settings.axes()),
@@ -87,11 +88,11 @@ impl CheckContext<'_> {
     }
 }
 
-/// What checking a program gives.
+/// Result of checking a program.
 ///
-/// What depends on others is not among the findings: whether M codes are reset, values that sequence programs and
-/// operators write, captured positions, and what the machine is and has (limits, offsets, tools, drives), as far as the
-/// context does not tell it.
+/// The findings exclude everything that depends on external events and unknown data: resets of M codes, values that
+/// sequence programs and operators write, captured positions, and machine properties (limits, offsets, tools, drives)
+/// that the context does not contain.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Check {
     /// All findings in the order of the text.
@@ -102,7 +103,7 @@ pub struct Check {
     pub programs: Vec<u16>,
     /// It calls programs whose numbers the text does not show.
     pub calls_any: bool,
-    /// The same of programs that are called, directly or not, by their numbers.
+    /// Results of the programs that are called, directly or not, by their numbers.
     pub called: BTreeMap<u16, Check>,
 }
 

@@ -9,12 +9,12 @@ use crate::dialects::texts::Texts;
 use crate::meaning::{ModalValue, Role};
 use crate::restrictions::Restriction;
 
-/// What differs between dialects (D50).
+/// Differences between dialects (D50).
 #[derive(Debug, Clone)]
 pub struct Dialect {
     /// Its name in the configuration.
     pub name: &'static str,
-    /// What its text looks like.
+    /// Grammar of its text.
     pub grammar: fn() -> &'static Grammar,
     /// G codes.
     pub g_codes: CodeTable,
@@ -24,9 +24,9 @@ pub struct Dialect {
     pub auxiliary: &'static Code,
     /// Words that need no code of their own in the block.
     pub modal_words: ModalWords,
-    /// The codes in force at start-up.
+    /// The codes that are active at start-up.
     pub start_up: &'static [&'static Code],
-    /// The code that ends a fixed cycle, and that is in force after a motion code has ended one; `None` in a dialect
+    /// The code that ends a fixed cycle, and that is active after a motion code has ended one. `None` in a dialect
     /// without fixed cycles.
     pub cycle_cancel: Option<&'static Code>,
     /// The codes before the axis words of a block that moves these axes to their first reference points from where they
@@ -34,39 +34,39 @@ pub struct Dialect {
     pub home: &'static str,
     /// The word that ends each block of the intermediate code (D43).
     pub block_end: &'static str,
-    /// How it reads what controls read in different ways.
+    /// Its interpretation of programs that controls read differently.
     pub policy: Policy,
-    /// What it says of the path.
+    /// Rules for the path.
     pub path: PathRules,
-    /// What is not allowed while another code is in force; only the first restriction that a block breaks is reported.
+    /// Combinations that are not allowed; only the first restriction that a block violates is reported.
     pub restrictions: &'static [Restriction],
-    /// What it says in words of its own of codes and diagnostics that it shares with others.
+    /// Its own texts for codes and diagnostics that it shares with other dialects.
     pub texts: &'static Texts,
 }
 
-/// How a dialect reads what controls read in different ways.
+/// A dialect's interpretation of programs that controls read differently.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Policy {
     /// Two codes of one modal group in a block.
     pub rivals: Rivals,
     /// When the M code of a block acts.
     pub m_code: MCodeTime,
-    /// What numbers mean.
+    /// Meaning of numbers.
     pub numbers: Numbers,
-    /// What S says.
+    /// Meaning of S.
     pub spindle_word: SpindleWord,
     /// M codes that the dialect does not list.
     pub other_m_codes: OtherMCodes,
     /// When an output is made whose M code has no setting.
     pub output: OutputDefault,
-    /// What an arc is whose end is not on its circle.
+    /// Meaning of an arc whose end is not on its circle.
     pub spiral: Spiral,
-    /// F below the least feedrate of the machine counts as that.
+    /// An F below the machine's least feedrate is replaced by that feedrate.
     pub has_least_feedrate: bool,
 }
 
 impl Policy {
-    /// What dialect nj does.
+    /// Properties of dialect nj.
     pub const NJ: Self = Self {
         rivals: Rivals::Refused,
         m_code: MCodeTime::BehindMotion,
@@ -88,7 +88,7 @@ impl Policy {
     }
 }
 
-/// What S says.
+/// Meaning of S.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpindleWord {
     /// Revolutions a minute; above the maximum it is an alarm.
@@ -111,25 +111,25 @@ pub enum OtherMCodes {
 pub enum OutputDefault {
     /// After the motion, and the program waits for its reset.
     AfterMotion,
-    /// With the motion of its block, also with parameters, and the program goes on.
+    /// With the motion of its block, also with parameters; the program continues.
     WithMotion,
 }
 
-/// What an arc is whose end is not on its circle. It moves as a spiral in any case (D26).
+/// Meaning of an arc whose end is not on its circle. It always moves as a spiral (D26).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Spiral {
-    /// What the program means.
+    /// The program intends the spiral.
     Meant,
     /// A fault of the program, of which a check warns.
     Doubted,
 }
 
-/// What two codes of one modal group in a block are.
+/// Meaning of two codes of one modal group in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rivals {
     /// An error.
     Refused,
-    /// The last one holds.
+    /// The last one is used.
     LastHolds,
 }
 
@@ -142,10 +142,10 @@ pub enum MCodeTime {
     BeforeMotion,
 }
 
-/// What numbers mean.
+/// Meaning of numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Numbers {
-    /// What is written.
+    /// The written value.
     AsWritten,
     /// Without a decimal point so many of the least increment, unless a setting says otherwise, and within the ranges of
     /// what may be written (manual dgshape, 1-5 and 2-1).
@@ -163,7 +163,7 @@ impl Dialect {
         }
     }
 
-    /// What the manual says of an M code that is output without being listed.
+    /// Returns the manual's description of an M code that is output although the dialect does not list it.
     pub fn usual_output(&self, m: u16) -> Option<&'static UsualOutput> {
         self.usual_outputs().iter().find(|usual| usual.m == m)
     }
@@ -189,7 +189,7 @@ impl Dialect {
         codes.find(|code| Some(code.code) == name)
     }
 
-    /// True when programs may say how long ramps take; otherwise the limits of the motors alone make them.
+    /// True if programs can set ramp times; otherwise only the limits of the motors determine ramps.
     pub fn has_ramp_times(&self) -> bool {
         self.modal_words.get(Address::Ta).is_some()
     }
@@ -200,14 +200,14 @@ impl Dialect {
         codes.find(|code| code.role == role)
     }
 
-    /// What to write for an M code that it does not list.
+    /// Returns the help for an M code that the dialect does not list.
     pub(crate) fn unlisted_help(&self, number: u16) -> String {
         let foreign = (self.grammar)().foreign(&format!("M{number}"), "");
         foreign
             .unwrap_or_else(|| format!("Add [m_code.{number}] to the configuration, or correct the number."))
     }
 
-    /// What to write for a word that no code of its block takes.
+    /// Returns the help for a word that no code of its block takes.
     pub(crate) fn untaken_help(&self, address: Address) -> String {
         let name = address.text();
         let takers = self.names("or", |code| WordSpec::addresses(code.words).contains(address));
@@ -263,7 +263,7 @@ impl Codes for Dialect {
     }
 }
 
-/// Words that need no code of their own in the block: axis words of the motion in force, and feed words.
+/// Words that need no code in their block: axis words of the active motion, and feed words.
 #[derive(Debug, Clone)]
 pub struct ModalWords {
     specs: [Option<&'static WordSpec>; Address::COUNT],
@@ -271,7 +271,7 @@ pub struct ModalWords {
 }
 
 impl ModalWords {
-    /// Of these axis words and feed words.
+    /// Creates rules from these axis words and feed words.
     pub const fn new(axis_words: &'static [WordSpec], feed_words: &'static [WordSpec]) -> Self {
         let mut specs = [None; Address::COUNT];
         let lists = [axis_words, feed_words];

@@ -20,7 +20,7 @@ pub(crate) struct Scope<'a> {
     pub(crate) variables: &'a Variables,
     /// `None` while a G31 is unfinished: nothing reads them then (D15).
     pub(crate) captured: Option<&'a [f64; AXES_MAX]>,
-    /// Takes a variable that was read and whose value is lost: what was calculated with it does not count.
+    /// Receives a variable that was read and whose value is lost: results calculated with it are invalid.
     pub(crate) lost: &'a Cell<Option<Variable>>,
 }
 
@@ -29,16 +29,16 @@ pub(crate) struct Scope<'a> {
 pub(crate) enum Known<'a> {
     /// Those of a run.
     Run(Scope<'a>),
-    /// What the text shows of them.
+    /// Values that the text shows.
     Text { values: &'a Values, trust: Trust },
 }
 
-/// Which values of variables count that the text shows.
+/// Which values of variables are trusted among those that the text shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Trust {
     /// None.
     None,
-    /// Those that nobody else can have written.
+    /// Values that no other writer can have changed.
     Own,
     /// All.
     Believed,
@@ -84,7 +84,7 @@ impl Scope<'_> {
         }
     }
 
-    /// Whether a condition is true. A comparison with what is not a number is false, but `!=`.
+    /// Whether a condition is true. A comparison with a NaN is false, except `!=`.
     pub(crate) fn condition(&self, program: &NcProgram, id: ExpressionId) -> bool {
         let isnan = || compare(Operator::Equal, self.number(program, id), 1.0) == Some(true);
         match program.expression(id).copied() {

@@ -1,4 +1,4 @@
-//! What a code's effect sees and changes while its block is interpreted.
+//! State that a code's effect reads and changes while its block is interpreted.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ pub struct Limits {
     pub arc_radius_tolerance_mm: f64,
     /// Blocks without motion or output after which a program makes no progress.
     pub blocks_without_motion_max: u32,
-    /// What the dialect leaves to the machine.
+    /// Options that the dialect leaves to the machine.
     pub options: NcOptions,
 }
 
@@ -81,11 +81,11 @@ pub enum Flow {
     Return,
 }
 
-/// What has come together of a block so far.
+/// The parts of a block collected so far.
 #[derive(Debug, Default)]
 pub struct Draft {
     pub(crate) action: Option<Action>,
-    /// The transform in force is another one.
+    /// The transform has changed.
     pub(crate) transforms: bool,
     /// It takes effect after the motion of the block.
     pub transform_after: bool,
@@ -109,7 +109,7 @@ pub struct Execution<'a> {
     pub words: &'a BlockWords,
     /// The modal state, which codes change.
     pub modal: &'a mut Modal,
-    /// What codes that set data keep; `None`: nothing so far.
+    /// Data kept by codes that set data. `None` if none have been set.
     pub(crate) kept: &'a mut Option<Arc<Kept>>,
     /// Values from outside.
     pub inputs: &'a Inputs<'a>,
@@ -119,17 +119,17 @@ pub struct Execution<'a> {
     pub place: usize,
     /// The first block in the start-up state.
     pub(crate) opens: bool,
-    /// What the block gives.
+    /// The result of the block.
     pub draft: &'a mut Draft,
 }
 
 impl Execution<'_> {
-    /// What codes that set data keep.
+    /// Returns the data kept by codes that set data.
     pub(crate) fn kept(&self) -> &Kept {
         self.kept.as_deref().unwrap_or(&NOTHING_KEPT)
     }
 
-    /// The same, to be changed.
+    /// Returns the kept data for a change.
     pub(crate) fn keep(&mut self) -> &mut Kept {
         Arc::make_mut(self.kept.get_or_insert_with(|| Arc::new(NOTHING_KEPT.clone())))
     }
@@ -141,8 +141,8 @@ impl Execution<'_> {
             .filter(|_| !self.words.own.contains(address))
     }
 
-    /// The tool that is selected (D17). Without one its radius or length, `what`, counts as 0, and the code in force in
-    /// the group warns.
+    /// Returns the selected tool (D17). Without one, its radius or length (`what`) is 0, and the active code of the
+    /// group issues a warning.
     pub fn selected_tool(&mut self, group: ModalGroup, what: &str) -> Tool {
         if self.inputs.tool.is_some_and(|tool| tool.is_lost()) {
             let text = format!("the {what} of the tool in the spindle is damaged, or which tool it is");
@@ -204,8 +204,8 @@ impl Execution<'_> {
         self.axes_of(self.words.present.intersection(AXIS_ADDRESSES))
     }
 
-    /// A centre of these axes: the axis words that a code of the block has as its own, absolute; for an axis without a
-    /// word where the tool is, which `seen` tells of the transform and the machine position.
+    /// Returns a centre on these axes, absolute: from the axis words that a code of the block has as its own. An axis
+    /// that has none takes the tool's position, which `seen` computes from the transform and the machine position.
     pub fn centre(&mut self, of: &[Axis], seen: fn(&Transform, AxisVector) -> AxisVector) -> AxisVector {
         let words = self.own_axis_words();
         let mut centre = AxisVector::ZERO;
@@ -258,18 +258,18 @@ impl Execution<'_> {
         any
     }
 
-    /// What the block does.
+    /// Sets the action of the block.
     pub fn act(&mut self, action: Action) {
         self.draft.action = Some(action);
     }
 
-    /// Changes the transform; it holds from this block's motion on.
+    /// Changes the transform; the change applies from this block's motion on.
     pub fn transform(&mut self, change: impl FnOnce(&mut Transform)) {
         change(&mut self.modal.transform);
         self.draft.transforms = true;
     }
 
-    /// Refuses the block with an alarm; the first one counts.
+    /// Rejects the block with an alarm; the first one is reported.
     pub fn refuse(&mut self, alarm: Alarm) {
         self.draft.alarm.get_or_insert(alarm);
     }

@@ -12,13 +12,13 @@ use tandem_syntax::Address;
 /// A fixed cycle.
 #[derive(Debug)]
 pub struct Cycle {
-    /// What messages call it, with its article.
+    /// Its name in messages, with its article.
     pub name: &'static str,
     /// The words that its first block needs.
     pub needed: &'static [Address],
-    /// What a block of it does in a coordinate system with a spindle.
+    /// Steps of a block in a coordinate system with a spindle.
     pub with_spindle: Steps,
-    /// The same without one.
+    /// Steps of a block in a coordinate system without a spindle.
     pub without_spindle: Steps,
 }
 
@@ -71,8 +71,8 @@ impl PartialEq for Cycle {
 }
 
 impl Cycle {
-    /// The M codes that a block of it puts out, ascending; all that it may put out where it is not known whether there is
-    /// a spindle.
+    /// Returns the M codes that a block outputs, ascending. If it is unknown whether there is a spindle, returns those
+    /// of both cases.
     pub fn outputs(&self, has_spindle: Option<bool>) -> BTreeSet<u16> {
         let forms = [(true, &self.with_spindle), (false, &self.without_spindle)];
         let forms = forms
@@ -124,7 +124,7 @@ impl Steps {
 /// The words of a block in a cycle: all levels are programmed positions, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Hole {
-    /// The axis words; Z counts for nothing here.
+    /// The axis words; Z is ignored here.
     pub(crate) position: AxisWords,
     pub(crate) r_point: f64,
     pub(crate) z_point: f64,
@@ -134,31 +134,31 @@ pub(crate) struct Hole {
     /// S, r/min; `None` without a spindle.
     pub(crate) spindle_speed_r_min: Option<f64>,
     pub(crate) repetitions: u16,
-    /// Cuts of a depth; `None`: one cut to the Z point.
+    /// Cuts to a depth. `None` for one cut to the Z point.
     pub(crate) peck: Option<Peck>,
 }
 
 /// Cuts of a depth, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Peck {
-    /// How much deeper each cut goes; above 0.
+    /// Increase of the depth with each cut; above 0.
     pub(crate) depth: f64,
     /// How far above the last depth the next one begins.
     pub(crate) clearance: f64,
 }
 
-/// Where a step of pecks is: each cut is followed by a way out and a way back.
+/// Place of a step within pecks: each cut is followed by a retraction and a return.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum PeckPlace {
-    /// Behind so many cuts, with the next one to come.
+    /// After this number of cuts, with the next one to come.
     Above(u32),
-    /// So many cuts have been made, and the tool is at the last depth.
+    /// This number of cuts has been made, and the tool is at the last depth.
     AtDepth(u32),
     /// It is at the R point.
     Out(u32),
 }
 
-/// What a step gives.
+/// Result of a step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Given {
     Motion(Action),
@@ -168,7 +168,7 @@ pub(crate) enum Given {
 /// The part of the steps that is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
-    /// What a thread is going to do.
+    /// The thread that follows.
     Ahead,
     Head,
     Repetition,
@@ -203,7 +203,7 @@ impl Expansion {
         }
     }
 
-    /// What comes next; `None` at the end.
+    /// Returns the next result; `None` at the end.
     pub(crate) fn advance(&mut self) -> Option<Given> {
         if self.hole.repetitions == 0 {
             return None;
@@ -281,7 +281,7 @@ impl Expansion {
         }
     }
 
-    /// What a step gives; `None`: nothing in this repetition.
+    /// Returns the result of a step, or `None` if the step is empty in this repetition.
     fn given(&self, step: Step) -> Option<Given> {
         let hole = &self.hole;
         let action = match step {

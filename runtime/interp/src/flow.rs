@@ -1,4 +1,4 @@
-//! What program codes do: they assign, or jump.
+//! Effects of program codes: assignments and jumps.
 
 use std::cell::Cell;
 
@@ -79,7 +79,7 @@ pub(crate) fn run(
     Ok(())
 }
 
-/// True when a program code reads a variable that others write, too.
+/// True when a program code reads a variable that other writers may change.
 pub(crate) fn reads_shared(program: &NcProgram, block: &Block) -> bool {
     let code = program.program_code(block);
     let expression = code.and_then(|code| code.expression);

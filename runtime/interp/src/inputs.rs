@@ -1,4 +1,4 @@
-//! What the interpreter reads from outside.
+//! External values that the interpreter reads.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

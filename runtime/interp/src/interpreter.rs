@@ -53,18 +53,18 @@ enum State {
 
 /// Interprets the program of one coordinate system.
 ///
-/// A block gives its items in this order: warnings, the transform, the motion (or [`Action::None`]), and what its M code
-/// gives. An auxiliary output thus follows its block's own motion (in a dialect whose M codes act
-/// before it, it comes first, and so does a stop); the coordinator decides by the M code's setting when
-/// it is made (D31, D32). In a block without motion M00, M01, M02 and M30 give nothing before their own item; M98 and M99
-/// give [`Action::None`], which ends a chain (M1c). So do [`STEPS_IN_CHAIN_MAX`] blocks without an item.
+/// A block gives its items in this order: warnings, the transform, the motion (or [`Action::None`]), and the items of
+/// its M code. An auxiliary output thus follows its block's own motion (in a dialect whose M codes act before it, it
+/// comes first, and so does a stop); the coordinator decides by the M code's setting when it is made (D31, D32). In a
+/// block without motion M00, M01, M02 and M30 give nothing before their own item; M98 and M99 give [`Action::None`],
+/// which ends a chain (M1c). So do [`STEPS_IN_CHAIN_MAX`] blocks without an item.
 #[derive(Debug)]
 pub struct Interpreter {
     dialect: &'static Dialect,
     limits: Limits,
     start_up: Modal,
     modal: Modal,
-    /// What codes that set data keep; `None`: nothing so far.
+    /// Data kept by codes that set data. `None` if none have been set.
     kept: Option<Arc<Kept>>,
     stack: Vec<Frame>,
     words: BlockWords,
@@ -73,9 +73,9 @@ pub struct Interpreter {
     cycle: Option<(Box<Expansion>, Origin)>,
     /// L0 to L255 of each program of the nesting.
     locals: Vec<Locals>,
-    /// Blocks since the last item that moves, waits or puts out.
+    /// Number of blocks since the last item that moves, waits or outputs.
     idle_steps: u32,
-    /// A loop without an item reads P or Q: it waits for somebody to write them.
+    /// A loop without an item reads P or Q: it waits until they are written.
     is_waiting: bool,
     /// Programs called since the start.
     called: BTreeSet<u16>,
@@ -88,7 +88,7 @@ pub struct Interpreter {
     state: State,
 }
 
-/// What is said of a call of a program that there is not.
+/// Returns the error text for calling a program that does not exist.
 pub fn not_there(number: u16) -> String {
     format!("program {number} is not there")
 }
@@ -118,14 +118,14 @@ impl Interpreter {
         }
     }
 
-    /// Begins a program at its head, in the start-up modal state. `number` 0: a program without a number.
+    /// Starts a program at its first block, in the start-up modal state. `number` is 0 for a program without a number.
     pub fn start(&mut self, program: Arc<NcProgram>, number: u16) {
         self.reset();
         self.start_in_modal(program, number);
     }
 
-    /// Begins a program at its head, in the modal state that is in force: manual data input continues after its last line.
-    /// What the transform is must be told to the path stage.
+    /// Starts a program at its first block, in the current modal state: manual data input continues after its last
+    /// line. The caller must pass the transform to the path stage.
     pub fn start_in_modal(&mut self, program: Arc<NcProgram>, number: u16) {
         self.forget_program();
         self.stack.push(Frame::new(program, number, 1));
@@ -174,12 +174,12 @@ impl Interpreter {
         Ok(item.unwrap_or_else(|| Item::End(self.origin())))
     }
 
-    /// The same; but `None` before a block of which `is_awaited` is true, by the number of its program and its index there:
-    /// nothing of it has been interpreted, and all that comes before it has been given out. It is asked once for each block
-    /// that is interpreted.
+    /// Returns the next item like [`Interpreter::next`], but `None` before a block for which `is_awaited` returns true,
+    /// given the number of its program and its index there: then nothing of it has been interpreted, and all preceding
+    /// items have been returned. It is called once for each block that is interpreted.
     ///
     /// # Errors
-    /// As [`Interpreter::next`].
+    /// Fails like [`Interpreter::next`].
     #[inline]
     pub fn next_unless(
         &mut self,
@@ -192,7 +192,7 @@ impl Interpreter {
                 self.queue_cycle();
             }
             if let Some(item) = self.queue.pop_front() {
-                // What moves, waits or puts out is counted from anew.
+                // An item that moves, waits or outputs resets the count.
                 if goes_on(&item) {
                     self.idle_steps = 0;
                     self.is_waiting = false;
@@ -237,8 +237,8 @@ impl Interpreter {
         &self.modal
     }
 
-    /// The place in each program on the call stack, the main program first: for a caller the calling block, for the
-    /// last one the block interpreted last. It stays after the end until the next start.
+    /// Returns the place in each program on the call stack, the main program first: for a caller the calling block, for
+    /// the last one the block interpreted last. It remains after the end until the next start.
     pub fn call_stack(&self) -> impl Iterator<Item = Origin> {
         self.stack.iter().map(|frame| frame.origin)
     }
@@ -253,7 +253,7 @@ impl Interpreter {
         self.stack.last().map(|frame| frame.origin).unwrap_or_default()
     }
 
-    /// Interprets one block; what it gives is in the queue afterwards.
+    /// Interprets one block; its items are in the queue afterwards.
     fn step(&mut self, inputs: &Inputs<'_>) -> Result<(), Alarm> {
         let Some(frame) = self.stack.last_mut() else {
             self.state = State::Ended(Origin::default());
@@ -286,7 +286,7 @@ impl Interpreter {
         self.g_code_block(&block, origin, inputs)
     }
 
-    /// The same for a program code.
+    /// Interprets a program code.
     #[inline(never)]
     fn program_code(&mut self, block: &Block, origin: Origin, inputs: &Inputs<'_>) -> Result<(), Alarm> {
         let (Some(frame), Some(locals)) = (self.stack.last_mut(), self.locals.last_mut()) else {
@@ -303,7 +303,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The same for a block of words.
+    /// Interprets a block of words.
     fn g_code_block(&mut self, block: &Block, origin: Origin, inputs: &Inputs<'_>) -> Result<(), Alarm> {
         let (Some(frame), Some(locals)) = (self.stack.last_mut(), self.locals.last()) else {
             return Ok(());
@@ -409,7 +409,7 @@ impl Interpreter {
             .transforms
             .then(|| Action::Transform(Box::new(self.modal.transform)));
         let stops = draft.exact_stops;
-        // G09 acts on what moves; where nothing does, on the transform.
+        // G09 acts on the motion; without one, on the transform.
         let stops_of_transform = if action.is_some() { [false; 2] } else { stops };
         if draft.transform_after {
             self.queue_action(action, stops, origin);
@@ -421,7 +421,7 @@ impl Interpreter {
         self.cycle = cycle.map(|cycle| (cycle, origin));
     }
 
-    /// Queues a block with what is in force, and with exact stops before and after it.
+    /// Queues a block with the modal state, and with exact stops before and after it.
     fn queue_action(&mut self, action: Option<Action>, stops: [bool; 2], origin: Origin) {
         let Some(action) = action else { return };
         let [exact_stop_before, exact_stop_after] = stops;
@@ -439,7 +439,7 @@ impl Interpreter {
         }));
     }
 
-    /// Does what the M code of a block says.
+    /// Executes the M code of a block.
     fn go_on(&mut self, flow: Flow, origin: Origin, inputs: &Inputs<'_>) -> Result<(), Alarm> {
         match flow {
             Flow::Next => {}
@@ -522,7 +522,7 @@ fn execute(execution: &mut Execution<'_>) {
     if execution.opens {
         open(execution);
     }
-    // all are in force before the first has its effect: words may be in any order (D02)
+    // all are active before the first has its effect: words may be in any order (D02)
     for (code, _) in modal_codes() {
         if code.group == ModalGroup::Motion {
             execution.modal.end_cycle(execution.dialect);
@@ -563,7 +563,7 @@ fn open(execution: &mut Execution<'_>) {
     }
 }
 
-/// True for what moves, waits or puts out.
+/// True for items that move, wait or output.
 fn goes_on(item: &Item) -> bool {
     match item {
         Item::Block(block) => !matches!(

@@ -1,11 +1,11 @@
 //! NC program tree to blocks: modal state, codes, control flow, subprograms.
 //!
-//! [`check`] finds what is wrong before anything moves; [`Interpreter`] is asked for the next [`Item`] and answers.
-//! Both read the same tables: a code is one file of [`codes`], a dialect one file of [`dialects`].
-//! Nothing here calls out: values from outside come in as [`Inputs`].
+//! [`check`] finds faults before anything moves; [`Interpreter`] returns the next [`Item`] on request. Both read the
+//! same tables: a code is one file of [`codes`], a dialect one file of [`dialects`]. This crate calls nothing outside:
+//! external values are passed as [`Inputs`].
 //!
-//! Decisions where the manual is silent: G09 between axis words counts as behind them (D27); a word that two codes of
-//! a block could take is an error; G04 takes one time only; M30 in a subprogram ends the whole run.
+//! Decisions where the manual is silent: G09 between axis words acts as if after them (D27); a word that two codes of a
+//! block could take is an error; G04 takes one time only; M30 in a subprogram ends the whole run.
 //!
 //! [`Item`]: tandem_model::flow::Item
 

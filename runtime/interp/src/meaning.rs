@@ -1,5 +1,5 @@
-//! What codes mean, whatever number a dialect gives them: the values that modal codes set, and the part that a code has
-//! in its block. The machinery of checker and interpreter decides by these alone.
+//! Meaning of codes, independent of the number in a dialect: the values that modal codes set, and a code's role in its
+//! block. The checker and the interpreter decide by these alone.
 
 use tandem_model::flow::{Distance, MultiBlock, PathControl};
 use tandem_model::plane::Plane;
@@ -19,7 +19,7 @@ pub enum Side {
     Right,
 }
 
-/// How the length of the selected tool counts.
+/// Effect of the selected tool's length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LengthOffset {
     /// Not at all.
@@ -27,7 +27,7 @@ pub enum LengthOffset {
     Off,
     /// It is added to Z.
     Added,
-    /// It is taken away from Z.
+    /// It is subtracted from Z.
     Subtracted,
 }
 
@@ -41,23 +41,23 @@ pub enum ReturnLevel {
     RPoint,
 }
 
-/// What changes the shape of a programmed path.
+/// Elements that change the shape of a programmed path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     /// Factors of the axes.
     Scaling,
-    /// Axes that count the other way.
+    /// Axes with reversed direction.
     Mirroring,
     /// An angle in a plane.
     Rotation,
 }
 
-/// What a modal code sets.
+/// Value that a modal code sets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ModalValue {
     /// The plane of arcs, cutter compensation and rotation.
     Plane(Plane),
-    /// How axis words count.
+    /// Meaning of axis words.
     Distance(Distance),
     /// The unit of lengths.
     Unit(Unit),
@@ -65,9 +65,9 @@ pub enum ModalValue {
     Side(Side),
     /// The tool offset.
     Length(LengthOffset),
-    /// A fixed cycle; `None`: its end.
+    /// A fixed cycle. `None` for its end.
     Cycle(Option<&'static Cycle>),
-    /// Where fixed cycles return to.
+    /// Level to which fixed cycles return.
     ReturnLevel(ReturnLevel),
     /// Whether blocks may blend.
     PathControl(PathControl),
@@ -79,7 +79,7 @@ pub enum ModalValue {
     Spindle(bool),
 }
 
-/// How a motion goes that stays in force.
+/// Kind of a modal motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionKind {
     /// Each motor alone, in its shortest time.
@@ -93,9 +93,9 @@ pub enum MotionKind {
 /// The part that a code has in its block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// It does no more than it sets or asks for: it moves nothing, and positions stay what they are.
+    /// It only sets or requests its values: it moves nothing, and positions do not change.
     Plain,
-    /// A motion that stays in force.
+    /// A modal motion.
     Motion(MotionKind),
     /// A motion of its block alone that a signal may end.
     Skip,
@@ -121,26 +121,26 @@ pub enum Role {
     Stop,
 }
 
-/// The values in force; `None` where they are not known.
+/// The modal values; `None` where they are unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct InForce {
     /// The plane.
     pub plane: Option<Plane>,
-    /// How axis words count.
+    /// Meaning of axis words.
     pub distance: Option<Distance>,
     /// The unit of lengths.
     pub unit: Option<Unit>,
     /// Cutter compensation.
     pub side: Option<Side>,
-    /// The number of the offset that cutter compensation takes, in dialects where it has one.
+    /// The number of the offset that cutter compensation uses, in dialects where it has one.
     pub offset_number: Option<f64>,
     /// The tool offset.
     pub length: Option<LengthOffset>,
-    /// The number of the offset that the tool offset takes, in dialects where it has one.
+    /// The number of the offset that the tool offset uses, in dialects where it has one.
     pub length_number: Option<f64>,
-    /// The fixed cycle, if one is in force.
+    /// The fixed cycle, if one is active.
     pub cycle: Option<Option<&'static Cycle>>,
-    /// Where fixed cycles return to.
+    /// Level to which fixed cycles return.
     pub return_level: Option<ReturnLevel>,
     /// Whether blocks may blend.
     pub path_control: Option<PathControl>,
@@ -153,7 +153,7 @@ pub struct InForce {
 }
 
 impl InForce {
-    /// What is in force where no code has set anything.
+    /// The modal state before any code has set a value.
     pub(crate) const START: Self = Self {
         plane: Some(Plane::Xy),
         distance: Some(Distance::Absolute),
@@ -170,7 +170,7 @@ impl InForce {
         spindle: Some(false),
     };
 
-    /// Puts a value into force.
+    /// Sets a value.
     pub(crate) fn set(&mut self, value: ModalValue) {
         match value {
             ModalValue::Plane(plane) => self.plane = Some(plane),
@@ -187,7 +187,7 @@ impl InForce {
         }
     }
 
-    /// Lets go the values in which another state differs.
+    /// Discards the values in which another state differs.
     pub(crate) fn join(&mut self, other: &Self) {
         fn both<T: PartialEq + Copy>(one: &mut Option<T>, other: Option<T>) {
             if *one != other {

@@ -1,4 +1,4 @@
-//! Modal state: what stays in force from block to block.
+//! Modal state: the values that remain valid from block to block.
 
 use std::collections::BTreeMap;
 
@@ -29,7 +29,7 @@ pub struct CycleWords {
     pub peck: Option<f64>,
 }
 
-/// A level of a fixed cycle as it was written: a later G90 or G91 does not move it.
+/// A level of a fixed cycle with its original distance mode: a later G90 or G91 does not move it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CycleLevel {
     /// The value of the word, mm.
@@ -39,7 +39,7 @@ pub struct CycleLevel {
 }
 
 impl CycleLevel {
-    /// The level, mm; a distance counts from `origin`.
+    /// Returns the level, mm; a distance is measured from `origin`.
     pub fn above(self, origin: f64) -> f64 {
         match self.distance {
             Distance::Absolute => self.value,
@@ -48,16 +48,16 @@ impl CycleLevel {
     }
 }
 
-/// What G10, G28 and G92 of dialect dgshape keep; it stays until the next program begins. mm or degrees.
+/// Data that G10, G28 and G92 of dialect dgshape keep until the next program begins. mm or degrees.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Kept {
-    /// EXOFS; `None`: that of the settings.
+    /// EXOFS. `None` selects that of the settings.
     pub external_offset: Option<AxisVector>,
-    /// Work offsets of the six coordinate systems; `None`: that of the table.
+    /// Work offsets of the six coordinate systems. `None` selects that of the table.
     pub work_offsets: [Option<AxisVector>; 6],
     /// The work coordinate system that is selected.
     pub selected: usize,
-    /// What G92 shifts all work coordinate systems by.
+    /// Shift of all work coordinate systems by G92.
     pub shift: AxisVector,
     /// Tool-diameter offsets by number.
     pub radii: BTreeMap<u16, f64>,
@@ -80,7 +80,7 @@ pub(crate) static NOTHING_KEPT: Kept = Kept {
 pub enum Middle {
     /// A programmed position, mm.
     At(f64),
-    /// Where the axis is: it was named by a distance.
+    /// At the position of the axis: it was named by a distance.
     Here,
 }
 
@@ -88,13 +88,13 @@ pub enum Middle {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modal {
     codes: [Option<&'static Code>; ModalGroup::COUNT],
-    /// What these codes have set.
+    /// The values that these codes have set.
     pub in_force: InForce,
     /// F as it is written, mm/min, above the maximum feedrate too; 0: never programmed.
     pub feedrate_mm_min: f64,
     /// F as blocks of rotary axes alone read it, deg/min: a number of degrees, whatever the unit of lengths.
     pub feedrate_deg_min: f64,
-    /// F has been programmed; until then the default feedrate is in force, which counts in the unit of lengths (D25).
+    /// F has been programmed; until then the default feedrate applies, which is expressed in the unit of lengths (D25).
     pub is_feed_programmed: bool,
     /// S, r/min.
     pub spindle_speed_r_min: f64,
@@ -110,7 +110,7 @@ pub struct Modal {
     pub compensation: Compensation,
     /// Cutter compensation has been switched and no motion has led in or out since.
     pub lead_pending: bool,
-    /// What a fixed cycle keeps.
+    /// Words that a fixed cycle keeps.
     pub cycle: CycleWords,
     /// The unit of lengths has been used, and stays.
     pub unit_settled: bool,
@@ -130,7 +130,7 @@ impl Modal {
         }
     }
 
-    /// What the text of a main program shows at its head.
+    /// Returns the initial modal state of a main program, as its text shows it.
     pub(crate) fn of_text(dialect: &Dialect, unit: Unit) -> Self {
         let mut modal = Self {
             codes: [None; ModalGroup::COUNT],
@@ -157,7 +157,7 @@ impl Modal {
         modal
     }
 
-    /// Puts a code into force in its group.
+    /// Makes a code the active one of its group.
     pub(crate) fn remember(&mut self, code: &'static Code) {
         self.codes[code.group as usize] = Some(code);
         if let Some(value) = code.sets {
@@ -173,14 +173,14 @@ impl Modal {
         self.cycle = CycleWords::default();
     }
 
-    /// Lets go which codes are in force: the text alone does not show it from here on.
+    /// Discards the active codes: the text alone does not show them from here on.
     pub(crate) fn forget(&mut self) {
         self.codes = [None; ModalGroup::COUNT];
         self.in_force = InForce::default();
         self.lead_pending = false;
     }
 
-    /// Lets go in which another state differs. True when there is something that was known.
+    /// Discards the values in which another state differs. Returns `true` if that loses knowledge.
     pub(crate) fn join(&mut self, other: &Self) -> bool {
         let before = self.clone();
         for (code, other) in self.codes.iter_mut().zip(&other.codes) {
@@ -192,7 +192,7 @@ impl Modal {
         *self != before
     }
 
-    /// What takes axis words: the fixed cycle in force, or the motion.
+    /// Returns the code that takes axis words: the active fixed cycle, or the motion.
     pub(crate) fn taker(&self) -> Option<&'static Code> {
         let cycle = self
             .code(ModalGroup::FixedCycle)
@@ -200,7 +200,7 @@ impl Modal {
         cycle.or(self.code(ModalGroup::Motion))
     }
 
-    /// The plane in force.
+    /// Returns the current plane.
     pub fn plane(&self) -> Plane {
         self.in_force.plane.unwrap_or_default()
     }
@@ -218,7 +218,7 @@ impl Modal {
         }
     }
 
-    /// How axis words count.
+    /// Returns the meaning of axis words.
     pub fn distance(&self) -> Distance {
         self.in_force.distance.unwrap_or_default()
     }
@@ -233,20 +233,20 @@ impl Modal {
         self.in_force.multi_block.unwrap_or_default()
     }
 
-    /// The code in force in a group.
+    /// Returns the active code of a group.
     pub fn code(&self, group: ModalGroup) -> Option<&'static Code> {
         self.codes[group as usize]
     }
 
-    /// Number of each modal group (`"01"`) and the code in force in it (`"G01"`), ascending by group.
-    /// Group 14 is missing while no work coordinate system is selected.
+    /// Returns the number of each modal group (`"01"`) and its active code (`"G01"`), ascending by group. Group 14 is
+    /// missing while no work coordinate system is selected.
     pub fn groups(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
         ModalGroup::ALL
             .iter()
             .filter_map(|group| self.code(*group).map(|code| (group.number(), code.code)))
     }
 
-    /// `"G54"` to `"G59"`; `None`: no work coordinate system is selected (the start-up state).
+    /// `"G54"` to `"G59"`. `None` if no work coordinate system is selected (the start-up state).
     pub fn work_offset(&self) -> Option<&'static str> {
         self.code(ModalGroup::WorkCoordinates).map(|code| code.code)
     }
@@ -256,12 +256,12 @@ impl Modal {
         self.in_force.compensates()
     }
 
-    /// The fixed cycle in force, from the code that begins it to its end.
+    /// Returns the active fixed cycle, from the code that begins it to its end.
     pub fn fixed_cycle(&self) -> Option<&'static Cycle> {
         self.in_force.cycle.flatten()
     }
 
-    /// Feedrate and ramp times in force.
+    /// Returns the current feedrate and ramp times.
     pub fn feed(&self) -> ProgrammedFeed {
         ProgrammedFeed {
             feedrate_mm_min: self.feedrate_mm_min,

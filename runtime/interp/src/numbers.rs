@@ -21,7 +21,7 @@ const WITHOUT_POINT_MAX: f64 = 99_999_999.0;
 /// Largest number with a decimal point (range 1).
 const WITH_POINT_MAX: f64 = 99_999.999;
 
-/// The same of lengths and feedrates in mm.
+/// Limit of lengths and feedrates with a decimal point, in mm.
 const WITH_POINT_MM_MAX: f64 = 9_999.999;
 
 const ANGLES: AddressSet = AddressSet::of(&[Address::A, Address::B, Address::C]);
@@ -38,13 +38,13 @@ const DIMENSIONS: AddressSet = AddressSet::of(&[
     Address::A,
 ]);
 
-/// What a number is of.
+/// Kind of quantity that a number expresses.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     LengthOrFeedrate,
     Angle,
     Time,
-    /// It means what is written.
+    /// It has the written value.
     Plain,
 }
 
@@ -58,7 +58,7 @@ fn kind(spec: &WordSpec) -> Kind {
     }
 }
 
-/// What a value of a word means in the unit in force.
+/// Converts a value of a word from the current unit.
 pub(crate) fn meant(value: f64, spec: &WordSpec, word: &Word, unit: Unit, options: &NcOptions) -> f64 {
     let as_by_calculator = match options.calculator {
         Calculator::None => false,
@@ -98,7 +98,7 @@ pub(crate) fn written_range(spec: &WordSpec) -> String {
     }
 }
 
-/// Judges a number as it is written; true when nothing is wrong.
+/// Checks the form of a number. Returns `true` if it is valid.
 pub(crate) fn judge_written(
     spec: &WordSpec,
     word: &Word,
@@ -126,7 +126,7 @@ pub(crate) fn judge_written(
     within
 }
 
-/// Judges N, which has no decimal point (manual dgshape, 2-6); the parser counts its digits.
+/// Checks N, which has no decimal point (manual dgshape, 2-6); the parser counts its digits.
 pub(crate) fn judge_block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     let number = word.number().unwrap_or_default();
     if !word.is_whole() || number < 0.0 {
@@ -150,14 +150,14 @@ pub(crate) fn code_number(word: &Word) -> Option<f64> {
     word.number().filter(|value| *value >= 0.0)
 }
 
-/// Judges a block number.
+/// Checks a block number.
 pub(crate) fn judge_whole(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     if word.whole().is_none() {
         fault(constant_needed(word, "a whole number", "N10"));
     }
 }
 
-/// What is wrong with a code that is no constant.
+/// Returns the finding for a code that is not a constant.
 #[cold]
 pub(crate) fn constant_needed(word: &Word, kind: &str, example: &str) -> Diagnostic {
     let name = word.address.text();
@@ -180,7 +180,7 @@ mod tests {
     use crate::codes::g04_dwell::G04_X_P;
     use crate::codes::{AXIS_WORDS, axis_word};
 
-    /// What a word means, in mm, degrees, mm/min or s, or the finding.
+    /// Returns the value of a word in mm, degrees, mm/min or s, or the finding.
     fn read(text: &str, unit: Unit, calculator: Calculator) -> Result<f64, &'static str> {
         let (program, _) = parse(text.to_owned(), Grammar::dgshape());
         let word = program.all_words()[0];

@@ -60,8 +60,8 @@ pub fn programmed_outputs<'a>(
     })
 }
 
-/// The outputs of a program whose parameters are all numbers, in the order of the text. A parameter that
-/// a variable holds (D04) is known only when its block runs, so its output is left out.
+/// Returns the outputs of a program whose parameters are all numbers, in the order of the text. A parameter that a
+/// variable holds (D04) is known only when its block runs, so its output is omitted.
 pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<Item = WrittenOutput> {
     programmed_outputs(program, dialect).filter_map(|output| {
         let mut params = [None; 8];

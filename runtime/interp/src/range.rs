@@ -1,4 +1,4 @@
-//! What is known of a number before a program runs: the numbers that it may be.
+//! Range of the values that a number may have before a program runs.
 
 use tandem_syntax::{Function, Operator};
 
@@ -13,7 +13,7 @@ pub(crate) struct Range {
     pub high: f64,
     /// It may be no number.
     pub nan: bool,
-    /// Only the program itself can have written what it was calculated from, or no time has passed since.
+    /// Its source values can have been written by the program only, or no time has passed since.
     pub own: bool,
 }
 
@@ -66,7 +66,7 @@ impl Range {
         (!self.nan && self.low.to_bits() == self.high.to_bits()).then_some(self.low)
     }
 
-    /// What both may be. What grows is not bounded any more, so that repetitions come to an end.
+    /// Returns a range that contains both. A side that grows becomes unbounded, so that loops terminate.
     pub fn widened(self, other: Self) -> Self {
         let low = if other.low < self.low {
             f64::NEG_INFINITY
@@ -93,7 +93,7 @@ impl Range {
         }
     }
 
-    /// What an operator gives.
+    /// Returns the range of an operator's results.
     pub fn binary(operator: Operator, left: Self, right: Self) -> Self {
         let own = left.own && right.own;
         if let (Some(left), Some(right)) = (left.value(), right.value()) {
@@ -129,7 +129,7 @@ impl Range {
         .and_own(own)
     }
 
-    /// What a function gives.
+    /// Returns the range of a function's results.
     pub fn call(function: Function, x: Self, y: Option<Self>) -> Self {
         let own = x.own && y.is_none_or(|y| y.own);
         let second = y.map_or(Some(f64::NAN), Self::value);

@@ -5,10 +5,10 @@ use crate::dialect::Dialect;
 use crate::meaning::{LengthOffset, ModalValue, Role, Side};
 use crate::restrictions::{During, What, written};
 
-/// What is not allowed with a code, and what to write instead: rows of the dialect's table.
+/// Returns the restrictions of a code with the correction, from the dialect's table.
 pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
     let rows = dialect.restrictions.iter();
-    // a row that names what it found says nothing without it
+    // a row that names the element found is useless without it
     let is_whole = |text: &str| !text.contains("{code}");
     let rows = rows.filter(|row| {
         is_of(row.what, code) || (holds_in(row.during, code) && is_whole(row.message) && is_whole(row.help))
@@ -28,7 +28,7 @@ pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
     texts
 }
 
-/// True when what is not allowed is this code, or what it does.
+/// True if the forbidden element is this code or its effect.
 fn is_of(what: What, code: &Code) -> bool {
     let is_cycle = matches!(code.sets, Some(ModalValue::Cycle(Some(_))));
     match what {
@@ -44,7 +44,7 @@ fn is_of(what: What, code: &Code) -> bool {
     }
 }
 
-/// True when a restriction holds because of this code.
+/// True when a restriction applies because of this code.
 fn holds_in(during: During, code: &Code) -> bool {
     match during {
         During::CycleBegin | During::Cycle | During::Drilling => {

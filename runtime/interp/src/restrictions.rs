@@ -1,5 +1,5 @@
-//! What is not allowed while another code is in force (D23, D26; manual, restrictions of G41 and G74): a table of the
-//! dialect. The checker asks with what the text shows, the interpreter with what is in force.
+//! Combinations that are not allowed (D23, D26; manual, restrictions of G41 and G74): a table of the dialect. The
+//! checker applies it to the state that the text shows, the interpreter to the actual modal state.
 
 mod arc_shape;
 mod dgshape;
@@ -19,25 +19,25 @@ use crate::modal::Modal;
 pub use dgshape::DGSHAPE;
 pub use usual::USUAL;
 
-/// What is not allowed in a block, and when.
+/// A combination that is not allowed in a block.
 #[derive(Debug)]
 pub struct Restriction {
-    /// When it holds.
+    /// When it applies.
     pub during: During,
-    /// What is not allowed then.
+    /// The forbidden element.
     pub what: What,
     /// The diagnostic that reports it.
     pub entry: &'static DiagnosticEntry,
-    /// What is wrong. `{code}` is replaced by what was found, the other marks by codes of the dialect: `{linear}`,
-    /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`,
-    /// and `{needed}` by the words that the cycle of the block begins with.
+    /// Error text. `{code}` is replaced by the element found, the other marks by codes of the dialect: `{linear}`,
+    /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`, and `{needed}` by the
+    /// words that the cycle of the block begins with.
     pub message: &'static str,
-    /// What to write instead, with the same marks.
+    /// Text on how to correct it, with the same marks.
     pub help: &'static str,
 }
 
 impl Restriction {
-    /// What a row says, field by field.
+    /// Creates a row from its fields.
     pub(crate) const fn new(
         entry: &'static DiagnosticEntry,
         during: During,
@@ -55,7 +55,7 @@ impl Restriction {
     }
 }
 
-/// When a restriction holds.
+/// When a restriction applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum During {
     /// Always.
@@ -72,25 +72,27 @@ pub enum During {
     NoCompensation,
     /// The block begins a fixed cycle.
     CycleBegin,
-    /// A fixed cycle is in force, and the block does not end it.
+    /// A fixed cycle is active, and the block does not end it.
     Cycle,
     /// The next motion leads cutter compensation in or out.
     Lead,
-    /// Cutter compensation has been on before the block, or its way out is pending, and the block does not change that.
+    /// Cutter compensation has been on before the block, or its lead-out is pending, and the block does not change
+    /// that.
     Compensation,
     /// Cutter compensation is on after the block.
     CompensatedBlock,
-    /// Cutter compensation is on after the block, or its way out is pending.
+    /// Cutter compensation is on after the block, or its lead-out is pending.
     CompensationOrWayOut,
-    /// The same at the end of the block: its own motion is not the way out.
+    /// Cutter compensation is on at the end of the block, or its lead-out is pending; the block's own motion is not the
+    /// lead-out.
     CompensatedEnd,
-    /// Cutter compensation is on before or after the block, or a way in or out is pending.
+    /// Cutter compensation is on before or after the block, or a lead-in or lead-out is pending.
     AnyCompensation,
-    /// A tool offset is in force in the block.
+    /// A tool offset is active in the block.
     ToolOffset,
 }
 
-/// What is not allowed.
+/// Forbidden elements of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum What {
     /// A block without one of the words that its fixed cycle begins with.
@@ -105,15 +107,15 @@ pub enum What {
     Has(Role),
     /// The other side of cutter compensation.
     OtherSide,
-    /// A plane that is not in force.
+    /// A plane other than the current one.
     OtherPlane,
     /// An output with parameters, for whose reset the program always waits.
     Parameters,
     /// An M code with this role that is not alone in its block.
     Accompanied(Role),
-    /// The plane in force in the block is not XY.
+    /// The current plane in the block is not XY.
     NotXy,
-    /// An arc is the motion in force in the block.
+    /// The current motion in the block is an arc.
     ArcInForce,
     /// The number of another offset.
     OffsetNumber,
@@ -125,7 +127,7 @@ pub enum What {
     OtherUnit,
 }
 
-/// What is wrong with a block that is read so: what is in force before it, and where it begins.
+/// Returns the first violated restriction of a block. `with` contains the state before it and its position.
 #[inline]
 pub(crate) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     if is_plain(words, with.modal) {
@@ -175,7 +177,7 @@ fn follow_closely(words: &BlockWords, modal: &mut Modal) {
     if let (Some(side), Some(before)) = (own_side(words), modal.in_force.side)
         && (before == Side::Off) != (side == Side::Off)
     {
-        // what has not led in needs no way out
+        // an offset that has not been started need not be cancelled
         modal.lead_pending = !modal.lead_pending;
     }
     if modal.lead_pending && moves_in_plane(words, modal) {
@@ -191,7 +193,7 @@ fn follow_closely(words: &BlockWords, modal: &mut Modal) {
     }
 }
 
-/// Follows the numbers of offsets, and what the M code sets.
+/// Updates the numbers of offsets, and the values that the M code sets.
 #[inline(never)]
 fn follow_codes(words: &BlockWords, modal: &mut Modal) {
     if words.present.contains(Address::D) && own_side(words).is_some() {
@@ -205,7 +207,7 @@ fn follow_codes(words: &BlockWords, modal: &mut Modal) {
     }
 }
 
-/// True when the motion in force takes a word that may move in the plane of the compensation.
+/// True when the current motion takes a word that may move in the plane of the compensation.
 pub(crate) fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
     let outside = match modal.in_force.plane {
         Some(Plane::Xy) => Address::Z,
@@ -219,7 +221,7 @@ pub(crate) fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
         .any(|address| address != outside && !matches!(address, Address::A | Address::B | Address::C))
 }
 
-/// What the block says of cutter compensation.
+/// Returns the block's own code of cutter compensation.
 fn own_side(words: &BlockWords) -> Option<Side> {
     let mut values = words.codes().filter_map(|code| code.sets);
     values.find_map(|value| match value {
@@ -237,7 +239,7 @@ fn g_code(words: &BlockWords, is_so: impl Fn(&Code) -> bool) -> Option<&'static 
     words.codes().find(|code| is_so(code))
 }
 
-/// True when the motion or cycle in force takes a word of the block.
+/// True when the current motion or cycle takes a word of the block.
 fn moves(words: &BlockWords) -> bool {
     !words.taken.is_empty()
 }
@@ -255,7 +257,7 @@ pub(crate) fn centre(axis: Axis) -> Address {
     }
 }
 
-/// Which restrictions hold for a block, by what is in force before it and by its own codes.
+/// Returns which restrictions apply to a block, from the modal state before it and its own codes.
 fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let (in_force, own) = (modal.in_force, words.sets());
     let moves_anew = g_code(words, |code| matches!(code.role, Role::Motion(_))).is_some();
@@ -264,7 +266,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let switches_on = own.compensates();
     let after = (before && own.side != Some(Side::Off)) || switches_on;
     let leads = modal.lead_pending != (after != before);
-    // where the tool is before what leads out depends on that motion
+    // the tool position before the lead-out depends on that motion
     let way_out = leads && !after;
     let leads_out_here = way_out && moves_in_plane(words, modal);
     let pending = in_force.side.is_some() && modal.lead_pending;
@@ -298,7 +300,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     }
 }
 
-/// The word that a finding is shown at, and what is found.
+/// Returns the word at which a finding is shown, and the element found.
 fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, String)> {
     let in_force = &modal.in_force;
     let shown = |code: &Code| (Address::G, code.code.to_owned());

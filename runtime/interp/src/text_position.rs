@@ -1,4 +1,4 @@
-//! Where the programmed point is, as far as the text of a program shows.
+//! The programmed point, as far as the text of a program shows it.
 
 use tandem_model::flow::Distance;
 use tandem_model::{Axis, AxisVector};
@@ -10,7 +10,7 @@ use crate::execution::axis_of;
 use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
 
-/// True for a code that leaves the coordinates and the unit as they are, and that moves by the motion in force alone.
+/// True for a code that does not change the coordinates or the unit, and that moves by the current motion alone.
 fn is_harmless(code: &Code) -> bool {
     match code.sets {
         Some(ModalValue::Unit(_) | ModalValue::Length(_) | ModalValue::Cycle(_) | ModalValue::Shape(..)) => {
@@ -20,7 +20,7 @@ fn is_harmless(code: &Code) -> bool {
     }
 }
 
-/// A programmed point in the coordinates and the unit in force; not a number for an axis that the text does not show.
+/// A programmed point in the current coordinates and unit; NaN for an axis that the text does not show.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TextPosition(AxisVector);
 
@@ -33,7 +33,7 @@ impl PartialEq for TextPosition {
 }
 
 impl TextPosition {
-    /// Lets go the axes where another point is elsewhere. True when there are some.
+    /// Discards the axes in which another point differs. Returns `true` if there are some.
     pub(crate) fn join(&mut self, other: &Self) -> bool {
         let before = *self;
         for axis in Axis::ALL {
@@ -53,7 +53,7 @@ impl TextPosition {
         Self(position)
     }
 
-    /// Follows a block that has been found right. `modal` is in force in it.
+    /// Follows a block without errors. `modal` is the modal state in it.
     pub(crate) fn follow(&mut self, words: &BlockWords, modal: &Modal) {
         let harmless = words.codes().all(is_harmless);
         let named = words.axis_words;
@@ -72,14 +72,14 @@ impl TextPosition {
         }
     }
 
-    /// Lets go the axes of a block that may be skipped.
+    /// Discards the axes of a block that may be skipped.
     pub(crate) fn lose(&mut self, named: AddressSet) {
         for axis in named.iter().filter_map(axis_of) {
             self.0[axis] = f64::NAN;
         }
     }
 
-    /// How far a block goes along an axis; not a number where the text does not show it.
+    /// Returns the distance that a block moves along an axis; NaN if the text does not show it.
     pub(crate) fn way(&self, words: &BlockWords, distance: Option<Distance>, axis: Axis) -> f64 {
         let word = values(words, words.axis_words).find(|(named, _)| *named == axis);
         match (word, distance) {

@@ -1,4 +1,4 @@
-//! What is known of variables at a place of a program.
+//! Known values of variables at a place of a program.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,10 +7,11 @@ use tandem_syntax::{Variable, VariableKind};
 
 use crate::range::Range;
 
-/// More variables of one kind are not followed: nothing is known of them.
+/// Limit of tracked variables of one kind: further ones are treated as unknown.
 const FOLLOWED_MAX: usize = 1024;
 
-/// L of the call in hand, zero where they are not written (D12), and what the program has written into Q and P.
+/// L of the current call, zero where they are not written (D12), and the values that the program has written into Q and
+/// P.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Values {
     locals: Arc<BTreeMap<u16, Range>>,
@@ -22,7 +23,7 @@ pub(crate) struct Values {
 }
 
 impl Values {
-    /// Where nothing is known.
+    /// Creates values of which none is known.
     pub fn unknown() -> Self {
         Self {
             unknown: true,
@@ -30,7 +31,7 @@ impl Values {
         }
     }
 
-    /// What is known of a variable.
+    /// Returns the known range of a variable.
     pub fn get(&self, variable: Variable) -> Range {
         let shared = || self.shared.get(&(variable.kind as u8, variable.index));
         match variable.kind {
@@ -62,7 +63,7 @@ impl Values {
         }
     }
 
-    /// Others may write Q and P from here on.
+    /// From here on other writers may change Q and P.
     pub fn pass_time(&mut self) {
         if std::mem::take(&mut self.fresh) {
             for range in Arc::make_mut(&mut self.shared).values_mut() {
@@ -71,12 +72,12 @@ impl Values {
         }
     }
 
-    /// Lets go what is known of Q and P.
+    /// Discards the known values of Q and P.
     pub fn forget_shared(&mut self) {
         self.shared = Arc::default();
     }
 
-    /// Begins a call: its own L are zero. The caller's are what is returned.
+    /// Starts a call: its own L are zero. Returns those of the caller.
     pub fn enter(&mut self) -> Locals {
         Locals {
             values: std::mem::take(&mut self.locals),
@@ -84,7 +85,7 @@ impl Values {
         }
     }
 
-    /// Goes back to the L of a caller.
+    /// Returns to the L of a caller.
     pub fn leave(&mut self, caller: &Locals) {
         self.locals = Arc::clone(&caller.values);
         self.unknown = caller.unknown;
@@ -95,7 +96,7 @@ impl Values {
         self.locals = Arc::default();
     }
 
-    /// What holds for both. True when that is less than was known.
+    /// Widens the values to include the other ones. Returns `true` if that loses knowledge.
     pub fn widen(&mut self, other: &Self) -> bool {
         let before = self.clone();
         let kinds = |values: &Self| {

@@ -1,4 +1,4 @@
-//! What the checker finds: one test a rule, by a table of text and findings.
+//! Findings of the checker: one test for each rule, by a table of text and findings.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -329,7 +329,7 @@ fn d23_reference_and_machine_positions_need_the_tool_without_offsets() {
     }
 }
 
-/// The same with a lead-out before the end.
+/// Checks a source with a lead-out before the end.
 fn led_out(source: &str, expect: &[&str]) {
     check(&format!("{source}\nG40\nG01 X0 Y0"), expect);
 }

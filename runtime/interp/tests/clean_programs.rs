@@ -1,5 +1,6 @@
-//! What the checker calls clean does not stop by an alarm that its text alone decides: on random programs of both dialects,
-//! with branches, loops, block skip and calls where the dialect has them. Seeded; `TANDEM_LONG` takes more programs.
+//! A program without findings does not stop by an alarm that depends on its text alone: on random programs of both
+//! dialects, with branches, loops, block skip and calls where the dialect has them. Seeded; `TANDEM_LONG` takes more
+//! programs.
 
 #[path = "random/programs.rs"]
 mod programs;
@@ -26,7 +27,7 @@ fn is_long() -> bool {
     std::env::var_os("TANDEM_LONG").is_some()
 }
 
-/// What somebody else writes into P3 to P9 and Q3 to Q9, and the block skip inputs.
+/// Values that other writers set in P3 to P9 and Q3 to Q9, and the block skip inputs.
 type Outside = (f64, u32);
 
 fn run(
@@ -52,7 +53,7 @@ fn clean_programs_run_clean(wanted: u64, make: fn(u64) -> Made, runs: &[Outside]
         let check = text.check(&programs, CheckContext::default());
         let called = check.called.values().flat_map(|of| &of.diagnostics);
         let found: Vec<_> = check.diagnostics.iter().chain(called).collect();
-        // what is told of the whole text says nothing about a run
+        // reports on the whole text do not concern a run
         let is_clean = found.iter().all(|found| found.code == "W0002");
         let is_wrong = found.iter().any(|found| found.severity == Severity::Error);
         wrong += u64::from(is_wrong);

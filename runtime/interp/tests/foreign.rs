@@ -1,4 +1,4 @@
-//! Programs for other controls: the help says what to write here, and what it says is right.
+//! Programs for other controls: the help names the replacement, and the replacement is valid.
 
 #![allow(clippy::panic, reason = "tests")]
 
@@ -187,7 +187,7 @@ fn dialect_dgshape_says_what_to_write_for_codes_that_it_does_not_have() {
     }
 }
 
-/// Programs of other controls are full of what is no word here; what follows it on its line is no finding of its own.
+/// Programs of other controls contain many unknown words; the rest of such a line causes no further finding.
 #[test]
 fn a_line_of_dialect_dgshape_that_is_no_block_is_one_finding() {
     for line in [

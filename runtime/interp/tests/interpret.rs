@@ -1,4 +1,4 @@
-//! What the interpreter gives: one test a rule.
+//! Items of the interpreter: one test for each rule.
 
 #![allow(clippy::panic, reason = "helpers of tests")]
 

@@ -546,7 +546,7 @@ fn where_a_program_cannot_be_stopped_between_blocks_is_known() {
         ("G84 X1 Z-5 R2 F100 S100\nG80\nM30", false, false),
     ] {
         let mut run = Run::new(source);
-        // G41 up to the end: the last answer is an alarm, and says nothing of what is in force.
+        // G41 up to the end: the last answer is an alarm, and does not show the modal state.
         (0..20).for_each(|_| drop(run.next()));
         let modal = run.interpreter.modal();
         assert_eq!(

@@ -383,7 +383,7 @@ fn a_warning_of_some_ways_cites_what_the_error_cites() {
     );
 }
 
-/// A run that does not come to a block has no alarm there: values are told as a load tells them.
+/// A run that does not reach a block has no alarm there: values are checked as when loading.
 #[test]
 fn values_of_blocks_that_no_run_comes_to_are_not_told() {
     finds("L1=0/0\nif(!(isnan(L1))) X[L1]", &["1:1 W0010"]);
@@ -391,7 +391,7 @@ fn values_of_blocks_that_no_run_comes_to_are_not_told() {
     finds("L1=1\nif(L1>3) { L2=0-5\nG04 P[L2] }", &[]);
     finds("L1=1\nif(L1>3) { G43 }\nif(L1>3) { G28 X0 }", &[]);
     finds("switch(2){case 1: F[L1]\nbreak\ncase 2: X1}", &[]);
-    // what the text shows by itself is wrong there, too
+    // faults that the text alone shows are reported there, too
     finds("L1=1\nif(L1>3) { G02 X1 }", &["2:16 E0122"]);
 }
 
@@ -416,7 +416,7 @@ fn one_fault_of_a_call_is_one_finding() {
         with_called("M98 P1000.5\nM30", &[]),
         (vec!["1:5 E0110".to_owned()], vec![])
     );
-    // without its M99, what follows the call is meant to run
+    // despite the missing M99, the blocks after the call are assumed to run
     let (main, called) = with_called("M98 P1000\nX2\nM30", &[(1000, "X1")]);
     assert_eq!(
         (main, called),

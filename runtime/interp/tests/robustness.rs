@@ -1,5 +1,5 @@
-//! No text makes parser, checker or interpreter panic or run without end, and they agree about what is an error.
-//! Seeded: the same texts in each run.
+//! No text makes parser, checker or interpreter panic or run endlessly, and they agree on errors. Seeded: the same
+//! texts in each run.
 
 mod properties;
 mod random;

@@ -1,4 +1,4 @@
-//! The alarm table. An alarm stops its coordinate system; it has a number, and says what happened, where and why.
+//! The alarm table. An alarm stops its coordinate system. It has a number, and a text on what happened, where and why.
 
 use std::fmt::Display;
 
@@ -9,7 +9,7 @@ use crate::span::Origin;
 pub struct Alarm {
     /// Entry of the alarm table.
     pub entry: &'static AlarmEntry,
-    /// What happened, with values.
+    /// Description of the event, with values.
     pub text: String,
     /// The block it belongs to.
     pub origin: Option<Origin>,
@@ -24,15 +24,15 @@ pub struct AlarmEntry {
     pub number: u16,
     /// Its name.
     pub title: &'static str,
-    /// How it goes on.
+    /// Effect on the program after the alarm.
     pub after: After,
-    /// What leads to it.
+    /// Its causes.
     pub cause: &'static str,
-    /// What to do.
+    /// Its remedies.
     pub remedy: &'static str,
 }
 
-/// How the machine goes on after an alarm.
+/// How the machine continues after an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum After {
     /// It has stopped its coordinate system.
@@ -45,7 +45,7 @@ pub enum After {
     Notice,
     /// Nothing has stopped, and it lasts.
     Standing,
-    /// It has stopped, and only a restart of the runtime goes on.
+    /// The coordinate system has stopped, and continues only after a restart of the runtime.
     Restart,
     /// A simulation has ended.
     Simulated,
@@ -82,7 +82,7 @@ impl After {
 }
 
 impl Alarm {
-    /// An alarm of this entry, without a place.
+    /// Creates an alarm of this entry, without a place.
     pub fn new(entry: &'static AlarmEntry, text: impl Into<String>) -> Self {
         Self {
             entry,
@@ -92,14 +92,14 @@ impl Alarm {
         }
     }
 
-    /// The same alarm, with the letters of the words to blame: `IJ`.
+    /// Adds the letters of the words that cause the alarm: `IJ`.
     #[must_use]
     pub fn of_words(mut self, words: impl Into<String>) -> Self {
         self.words = words.into();
         self
     }
 
-    /// The same alarm at a block.
+    /// Adds the block of the alarm.
     #[must_use]
     pub fn at(mut self, origin: Origin) -> Self {
         self.origin = Some(origin);

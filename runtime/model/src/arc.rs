@@ -8,8 +8,8 @@ use crate::plane::{Plane, Turn};
 
 mod slope;
 
-/// End and start in the same direction from the centre: closer than this, mm, they count as equal, and the arc is a
-/// full turn. Reason: rounding of the transforms before is about 1e-12.
+/// End and start in the same direction from the centre: closer than this, mm, they are treated as equal, and the arc is
+/// a full turn. Reason: rounding of the preceding transforms is about 1e-12.
 const SAME_DIRECTION: f64 = 1e-9;
 
 /// A change of radius below this share of it does not count in the arc length: it is rounding.

@@ -8,7 +8,7 @@ use std::ops::{Index, IndexMut};
 /// that names more is refused when it is read.
 pub const AXES_MAX: usize = 8;
 
-/// An axis letter of a coordinate system. What moves is a motor; the configuration assigns a motor to each axis.
+/// An axis letter of a coordinate system. Motors perform the motion; the configuration assigns a motor to each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Axis {

@@ -20,9 +20,9 @@ pub struct Diagnostic {
     pub severity: Severity,
     /// Where in the source.
     pub span: Span,
-    /// What is wrong, with the words and values of the source.
+    /// Description of the error, with the words and values of the source.
     pub message: String,
-    /// What to write instead.
+    /// How to correct it.
     pub help: String,
 }
 

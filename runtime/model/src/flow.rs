@@ -56,11 +56,11 @@ pub struct ProgramStop {
 pub struct Block {
     /// Its place in the program.
     pub origin: Origin,
-    /// What it does.
+    /// Action of the block.
     pub action: Action,
-    /// Feedrate as it is written, and ramp times in force.
+    /// Feedrate as written, and current ramp times.
     pub feed: ProgrammedFeed,
-    /// The unit in force: the maximum and the default feedrate count in it (D25).
+    /// The current unit, in which the maximum and the default feedrate are expressed (D25).
     pub unit: Unit,
     /// F for a block that moves rotary axes only, deg/min: as it is written, in inches too (D25). 0: never programmed.
     pub feedrate_deg_min: f64,
@@ -76,7 +76,7 @@ pub struct Block {
     pub compensation: Compensation,
 }
 
-/// What a block does.
+/// Action of a block.
 // Its kind is a word of its own: the odd bytes of a smaller one are moved in overlapping pieces, and each move of a block waited
 // for the one before.
 #[repr(u64)]
@@ -90,7 +90,7 @@ pub enum Action {
     Linear(AxisWords),
     /// G02 or G03.
     Arc(Box<Arc>),
-    /// G31: each motor alone at its skip velocity, until its skip input comes.
+    /// G31: each motor alone at its skip velocity, until its skip input switches on.
     Skip(AxisWords),
     /// G28 or G30: to the middle point, then to a reference point, named axes only (none named: D24).
     Reference {
@@ -98,14 +98,14 @@ pub enum Action {
         middle: AxisWords,
         /// 1 to 4.
         point: u8,
-        /// Also with a tool length offset in force.
+        /// Also with an active tool length offset.
         with_tool_length: bool,
     },
-    /// G39: the corner between the motions before and after it is rounded in cutter compensation, where the next one
-    /// goes on in this direction; no motion of its own.
+    /// G39: cutter compensation rounds the corner between the motions before and after it, if the next one continues in
+    /// this direction; no motion of its own.
     Corner(AxisWords),
-    /// G74 or G84 begins: refused before anything moves when a hole is out of reach or its thread cannot be cut; no motion
-    /// of its own.
+    /// G74 or G84 begins: rejected before anything moves when a hole is out of reach or its thread cannot be cut; no
+    /// motion of its own.
     ThreadAhead(Box<ThreadAhead>),
     /// A move of G74 or G84 in the thread, into the hole or out of it, with a spindle locked to it.
     Tap(Box<Tap>),
@@ -150,12 +150,12 @@ pub struct Tap {
     pub leg: TapLeg,
     /// Direction of the spindle on this move.
     pub turn: Turn,
-    /// S, r/min; `None`: the coordinate system has no spindle, the sequence program turns it.
+    /// S, r/min. `None` if the coordinate system has no spindle; then the sequence program turns it.
     pub spindle_speed_r_min: Option<f64>,
 }
 
-/// The moves of a block of a tapping cycle, for each hole: the rapids to its position and to the R point, the thread, and the
-/// way back.
+/// The moves of a block of a tapping cycle, for each hole: the rapids to its position and to the R point, the thread,
+/// and the return.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThreadAhead {
     /// Position of the hole, or its distance from the last one; Z is not named.
@@ -164,9 +164,9 @@ pub struct ThreadAhead {
     pub repetitions: u16,
     /// The R point, from where the thread begins.
     pub r_point: AxisWords,
-    /// The way into the hole.
+    /// The pass into the hole.
     pub tap: Tap,
-    /// The level that each hole returns to at the end; `None`: the R point.
+    /// The level that each hole returns to at the end. `None` selects the R point.
     pub initial: Option<AxisWords>,
 }
 
@@ -186,7 +186,7 @@ pub struct AxisWords {
     pub values: AxisVector,
     /// The axes that the block names; the others stay.
     pub named: AxisSet,
-    /// How the values count.
+    /// Distance mode of the values.
     pub distance: Distance,
     /// Which coordinates they are in.
     pub frame: Frame,
@@ -195,7 +195,7 @@ pub struct AxisWords {
 /// Coordinates of axis words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Frame {
-    /// The coordinates in force.
+    /// The current coordinates.
     #[default]
     Work,
     /// G53: machine coordinates.
@@ -205,7 +205,7 @@ pub enum Frame {
 /// G90 or G91.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Distance {
-    /// G90: a position in the coordinates in force.
+    /// G90: a position in the current coordinates.
     #[default]
     Absolute,
     /// G91: a distance from the last commanded position.
@@ -232,7 +232,7 @@ pub enum MultiBlock {
     On,
 }
 
-/// Cutter compensation in force.
+/// Active cutter compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Compensation {
     /// G40.
@@ -294,19 +294,19 @@ impl Default for Feed {
     }
 }
 
-/// A piece of the way in machine coordinates, for the motion stage.
+/// A piece of the path in machine coordinates, for the motion stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
-    /// Where it comes from.
+    /// Its origin.
     pub origin: Origin,
-    /// What moves, and how.
+    /// Kind of the motion.
     pub motion: SegmentMotion,
     /// How it ends.
     pub end: SegmentEnd,
     /// With G500 a cutting block respects the motors' maximum acceleration, and back trace can pass it.
     pub multi_block: MultiBlock,
-    /// Counts the motions that the path stage was given; what cutter compensation adds has the number of its block's. 0: it is
-    /// of none.
+    /// Number of the motion given to the path stage; pieces added by cutter compensation have the number of their
+    /// block. 0 if it belongs to no motion.
     pub serial: u64,
 }
 
@@ -327,7 +327,7 @@ pub enum SegmentMotion {
         /// Target, machine coordinates.
         to: AxisVector,
     },
-    /// G31: each motor alone at its skip velocity; one whose skip input comes returns to the captured position.
+    /// G31: each motor alone at its skip velocity; one whose skip input switches on returns to the captured position.
     Skip {
         /// Start, machine coordinates.
         from: AxisVector,
@@ -357,7 +357,7 @@ pub enum SegmentMotion {
 }
 
 /// Geometry in machine coordinates.
-// a kind of one byte would be moved with the odd bytes beside it, which takes longer
+// a kind of one byte would be moved together with the odd bytes next to it, which takes longer
 #[repr(u64)]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {
@@ -367,7 +367,7 @@ pub enum Path {
         from: AxisVector,
         /// End.
         to: AxisVector,
-        /// What F counts: mm over X, Y, Z, or degrees when only rotary axes move.
+        /// Length to which F refers: mm over X, Y, Z, or degrees when only rotary axes move.
         length: f64,
     },
     /// A circle, spiral, helix or cone.
@@ -391,7 +391,7 @@ impl Path {
         }
     }
 
-    /// Length that F counts: mm, or degrees for a block of rotary axes only.
+    /// Length to which F refers: mm, or degrees for a block of rotary axes only.
     pub fn length(&self) -> f64 {
         match self {
             Path::Line { length, .. } => *length,

@@ -1,6 +1,6 @@
-//! Values that were kept and are damaged: no values. Whoever needs one is refused until a person writes it anew.
+//! Stored values that are damaged: they have no value. Every use of one is rejected until a person writes it again.
 
-/// What stands in the place of a lost value: not a number, of bits that no calculation gives and no interface takes.
+/// Marks a lost value: a NaN whose bits no calculation gives and no interface accepts.
 pub const LOST: f64 = f64::from_bits(0x7ffc_4c4f_5354_2121);
 
 /// True for a lost value.

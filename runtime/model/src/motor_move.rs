@@ -55,8 +55,8 @@ impl MotorMove {
         self.velocity * ramp.speed(t_s).min(ramp.speed(left))
     }
 
-    /// The room that a motor of this maximum acceleration leaves to overrides and feed hold between two times of the move
-    /// (M1i). A move that exceeds the maximum by itself counts as using all of it.
+    /// Returns the room that a motor of this maximum acceleration leaves to overrides and feed hold between two times
+    /// of the move (M1i). A move that exceeds the maximum even without them uses all of it.
     pub fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
         let brakes_s = self.ramp_s + self.cruise_s;
         if self.velocity == 0.0 || to_s <= 0.0 || from_s >= self.duration_s() {
@@ -100,7 +100,7 @@ pub struct MotorLimits {
     pub velocity: f64,
     /// Units per second squared.
     pub acceleration: f64,
-    /// Units per second cubed; `None`: not limited.
+    /// Units per second cubed. `None` disables the limit.
     pub jerk: Option<f64>,
 }
 
@@ -220,7 +220,7 @@ mod tests {
             close(back.driving, mirrored.driving);
         }
         assert_eq!(moved.room(200.0, 0.65, 0.7), SlewRoom::default());
-        // What it needs beyond the maximum counts as all of it.
+        // Acceleration beyond the maximum uses all of it.
         close(moved.room(25.0, 0.05, 0.1).driving, 1.0);
     }
 }

@@ -15,7 +15,7 @@ pub struct Profile {
     pub segment: u64,
     /// Run of the servo queue that it belongs to; a flush raises it, and older profiles are dropped.
     pub epoch: u32,
-    /// Where it comes from.
+    /// Its origin.
     pub origin: Origin,
     /// Position as a function of time.
     pub law: Law,
@@ -32,8 +32,8 @@ pub enum TimeBase {
     Feed,
     /// Rapid override, 0 to 100 percent.
     Rapid,
-    /// None: a dwell lasts as long as programmed, a thread is cut as programmed. Feed hold stops a dwell outside of a
-    /// thread.
+    /// No override: a dwell lasts as long as programmed, a thread is cut as programmed. Feed hold stops a dwell outside
+    /// of a thread.
     Fixed,
 }
 
@@ -70,7 +70,8 @@ pub enum Law {
         /// The part of the motion that is passed, forward or backward.
         stretch: Stretch,
     },
-    /// As `Motors`, until a motor's skip input comes: the servo cycle then returns that motor to the captured position.
+    /// As `Motors`, until a motor's skip input switches on: the servo cycle then returns that motor to the captured
+    /// position.
     Skip {
         /// Start, machine coordinates.
         from: AxisVector,
@@ -120,7 +121,7 @@ pub struct Ramped {
     /// Progress of the start ramp at plan time 0, s: 0 from rest; all of it when the block began within the profile
     /// before.
     pub begun_s: f64,
-    /// The block that begins along the stop ramp; `None`: this one ends at rest.
+    /// The block that begins along the stop ramp. `None` if this one ends at rest.
     pub next: Option<Lead>,
     /// Plan time at its end, s.
     pub plan_s: f64,
@@ -222,8 +223,8 @@ impl Profile {
         }
     }
 
-    /// Commanded machine position `t_s` seconds after the start; exact at both ends. A time before the start counts as
-    /// the start.
+    /// Commanded machine position `t_s` seconds after the start; exact at both ends. For a time before the start, the
+    /// position at the start.
     pub fn position(&self, t_s: f64) -> AxisVector {
         if t_s >= self.duration_s {
             return self.end();
@@ -273,7 +274,7 @@ impl Profile {
         profile
     }
 
-    /// Revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive; `None`: the spindle
+    /// Revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive. `None` if the spindle
     /// is not locked to this profile. At any time in proportion to the distance, exact at both ends.
     pub fn spindle_revolutions(&self, t_s: f64) -> Option<f64> {
         match self.law {

@@ -18,7 +18,7 @@ impl UnitRamp {
         }
     }
 
-    /// The same ramp within `duration_s`: the jerk time gives way first, then the acceleration time.
+    /// Shortens the ramp to `duration_s`: first the jerk time, then the acceleration time.
     #[must_use]
     pub fn at_most(self, duration_s: f64) -> Self {
         if self.duration_s() <= duration_s {

@@ -15,7 +15,7 @@ pub struct CoordinateSystemSettings {
     pub motors: [Option<MotorSettings>; AXES_MAX],
     /// The spindle's motor.
     pub spindle: Option<MotorSettings>,
-    /// The unit in force at start-up.
+    /// The unit at start-up.
     pub unit: Unit,
     /// F above it is clipped with a warning, mm/min; in G20 inch/min (D25).
     pub max_feedrate_mm_min: f64,
@@ -39,22 +39,22 @@ pub struct CoordinateSystemSettings {
     pub blocks_without_motion_max: u32,
     /// Rules of path and motion with a default.
     pub motion: MotionOptions,
-    /// What the dialect of the programs says of the path.
+    /// Path rules of the programs' dialect.
     pub path: PathRules,
-    /// What a dialect leaves to the machine.
+    /// Options that a dialect leaves to the machine.
     pub nc: NcOptions,
 }
 
-/// What a dialect says of the path.
+/// Path rules of a dialect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PathRules {
-    /// How a rapid goes.
+    /// Path of a rapid.
     pub rapid: RapidPath,
-    /// What F counts on rotary axes.
+    /// Meaning of F on rotary axes.
     pub rotary_feed: RotaryFeed,
-    /// How cutter compensation is led in, and what it passes.
+    /// Lead-in and checks of cutter compensation.
     pub compensation: CompensationRules,
-    /// Whether ramps span blocks before a code says so.
+    /// Whether ramps span blocks before a code selects it.
     pub multi_block: MultiBlock,
 }
 
@@ -68,7 +68,7 @@ impl PathRules {
     };
 }
 
-/// How a rapid goes.
+/// Path of a rapid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RapidPath {
     /// Each motor alone, in its shortest time.
@@ -77,13 +77,13 @@ pub enum RapidPath {
     Straight,
 }
 
-/// What F counts on rotary axes.
+/// Meaning of F on rotary axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RotaryFeed {
     /// Degrees, and nothing where a linear axis moves, too.
     Degrees,
-    /// The way of the tool on a circle about the A axis, whose centre is Y0 Z0 of the work coordinates, with the radius
-    /// where the block begins (manual dgshape, 1-4 and 2-5).
+    /// The path of the tool on a circle about the A axis, whose centre is Y0 Z0 of the work coordinates, with the
+    /// radius where the block begins (manual dgshape, 1-4 and 2-5).
     Surface,
 }
 
@@ -97,24 +97,24 @@ pub enum CompensationRules {
     Unchecked,
 }
 
-/// What a dialect leaves to the machine.
+/// Options that a dialect leaves to the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NcOptions {
     /// Which numbers without a decimal point are read as by a calculator.
     pub calculator: Calculator,
     /// Degrees of 1 in an angle without a decimal point.
     pub angle_increment_deg: f64,
-    /// F below it counts as this in a dialect that has a least feedrate, mm/min; 0: none.
+    /// In a dialect that has a least feedrate, smaller F are replaced by this, mm/min; 0 for none.
     pub min_feedrate_mm_min: f64,
-    /// S below it counts as this, r/min.
+    /// Smaller S are replaced by this, r/min.
     pub min_spindle_speed_r_min: f64,
-    /// S above it counts as this, r/min; 0: the maximum of the spindle's motor.
+    /// Larger S are replaced by this, r/min; 0 selects the maximum of the spindle's motor.
     pub max_spindle_speed_r_min: f64,
     /// How far above the last depth a peck of a fixed cycle begins to cut, mm.
     pub peck_clearance_mm: f64,
-    /// The path of the way into and out of cutter compensation on the outside of a corner.
+    /// The path of lead-in and lead-out of cutter compensation on the outside of a corner.
     pub compensation_start: CompensationStart,
-    /// EXOFS: what all work coordinate systems are shifted by.
+    /// EXOFS: shift of all work coordinate systems.
     pub external_offset: AxisVector,
     /// M codes with settings.
     pub m_codes: MCodeSet,
@@ -147,7 +147,7 @@ impl Default for NcOptions {
     }
 }
 
-/// Which numbers without a decimal point are read as by a calculator, in the unit itself; all others count increments
+/// Numbers without a decimal point that are read as by a calculator, in the unit itself; all others count increments
 /// (manual dgshape, 1-5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Calculator {
@@ -162,13 +162,13 @@ pub enum Calculator {
     Dimensions,
 }
 
-/// The path of the way into and out of cutter compensation on the outside of a corner (manual dgshape, G40 to G42).
+/// The path of lead-in and lead-out of cutter compensation on the outside of a corner (manual dgshape, G40 to G42).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CompensationStart {
-    /// Straight to the point beside the corner.
+    /// Straight to the point next to the corner.
     #[default]
     A,
-    /// By way of the point where the offset ways meet.
+    /// Through the point where the offset paths meet.
     B,
 }
 
@@ -208,15 +208,15 @@ pub struct MotionOptions {
     pub spiral_tolerance_mm: f64,
     /// Feedrate of dry run, mm/min or deg/min; 0: the maximum feedrate.
     pub dry_run_feedrate_mm_min: f64,
-    /// Where F counts with cutter compensation.
+    /// Path to which F refers with cutter compensation.
     pub compensation_feed: CompensationFeed,
     /// The reaction to an overcut with cutter compensation.
     pub overcut: Overcut,
-    /// What gives way in a chain of blended blocks that are too short for their ramps (M1b).
+    /// Quantity that is reduced in a chain of blended blocks that are too short for their ramps (M1b).
     pub short_block: ShortBlock,
-    /// The simulated skip input of each axis's motor (G31); `None`: its input never comes.
+    /// The simulated skip input of each axis's motor (G31). With `None` the input never switches on.
     pub simulated_skip: [Option<SimulatedSkip>; AXES_MAX],
-    /// What a simulated probe touches with X and Y.
+    /// Object that a simulated probe touches with X and Y.
     pub simulated_round: Option<SimulatedRound>,
 }
 
@@ -234,16 +234,17 @@ pub enum SimulatedSkip {
 pub struct SimulatedRound {
     /// X and Y of the centre.
     pub centre: [f64; 2],
-    /// Of the circle on which the centre of the probe's ball touches.
+    /// Radius of the circle on which the centre of the probe's ball touches.
     pub radius: f64,
-    /// True: a bore, which is touched from within; false: a boss, from outside.
+    /// True for a bore, which is touched from within; false for a boss, which is touched from outside.
     pub is_bore: bool,
     /// The wall is where Z is below this.
     pub below: f64,
 }
 
 impl SimulatedRound {
-    /// Where an axis comes to the wall that the probe at this position of X, Y and Z touches; `axis`: 0 for X, 1 for Y.
+    /// Returns where an axis reaches the wall that the probe at this position of X, Y and Z touches; `axis`: 0 for X, 1
+    /// for Y.
     pub fn touched(&self, axis: usize, [x, y, z]: [f64; 3]) -> Option<f64> {
         let away = [x - self.centre[0], y - self.centre[1]];
         let is_touched = z < self.below && (away[0].hypot(away[1]) > self.radius) == self.is_bore;
@@ -270,10 +271,10 @@ impl SimulatedSkip {
     }
 }
 
-/// Where F counts with cutter compensation.
+/// Path to which F refers with cutter compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CompensationFeed {
-    /// On the way of the tool's centre.
+    /// The path of the tool's centre.
     #[default]
     Centre,
     /// On the programmed arc, where the tool's edge cuts.
@@ -290,7 +291,7 @@ pub enum Overcut {
     Prevent,
 }
 
-/// What gives way in a chain of blended blocks that are too short for their ramps.
+/// Quantity that is reduced in a chain of blended blocks that are too short for their ramps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ShortBlock {
     /// The ramps: the feedrate is kept.
@@ -355,14 +356,14 @@ impl CoordinateSystemSettings {
 pub struct MotorSettings {
     /// CNC motor number.
     pub number: u16,
-    /// What it moves.
+    /// Kind of its load.
     pub kind: MotorKind,
     /// Units per second (spindle: r/min).
     pub max_velocity: f64,
     /// Units per second squared (spindle: r/min per second).
     pub max_acceleration: f64,
-    /// Units per second cubed, of G00, G28, G30 and G31 (M1e) and, with G500, of lines, arcs and the ramps
-    /// between them (M1d); `None`: not limited. Other feed motion has the jerk that ta, td and ts give it, and steps within
+    /// Units per second cubed, of G00, G28, G30 and G31 (M1e) and, with G500, of lines, arcs and the ramps between them
+    /// (M1d). `None` disables the limit. Other feed motion has the jerk that ta, td and ts give it, and steps within
     /// `max_acceleration` where look-ahead changes the rate.
     pub max_jerk: Option<f64>,
     /// Speed of G00, units per second.
@@ -371,7 +372,7 @@ pub struct MotorSettings {
     pub rapid_acceleration: f64,
     /// Speed of G31, units per second.
     pub skip_velocity: f64,
-    /// Largest following error that counts as in position, units.
+    /// Largest following error at which the motor is in position, units.
     pub in_position: f64,
     /// Time after which a motor that is not in position raises an alarm, ms.
     pub in_position_timeout_ms: f64,
@@ -389,7 +390,7 @@ pub struct MotorSettings {
     pub orientation_velocity: f64,
     /// Spindle: position of orientation, degrees.
     pub orientation_position: f64,
-    /// Spindle: difference from the commanded speed within which it counts as reached, percent of it.
+    /// Spindle: difference from the commanded speed within which that speed is reached, percent of it.
     pub at_speed_percent: f64,
 }
 
@@ -421,7 +422,7 @@ impl MotorSettings {
     }
 }
 
-/// What a motor moves.
+/// Load of a motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotorKind {
     /// A linear axis, mm.
@@ -436,10 +437,10 @@ pub enum MotorKind {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WorkOffsets(pub [AxisVector; 6]);
 
-/// The tool that G41 to G44 take (D17).
+/// The tool that G41 to G44 use (D17).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tool {
-    /// Length, mm: G43 adds it to Z, G44 takes it away.
+    /// Length, mm: G43 adds it to Z, G44 subtracts it.
     pub length: f64,
     /// Radius, mm: the offset of G41 and G42.
     pub radius: f64,

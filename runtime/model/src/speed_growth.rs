@@ -29,7 +29,7 @@ impl SpeedGrowth {
         self.first == 0.0 && self.second == 0.0
     }
 
-    /// The same with falling plan time.
+    /// Returns the growth for falling plan time.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self {

@@ -20,8 +20,8 @@ const WRITTEN: u8 = 1;
 /// Mark of a variable that was read before it was set.
 const READ_FIRST: u8 = 2;
 
-/// An array of 64-bit floating point variables, initially zero. Each is atomic by itself, without any order among them; a
-/// clone is another handle of the same array.
+/// An array of 64-bit floating point variables, initially zero. Each is atomic on its own, without any order among
+/// them; a clone is another handle of the same array.
 #[derive(Debug, Clone)]
 pub struct VariableArray {
     values: Arc<[AtomicU64]>,
@@ -67,7 +67,7 @@ impl VariableArray {
             .map(|(index, _)| index)
     }
 
-    /// From now on those that were not set since [`VariableArray::watched_copy`] are lost: nobody knows them.
+    /// Marks the variables as lost that have not been set since [`VariableArray::watched_copy`].
     pub fn lose_unwritten(&self) {
         let Some(marks) = &self.marks else { return };
         for (value, mark) in self.values.iter().zip(marks.iter()) {

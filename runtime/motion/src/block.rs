@@ -14,7 +14,7 @@ pub(crate) struct RampedBlock {
 }
 
 impl RampedBlock {
-    /// True when its path rests at a plan time by itself.
+    /// True when its path itself rests at a plan time.
     pub(crate) fn begins_at_rest(&self, plan_s: f64) -> bool {
         self.ramped.begun_s + plan_s == 0.0
     }
@@ -32,7 +32,7 @@ impl RampedBlock {
         self.by(law, self.ramped.plan_s, self.ends_at_rest())
     }
 
-    /// At a pace that takes this time.
+    /// Converts the block to a pace that takes this time.
     #[inline]
     pub(crate) fn paced(&self, pace: Pace, duration_s: f64, exact_stop: bool) -> Profile {
         let block = self.ramped.clone();

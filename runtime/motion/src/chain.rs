@@ -19,11 +19,11 @@ use crate::ramped::Alone;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Chain {
     links: VecDeque<Link>,
-    /// Of the block put out last; `None`: none yet.
+    /// Place of the last output block. `None` before the first one.
     place: Option<ChainPlace>,
 }
 
-/// A segment as a chain takes it.
+/// A segment as input of a chain.
 #[derive(Debug, Clone)]
 pub(crate) struct Block {
     pub(crate) segment: u64,
@@ -43,7 +43,7 @@ struct Link {
     is_first: bool,
     /// As programmed for the first block until the second is known.
     start: UnitRamp,
-    /// To the next block, or to rest; `None`: not known yet.
+    /// Ramp to the next block, or to rest. `None` if it is not known yet.
     stop: Option<UnitRamp>,
 }
 
@@ -53,7 +53,7 @@ impl Chain {
         self.place = None;
     }
 
-    /// Adds a block, and puts out those that are final.
+    /// Adds a block, and outputs those that are final.
     pub(crate) fn push(&mut self, rule: ShortBlock, block: Block, out: impl FnMut(RampedBlock)) {
         let mut link = Link {
             speed: block.alone.limit,
@@ -75,7 +75,7 @@ impl Chain {
         self.put_out(rule, out);
     }
 
-    /// Ends the chain at rest and puts out all of it.
+    /// Ends the chain at rest and outputs all of it.
     pub(crate) fn finish(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
         if let Some(last) = self.links.back_mut()
             && !last.is_first
@@ -105,8 +105,8 @@ impl Chain {
         }
     }
 
-    /// As planned, blended into the first of the links that are left, with its place in the chain; alone in its chain,
-    /// it is the block from rest to rest.
+    /// Plans a link, blended into the first of the remaining links, with its place in the chain. A link alone in its
+    /// chain is the block from rest to rest.
     fn planned(&mut self, link: Link) -> RampedBlock {
         let length = link.block.path.length();
         let (speed, [start, stop], begun_s, plan_s) = match link.stop {

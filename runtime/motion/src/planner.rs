@@ -26,7 +26,7 @@ pub struct Planner {
     epoch: u32,
     last_segment: u64,
     chain: Chain,
-    /// In force for the blocks of the chain.
+    /// Multi-block setting of the chain's blocks.
     multi_block: MultiBlock,
     look_ahead: LookAhead,
     record: Record,
@@ -74,19 +74,19 @@ impl Planner {
         self.record.passed(segment);
     }
 
-    /// There is no way back past the end of the last segment taken.
+    /// Prevents a return past the end of the last segment taken.
     pub fn bar_way_back(&mut self) {
         self.record.bar(self.last_segment);
     }
 
-    /// A place within a G500 block already put out, at least `ahead_s` of plan time beyond this one, where a
-    /// [`Planner::replan`] may begin while the machine moves; `None`: there is none.
+    /// Returns a place within a G500 block already output, at least `ahead_s` of plan time beyond this one, where a
+    /// [`Planner::replan`] may begin while the machine moves. `None` if there is none.
     pub fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
         self.record.place_ahead(from, ahead_s)
     }
 
-    /// Plans the profiles already put out anew from a place on, for the feed override in force: from rest there, or for a
-    /// motion that arrives no faster than the new plan allows. Nothing changes before [`Planner::adopt`].
+    /// Plans the output profiles again from a place on, for the current feed override: from rest there, or for a motion
+    /// that arrives no faster than the new plan allows. Nothing changes before [`Planner::adopt`].
     pub fn replan(&self, from: PathPlace, at_rest: bool) -> Replan {
         Replan::forward(&self.record, &self.look_ahead, from, at_rest)
     }
@@ -97,14 +97,14 @@ impl Planner {
         self.record.replace(new.from, new.record);
     }
 
-    /// True when [`Planner::retrace`] finds a way back from this place.
+    /// True when [`Planner::retrace`] finds a return path from this place.
     pub fn has_way_back(&self, from: PathPlace) -> bool {
         self.record.has_way_back(from)
     }
 
-    /// The way back from a place at rest, along the blocks that moved with G500, to rest: up to a block with G501, a thread,
-    /// a G31, a bar, or the oldest block kept. Dwells are skipped, and a later [`Planner::replan`] does not repeat the part
-    /// of a dwell waited before this place. Empty: there is no way back.
+    /// Returns the path back from a place at rest, along the blocks that moved with G500, to rest: up to a block with
+    /// G501, a thread, a G31, a bar, or the oldest block kept. Dwells are skipped, and a later [`Planner::replan`] does
+    /// not repeat the part of a dwell waited before this place. Empty if there is no path back.
     pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
         let back = Replan::backward(&self.record, &self.look_ahead, from);
         if !back.profiles.is_empty() {
@@ -118,9 +118,9 @@ impl Planner {
     /// Segment numbers follow the order of the segments in any case.
     ///
     /// # Errors
-    /// An alarm at the segment's origin; the segment puts out nothing, and those held back end at rest: `LIMIT_ZERO` when a
-    /// motor that moves has a limit that is not above zero, `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` for a negative time, a
-    /// feedrate that is not above zero, or a duration above 1e9 s.
+    /// Returns an alarm at the segment's origin; the segment outputs nothing, and those held back end at rest:
+    /// `LIMIT_ZERO` when a motor that moves has a limit that is not above zero, `VALUE_NOT_FINITE`,
+    /// `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above zero, or a duration above 1e9 s.
     pub fn push(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
         let pushed = self.take(segment, out);
         if pushed.is_err() || segment.end == SegmentEnd::ExactStop {
@@ -129,7 +129,7 @@ impl Planner {
         pushed.map_err(|alarm| alarm.at(segment.origin))
     }
 
-    /// Puts out the blocks held back, ending at rest.
+    /// Outputs the blocks held back, ending at rest.
     pub fn flush(&mut self, out: &mut VecDeque<Profile>) {
         let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
         self.chain.finish(self.settings.motion.short_block, onward);

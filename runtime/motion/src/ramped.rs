@@ -23,7 +23,7 @@ pub(crate) struct Alone {
     pub(crate) start: UnitRamp,
     /// With td, as programmed.
     pub(crate) stop: UnitRamp,
-    /// Limits of the ramps from rest and to rest; `None`: they are as programmed.
+    /// Limits of the ramps from rest and to rest. `None` keeps the programmed ones.
     soft: Option<Soft>,
 }
 
@@ -52,9 +52,9 @@ impl Alone {
         self.soft.map_or(self.stop, |soft| soft.ramp(self.stop, speed))
     }
 
-    /// The ramp at the begin of a chain whose first block takes this time. Where that is too short for the limits of the
-    /// motors, it is the ramp of the smallest jerk, which look-ahead slows down; without a jerk limit the programmed ramp
-    /// gives way (rule `shrink`).
+    /// Returns the ramp at the begin of a chain whose first block takes this time. If that is too short for the limits
+    /// of the motors, it is the ramp of the smallest jerk, which look-ahead slows down; without a jerk limit the
+    /// programmed ramp is shortened (rule `shrink`).
     pub(crate) fn start_from_rest(&self, block_s: f64) -> UnitRamp {
         self.within(self.start_to(self.limit), self.start, block_s)
     }
@@ -221,7 +221,8 @@ fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Resul
     Ok(())
 }
 
-/// A programmed ramp. An acceleration time of 0 counts as one servo period; then it is at least the jerk time.
+/// Returns a programmed ramp. An acceleration time of 0 is replaced by one servo period; then it is at least the jerk
+/// time.
 pub(crate) fn ramp(
     settings: &CoordinateSystemSettings,
     name: &str,

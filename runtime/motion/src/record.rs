@@ -1,4 +1,4 @@
-//! The profiles put out so far, kept so that they can be planned again ([`crate::replan`]).
+//! The output profiles, kept so that they can be planned again ([`crate::replan`]).
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use tandem_model::profile::{Law, PathPlace, Profile};
 
 use crate::block::RampedBlock;
 
-/// Segments kept behind the motion: the reach of back trace.
+/// Passed segments that are kept: the reach of back trace.
 pub(crate) const PASSED_MAX: usize = 10_000;
 
 /// Older segments are dropped this many at a time: dropping them one by one costs a cache miss each.
@@ -18,17 +18,17 @@ const ROOM: usize = 2048;
 /// Most segments kept; the oldest are dropped.
 const SEGMENTS_MAX: usize = 65_536;
 
-/// Segments put out, in order; those of a G500 chain as they were before look-ahead.
+/// Output segments, in order; those of a G500 chain in their form before look-ahead.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Record {
     entries: VecDeque<Entry>,
-    /// There is no way back into this segment or an earlier one.
+    /// No return into this segment or an earlier one is possible.
     barrier: u64,
-    /// The farthest place where a way back has begun: dwells before it are not repeated.
+    /// The farthest place where a return has begun: dwells before it are not repeated.
     turned_at: Option<PathPlace>,
 }
 
-/// A segment that has been put out.
+/// An output segment.
 #[derive(Debug, Clone)]
 #[allow(
     clippy::large_enum_variant,
@@ -107,7 +107,7 @@ impl Record {
         }
     }
 
-    /// There is no way back past the end of this segment.
+    /// Prevents a return past the end of this segment.
     pub(crate) fn bar(&mut self, segment: u64) {
         self.barrier = segment;
     }
@@ -172,7 +172,8 @@ impl Record {
         }
     }
 
-    /// The entries before a place, in reverse, as far as there is a way back, and plan time within the first, s.
+    /// Returns the entries before a place, in reverse, as far as a return is possible, and plan time within the first,
+    /// s.
     pub(crate) fn behind(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
         let (at, plan_s) = self.find(from);
         let end = (at + usize::from(plan_s > 0.0)).min(self.entries.len());
@@ -180,13 +181,13 @@ impl Record {
         (self.entries.range(..end).rev().take_while(is_open), plan_s)
     }
 
-    /// True when there is a way back from this place.
+    /// True when a return from this place is possible.
     pub(crate) fn has_way_back(&self, from: PathPlace) -> bool {
         let (mut behind, _) = self.behind(from);
         behind.any(|entry| !entry.is_dwell() && entry.plan_s() > 0.0)
     }
 
-    /// A way back begins at this place.
+    /// Records that a return begins at this place.
     pub(crate) fn turn_at(&mut self, from: PathPlace) {
         let is_farther = |at: PathPlace| (at.segment, at.plan_s) < (from.segment, from.plan_s);
         if self.turned_at.is_none_or(is_farther) {

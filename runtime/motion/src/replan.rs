@@ -1,4 +1,4 @@
-//! A new plan, from the current place on, for profiles already put out: with another override, or backwards (back trace).
+//! A new plan, from the current place on, for output profiles: with another override, or backwards (back trace).
 
 use std::collections::VecDeque;
 
@@ -95,7 +95,7 @@ impl Replan {
         }
     }
 
-    /// `is_last`: the motion comes to rest at the end of it.
+    /// Passes on a segment. `is_last`: the motion stops at its end.
     fn pass(&mut self, record: &Record, entry: Entry, passage: Passage, is_last: bool) {
         let alone = match entry {
             Entry::Paced(block) => {

@@ -1,49 +1,49 @@
-//! Observations in order of time: a ring buffer with sequence numbers, and the state at any place in it.
+//! Observations in order of time: a ring buffer with sequence numbers, and the state at any position in it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Observations that are kept.
+/// Number of observations that are stored.
 pub const BUFFER_SIZE: usize = 131_072;
 
-/// What was observed.
+/// Value of an observation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// Nobody knows.
+    /// The value is unknown.
     Unavailable,
-    /// A text, word or number, as it is written.
+    /// A text, word or number, as written in documents.
     Text(Arc<str>),
-    /// Of a condition: no alarm with this native code is active any more; without one none at all.
+    /// Condition: no alarm with this native code is active; without a code, no alarm at all.
     Normal(Option<u16>),
-    /// Of a condition: an alarm is active.
+    /// Condition: an alarm is active.
     Active(Arc<ActiveAlarm>),
 }
 
-/// An alarm as a condition tells it.
+/// An alarm as reported by a condition.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ActiveAlarm {
     /// A fault stops the machine, a warning does not.
     pub is_fault: bool,
     /// Alarm number.
     pub native_code: u16,
-    /// For people.
+    /// Text for people.
     pub text: String,
 }
 
 /// One observation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
-    /// One more than that of the one before.
+    /// Sequence number; increases by one with each observation.
     pub sequence: u64,
-    /// When, as RFC 3339.
+    /// Time, as RFC 3339.
     pub timestamp: Arc<str>,
     /// Index of the data item.
     pub item: usize,
-    /// What.
+    /// Observed value.
     pub value: Value,
 }
 
-/// The newest observations of one data item: one, or of a condition one for each active alarm.
+/// The newest observations of one data item: one, or for a condition, one for each active alarm.
 type Latest = Vec<Observation>;
 
 /// The ring.
@@ -51,15 +51,15 @@ type Latest = Vec<Observation>;
 pub struct Buffer {
     ring: VecDeque<Observation>,
     size: usize,
-    /// Sequence number of the next one.
+    /// Sequence number of the next observation.
     next: u64,
-    /// What held before the oldest in the ring.
+    /// State before the oldest observation in the ring.
     before: Vec<Latest>,
     latest: Vec<Latest>,
 }
 
 impl Buffer {
-    /// Every one of so many data items begins as unavailable, with sequence numbers from 1.
+    /// Creates a buffer for a number of data items; each item begins as unavailable, with sequence numbers from 1.
     pub fn new(items: usize, size: usize, timestamp: &Arc<str>) -> Self {
         let mut buffer = Self {
             ring: VecDeque::new(),
@@ -94,32 +94,32 @@ impl Buffer {
         }
     }
 
-    /// The newest observations of a data item.
+    /// Returns the newest observations of a data item.
     pub fn latest(&self, item: usize) -> &[Observation] {
         self.latest.get(item).map_or(&[], Vec::as_slice)
     }
 
-    /// Sequence number of the oldest observation.
+    /// Returns the sequence number of the oldest observation.
     pub fn first(&self) -> u64 {
         self.ring.front().map_or(self.next, |oldest| oldest.sequence)
     }
 
-    /// Sequence number of the newest observation.
+    /// Returns the sequence number of the newest observation.
     pub fn last(&self) -> u64 {
         self.next - 1
     }
 
-    /// Sequence number of the next observation.
+    /// Returns the sequence number of the next observation.
     pub fn next(&self) -> u64 {
         self.next
     }
 
-    /// The newest observations of each data item.
+    /// Returns the newest observations of each data item.
     pub fn current(&self) -> Vec<Observation> {
         self.latest.iter().flatten().cloned().collect()
     }
 
-    /// The same as they were at a sequence number.
+    /// Returns the newest observations of each data item at a sequence number.
     pub fn current_at(&self, at: u64) -> Vec<Observation> {
         let mut held = self.before.clone();
         for observation in self.ring.iter().take_while(|one| one.sequence <= at) {
@@ -130,7 +130,8 @@ impl Buffer {
         held.into_iter().flatten().collect()
     }
 
-    /// At most `count` observations of wanted data items from a sequence number on, and the sequence number to go on from.
+    /// Returns at most `count` observations of wanted data items from a sequence number on, and the next sequence
+    /// number.
     pub fn sample(
         &self,
         from: u64,
@@ -152,7 +153,7 @@ impl Buffer {
     }
 }
 
-/// An observation takes the place of what it ends.
+/// Adds an observation to the newest ones and removes those that it replaces.
 fn apply(latest: &mut Latest, observation: Observation) {
     match &observation.value {
         Value::Active(alarm) => {
@@ -221,7 +222,7 @@ mod tests {
         for value in ["a", "b", "c"] {
             buffer.observe(0, text(value), &at);
         }
-        // 1 and 2 are gone: 2 was the unavailable of item 1
+        // 1 and 2 were dropped from the ring: 2 was the unavailable of item 1
         assert_eq!(buffer.first(), 3);
         let values = |at: u64| -> Vec<_> {
             buffer

@@ -3,19 +3,19 @@
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::{Birth, Identification};
 
-/// What kind of value a data item has.
+/// Kind of value of a data item.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Category {
-    /// A number that changes steadily.
+    /// A number that changes continuously.
     Sample,
-    /// Something that happens, or a state.
+    /// An event or a state.
     Event,
-    /// Alarms.
+    /// An alarm condition.
     Condition,
 }
 
 impl Category {
-    /// As documents write it.
+    /// Returns its name in documents.
     pub fn name(self) -> &'static str {
         match self {
             Category::Sample => "SAMPLE",
@@ -25,25 +25,25 @@ impl Category {
     }
 }
 
-/// A part of the machine.
+/// A component of the machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Component {
     /// Name of its element: `Device`, `Axes`, `Linear`, `Rotary`, `Controller` or `Path`.
     pub element: &'static str,
     /// Unique in the device.
     pub id: String,
-    /// As people call it.
+    /// Name for people.
     pub name: String,
-    /// Index of the component that it is part of; none for the device.
+    /// Index of the parent component; `None` for the device.
     pub parent: Option<usize>,
 }
 
-/// Something that is observed.
+/// An observed data item.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DataItem {
     /// Unique in the device.
     pub id: String,
-    /// What kind of value.
+    /// Kind of value.
     pub category: Category,
     /// Its type, such as `PATH_FEEDRATE`.
     pub kind: &'static str,
@@ -51,14 +51,14 @@ pub struct DataItem {
     pub sub_type: Option<&'static str>,
     /// Its unit.
     pub units: Option<&'static str>,
-    /// `MACHINE` or `WORK`, of positions.
+    /// `MACHINE` or `WORK`, for positions.
     pub coordinates: Option<&'static str>,
-    /// Index of the component that it is of.
+    /// Index of its component.
     pub component: usize,
 }
 
 impl DataItem {
-    /// Name of the element that an observation has: of `PATH_FEEDRATE` it is `PathFeedrate`.
+    /// Returns the element name of its observations: for `PATH_FEEDRATE`, this is `PathFeedrate`.
     pub fn element(&self) -> String {
         let mut begins = true;
         let letters = self.kind.chars().filter_map(|letter| {
@@ -75,26 +75,27 @@ impl DataItem {
     }
 }
 
-/// A machine as MTConnect sees it.
+/// A machine in the model of MTConnect.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Device {
     /// Its name.
     pub name: String,
-    /// Names it among all machines.
+    /// Identifier that is unique among all machines.
     pub uuid: String,
-    /// What its nameplate says.
+    /// Data of its nameplate.
     pub identification: Identification,
-    /// Its parts; each comes after the one that it is part of, the device first.
+    /// Components of the device; each comes after its parent, the device first.
     pub components: Vec<Component>,
-    /// What is observed.
+    /// Data items of the device.
     pub items: Vec<DataItem>,
 }
 
-/// Letters of axes that go straight.
+/// Letters of linear axes.
 const LINEAR: [&str; 6] = ["X", "Y", "Z", "U", "V", "W"];
 
 impl Device {
-    /// The device of a machine: a path for each coordinate system, and an axis for each motor that one has.
+    /// Creates the device of a machine: a path for each coordinate system, and an axis for each motor that belongs to
+    /// one.
     pub fn of(birth: &Birth) -> Self {
         let mut device = Self {
             name: birth.machine.clone(),
@@ -109,7 +110,7 @@ impl Device {
         }
         let axes = device.part("Axes", "axes", "axes", Some(root));
         for system in &birth.coordinate_systems {
-            // the first has plain names
+            // the axes of the first coordinate system have plain names
             let named = |letter: &str| match system.number {
                 1 => letter.to_owned(),
                 number => format!("{letter}{number}"),
@@ -252,17 +253,17 @@ impl Device {
     }
 }
 
-/// Id of the component of an axis; `S` is the spindle.
+/// Returns the id of the component of an axis; `S` is the spindle.
 pub fn axis_id(cs: CoordinateSystemNumber, letter: &str) -> String {
     format!("ax{cs}{letter}")
 }
 
-/// Id of the component of a coordinate system.
+/// Returns the id of the component of a coordinate system.
 pub fn path_id(cs: CoordinateSystemNumber) -> String {
     format!("path{cs}")
 }
 
-/// Id of a data item.
+/// Returns the id of a data item.
 pub fn item_id(component: &str, kind: &str, sub_type: Option<&str>) -> String {
     let mut id = format!("{component}_{}", kind.to_ascii_lowercase());
     if let Some(sub_type) = sub_type {

@@ -1,4 +1,4 @@
-//! The documents of the standard as XML.
+//! Writer of the standard's documents as XML.
 
 use std::io::Cursor;
 
@@ -10,20 +10,20 @@ use crate::Version;
 use crate::buffer::{BUFFER_SIZE, Observation, Value};
 use crate::device::{Category, Device};
 
-/// Assets that are kept at the most.
+/// Largest number of assets.
 const ASSET_BUFFER_SIZE: usize = 65_536;
 
-/// What the head of each document says.
+/// Data for the header of each document.
 #[derive(Debug, Clone)]
 pub struct Head {
     pub version: Version,
-    /// Who sends it.
+    /// Name of the sender.
     pub sender: String,
-    /// Another one after each start.
+    /// Identifier of this start of the agent.
     pub instance_id: u64,
-    /// Since when the device is as it is, as RFC 3339.
+    /// Time since which the device model is unchanged, as RFC 3339.
     pub model_change_time: String,
-    /// Now, as RFC 3339.
+    /// Current time, as RFC 3339.
     pub creation_time: String,
 }
 
@@ -35,13 +35,13 @@ pub struct Sequences {
     pub next: u64,
 }
 
-/// Writes elements; what is written goes to memory, which does not fail.
+/// Writer of XML elements. It writes to memory, so writing does not fail.
 struct Xml(Writer<Cursor<Vec<u8>>>);
 
 type Attributes<'a> = &'a [(&'a str, &'a str)];
 
 impl Xml {
-    /// Begins a document of a kind, with its head.
+    /// Begins a document of a kind, with its header.
     fn document(kind: &str, head: &Head, more: Attributes<'_>) -> Self {
         let mut xml = Self(Writer::new(Cursor::new(Vec::new())));
         xml.write(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)));
@@ -75,7 +75,7 @@ impl Xml {
     }
 
     fn write(&mut self, event: Event<'_>) {
-        // memory takes everything
+        // writing to memory does not fail
         let _ = self.0.write_event(event);
     }
 
@@ -101,7 +101,7 @@ impl Xml {
 
     fn text(&mut self, name: &str, attributes: Attributes<'_>, text: &str) {
         self.open(name, attributes);
-        // what XML 1.0 cannot say
+        // characters that XML 1.0 cannot represent
         let text: String = text
             .chars()
             .map(|c| {
@@ -122,7 +122,7 @@ impl Xml {
     }
 }
 
-/// What the device is made of, and what is observed.
+/// Returns the components and data items of the device.
 pub fn devices(head: &Head, device: &Device, asset_count: usize) -> String {
     let (size, count) = (ASSET_BUFFER_SIZE.to_string(), asset_count.to_string());
     let mut xml = Xml::document(
@@ -137,7 +137,7 @@ pub fn devices(head: &Head, device: &Device, asset_count: usize) -> String {
     xml.end("Devices")
 }
 
-/// The agent itself is a device, too; it is always there.
+/// Writes the agent as a device; it is always available.
 fn agent(xml: &mut Xml, head: &Head, device: &Device) {
     let uuid = format!("{}-agent", device.uuid);
     let version = head.version.text();
@@ -224,7 +224,7 @@ fn component(xml: &mut Xml, device: &Device, index: usize) {
     xml.close(this.element);
 }
 
-/// Observations, by component and category.
+/// Returns the observations, by component and category.
 pub fn streams(head: &Head, device: &Device, sequences: Sequences, observations: &[Observation]) -> String {
     let Sequences { first, last, next } = sequences;
     let (first, last, next) = (first.to_string(), last.to_string(), next.to_string());
@@ -295,7 +295,7 @@ fn observed(xml: &mut Xml, version: Version, device: &Device, one: &Observation)
         Value::Active(alarm) => {
             let code = alarm.native_code.to_string();
             attributes.push(("nativeCode", &code));
-            // older ones tell active alarms of a condition apart by their native codes alone
+            // older versions distinguish active alarms of a condition by their native codes only
             if version >= Version::V2_3 {
                 attributes.push(("conditionId", &code));
             }
@@ -314,21 +314,21 @@ fn observed(xml: &mut Xml, version: Version, device: &Device, one: &Observation)
     }
 }
 
-/// Why a request is refused.
+/// Reason why a request is rejected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ErrorKind {
-    /// Of this parameter of the query.
+    /// Name of the parameter of the query.
     OutOfRange(&'static str),
     InvalidRequest,
     InvalidXPath,
     NoDevice,
-    /// Of this id.
+    /// Id of the asset.
     AssetNotFound(String),
     Unsupported,
 }
 
 impl ErrorKind {
-    /// Its code, and the element that it has since 2.6.
+    /// Returns its code, and its element name since 2.6.
     fn words(&self) -> (&'static str, &'static str) {
         match self {
             ErrorKind::OutOfRange(_) => ("OUT_OF_RANGE", "OutOfRange"),
@@ -341,7 +341,7 @@ impl ErrorKind {
     }
 }
 
-/// Tells why a request is refused.
+/// Returns the document that reports why a request is rejected.
 pub fn error(head: &Head, kind: &ErrorKind, uri: &str, text: &str) -> String {
     let (code, element) = kind.words();
     let mut xml = Xml::document("Error", head, &[]);
@@ -363,12 +363,12 @@ pub fn error(head: &Head, kind: &ErrorKind, uri: &str, text: &str) -> String {
     xml.end("Error")
 }
 
-/// The id of a tool as an asset.
+/// Returns the id of a tool as an asset.
 pub fn asset_id(tool: u16) -> String {
     format!("T{tool}")
 }
 
-/// Tools as assets.
+/// Returns tools as assets.
 pub fn assets(head: &Head, device: &Device, tools: &ToolTable, is_wanted: &dyn Fn(&str) -> bool) -> String {
     let size = ASSET_BUFFER_SIZE.to_string();
     let count = tools.tools.len().to_string();

@@ -1,4 +1,4 @@
-//! Messages of the machine as observations.
+//! Converts messages of the machine into observations.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
@@ -31,24 +31,24 @@ pub struct Feed {
     parts: BTreeMap<CoordinateSystemNumber, Parts>,
     /// The input that is on while the emergency stop is not pressed.
     emergency_stop: Option<IoPoint>,
-    /// The tool table as it was last seen.
+    /// The tool table when it was last read.
     tools: Option<Vec<ToolData>>,
-    /// Alarms that are active, by condition.
+    /// Active alarms, by condition.
     alarms: BTreeMap<usize, BTreeSet<u16>>,
 }
 
 /// Parts that were completed since the agent was started.
 #[derive(Debug)]
 struct Parts {
-    /// The run that is counted.
+    /// Run whose parts are counted.
     run: Option<String>,
-    /// Parts of it that are counted.
+    /// Number of its parts that are already counted.
     done: u32,
     count: u64,
 }
 
 impl Feed {
-    /// Nothing is known yet but what never changes.
+    /// Creates a feed in which only the constant values are known.
     pub fn new(device: Device, settings: &AgentSettings, timestamp: &Arc<str>) -> Self {
         let buffer = Buffer::new(device.items.len(), BUFFER_SIZE, timestamp);
         let items = device.items.iter().enumerate();
@@ -80,7 +80,7 @@ impl Feed {
         feed
     }
 
-    /// Takes in what was said. True when there are new observations.
+    /// Applies a message. Returns true if there are new observations.
     pub fn take(&mut self, message: &Message) -> bool {
         let before = self.buffer.next();
         let at: Arc<str> = message.ts.0.as_str().into();
@@ -179,7 +179,7 @@ impl Feed {
         }
     }
 
-    /// What was completed before the agent was started is not counted.
+    /// Counts completed parts, without those completed before the agent was started.
     fn run(&mut self, cs: CoordinateSystemNumber, run: Option<&Run>, at: &Arc<str>) {
         let id = run.map(|run| run.id.clone());
         let done = run.map_or(0, |run| run.parts_done);
@@ -203,7 +203,7 @@ impl Feed {
         self.tell(&path, "PART_COUNT", Some("REMAINING"), left, at);
     }
 
-    /// While nobody writes the input, nothing is known of the emergency stop.
+    /// Observes the emergency stop; its state is unknown until the input is written.
     fn emergency_stop(&mut self, state: &IoState, at: &Arc<str>) {
         let component = "ctl";
         if state.lost && state.forced.is_none() {
@@ -213,7 +213,7 @@ impl Feed {
         self.tell(component, "EMERGENCY_STOP", None, word, at);
     }
 
-    /// The tool table as it is now. True when there are new observations.
+    /// Compares the tool table with the last one. Returns true if there are new observations.
     pub fn tools(&mut self, now: &[ToolData], at: &Arc<str>) -> bool {
         let Some(before) = self.tools.replace(now.to_vec()) else {
             return false;
@@ -231,7 +231,7 @@ impl Feed {
         self.buffer.next() != next
     }
 
-    /// Tells the same asset again when it has changed again.
+    /// Reports an asset again when it has changed again, although the value is the same.
     fn tell_again(&mut self, kind: &str, asset: &str, at: &Arc<str>) {
         if let Some(item) = self.items.get(&item_id("dev", kind, None)).copied() {
             self.buffer.observe(item, Value::Text(asset.into()), at);
@@ -242,7 +242,7 @@ impl Feed {
         match execution {
             Execution::Ready => "READY",
             Execution::Active => "ACTIVE",
-            // a word that older readers do not know
+            // older readers do not know this word
             Execution::Wait if self.version < Version::V2_7 => "ACTIVE",
             Execution::Wait => "WAIT",
             Execution::FeedHold => "FEED_HOLD",
@@ -302,7 +302,7 @@ impl Feed {
         );
     }
 
-    /// All alarms that are active now.
+    /// Updates the conditions from all active alarms.
     fn alarms(&mut self, active: &[AlarmRecord], at: &Arc<str>) {
         let mut now: BTreeMap<usize, BTreeMap<u16, &AlarmRecord>> = BTreeMap::new();
         for alarm in active {
@@ -339,7 +339,7 @@ impl Feed {
         }
     }
 
-    /// The condition that an alarm belongs to, by its number.
+    /// Returns the condition that an alarm belongs to, by its number.
     fn condition_of(&self, alarm: &AlarmRecord) -> Option<usize> {
         let component = alarm.cs.map_or_else(|| "ctl".to_owned(), path_id);
         let kind = match alarm.number {
@@ -374,7 +374,7 @@ impl Feed {
         }
     }
 
-    /// An observation of what is known already is none.
+    /// Adds an observation, unless its value is already known.
     fn observe(&mut self, item: usize, value: Value, at: &Arc<str>) {
         if self
             .buffer
@@ -387,12 +387,13 @@ impl Feed {
     }
 }
 
-/// To a millionth: what is left of the servo's arithmetic is no change.
+/// Rounds to a millionth, so that rounding errors of the servo are not reported as changes.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6 + 0.0
 }
 
-/// The standard's words for what a machine waits for; a word of the builder's own that is none of them is another process.
+/// Returns the standard's word for the cause of a wait; words of the machine builder that are not among them mean
+/// another process.
 fn wait_state(word: Option<&str>) -> &str {
     const WORDS: [&str; 6] = [
         "PART_LOAD",

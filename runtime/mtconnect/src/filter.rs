@@ -1,27 +1,27 @@
-//! The `path` of a request selects data items by a subset of `XPath`.
+//! Selection of data items by the `path` of a request, a subset of `XPath`.
 
 use crate::device::{Category, Device};
 
-/// Steps of one path at the most.
+/// Largest number of steps of one path.
 const STEPS_MAX: usize = 16;
 
-/// Why a path is not taken.
+/// Error: a path is not supported.
 #[derive(Debug, PartialEq, Eq)]
 pub struct NotUnderstood(pub String);
 
 /// One `//Name[@attribute="value" and ...]`.
 #[derive(Debug)]
 struct Step<'a> {
-    /// `*`: any element.
+    /// Element name; `*` matches every element.
     name: &'a str,
     conditions: Vec<(&'a str, &'a str)>,
 }
 
-/// For each data item whether the path wants it: paths are joined by `|`, and a data item is wanted that a path names, or that is
-/// within a component that it names.
+/// Returns for each data item whether the path selects it. Paths are joined by `|`; a path selects the data items that
+/// it names, and those within a component that it names.
 ///
 /// # Errors
-/// It is no path, or has more than elements by name and attributes by value.
+/// Fails if it is not a path, or if it contains more than elements by name and attributes by value.
 pub fn wanted(device: &Device, path: &str) -> Result<Vec<bool>, NotUnderstood> {
     let mut wanted = vec![false; device.items.len()];
     for one in path.split('|') {
@@ -73,7 +73,7 @@ fn steps(path: &str) -> Result<Vec<Step<'_>>, NotUnderstood> {
     Ok(steps)
 }
 
-/// The elements from the device to a data item fit the steps in their order.
+/// Returns true if the elements from the device to a data item match the steps in their order.
 fn fits(device: &Device, item: usize, steps: &[Step<'_>]) -> bool {
     let this = &device.items[item];
     let mut components = vec![this.component];

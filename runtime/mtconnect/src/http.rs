@@ -20,26 +20,26 @@ use crate::buffer::{BUFFER_SIZE, Observation};
 use crate::documents::{self, ErrorKind, Sequences};
 use crate::filter;
 
-/// Observations of a sample where no count is named.
+/// Number of observations in a sample if the request contains no count.
 const COUNT: usize = 100;
 
-/// Time without an observation after which a stream says that it is there, ms.
+/// Time without an observation after which a stream sends a heartbeat, ms.
 const HEARTBEAT_MS: u64 = 10_000;
 
-/// Longest heartbeat and interval, ms. Reason: a connection without traffic is closed a little later.
+/// Longest heartbeat and interval, ms. Reason: a connection without traffic is closed shortly after this time.
 const TIME_MAX_MS: u64 = 60_000;
 
-/// Between the parts of a stream.
+/// Boundary between the parts of a stream.
 const BOUNDARY: &str = "tandem-mtconnect";
 
-/// A refusal with its text.
+/// A rejection with its text.
 struct Refused(ErrorKind, String);
 
 fn out_of_range(parameter: &'static str, text: impl Into<String>) -> Refused {
     Refused(ErrorKind::OutOfRange(parameter), text.into())
 }
 
-/// What is asked of an agent.
+/// A request with its agent.
 #[derive(Debug, Clone)]
 struct Asker {
     agent: Agent,
@@ -71,7 +71,7 @@ impl Asker {
     }
 }
 
-/// Routes below the agent's own.
+/// Returns the routes below the agent's path.
 pub fn router(agent: Agent) -> Router {
     Router::new()
         .route("/", get(probe))
@@ -259,7 +259,7 @@ struct Following {
 }
 
 impl Following {
-    /// The next part: when there is something new, at most each interval; without anything new each heartbeat.
+    /// Returns the next part: at most one per interval if there are new observations, otherwise one per heartbeat.
     async fn part(mut self) -> Option<(Bytes, Self)> {
         if let Some(document) = self.document.take() {
             return Some((part(&document), self));
@@ -269,7 +269,7 @@ impl Following {
         }
         let mut waited = self.interval;
         loop {
-            // one that is too slow for the ring has to begin anew
+            // a client that is too slow for the ring has to start again
             let (document, next, found) =
                 sample_document(&self.agent, Some(self.next), self.count, &self.wanted).ok()?;
             if found > 0 || waited >= self.heartbeat {
@@ -286,7 +286,7 @@ impl Following {
     }
 }
 
-/// A document, where to go on, and how many observations there are.
+/// Returns a document, the next sequence number, and the number of observations.
 fn sample_document(
     agent: &Agent,
     from: Option<u64>,
@@ -345,7 +345,7 @@ async fn some_assets(asker: Asker, Path(ids): Path<String>) -> Response {
 }
 
 async fn tools(agent: &Agent) -> ToolTable {
-    // a machine that cannot say it now has none to show
+    // a machine that cannot answer has no tools to show
     agent.inner.port.ask(typed::Tools).await.unwrap_or_default()
 }
 

@@ -1,8 +1,8 @@
-//! MTConnect of a machine, for reading only: an agent with the requests `probe`, `current`, `sample` and `assets` (MTConnect part 1,
-//! 1.7 to 2.7), and an adapter that speaks SHDR to an agent of another make.
+//! MTConnect of a machine (read only): an agent with the requests `probe`, `current`, `sample` and `assets` (MTConnect
+//! part 1, 1.7 to 2.7), and an SHDR adapter for an agent of another manufacturer.
 //!
-//! It depends on `plc_api` only, and sees of a machine what every client sees: [`Agent::start`] reads its birth, follows what
-//! it says, and keeps the last [`BUFFER_SIZE`] observations. [`Agent::router`] answers over HTTP.
+//! It depends on `plc_api` only, and reads the same data of a machine as every client: [`Agent::start`] reads its
+//! birth, follows its messages, and keeps the last [`BUFFER_SIZE`] observations. [`Agent::router`] answers over HTTP.
 
 mod buffer;
 mod device;
@@ -58,7 +58,7 @@ pub enum Version {
 }
 
 impl Version {
-    /// As namespaces write it.
+    /// Returns the version as written in namespaces.
     pub fn text(self) -> &'static str {
         match self {
             Version::V1_7 => "1.7",
@@ -68,7 +68,7 @@ impl Version {
         }
     }
 
-    /// As the head of a document writes it.
+    /// Returns the version as written in the header of a document.
     fn header(self) -> &'static str {
         match self {
             Version::V1_7 => "1.7.0.0",
@@ -79,16 +79,16 @@ impl Version {
     }
 }
 
-/// What an agent is started with.
+/// Settings of an agent.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct AgentSettings {
-    /// Version of its documents.
+    /// Version of the standard for its documents.
     pub version: Version,
-    /// Name of the input that is on while the emergency stop is not pressed; `None`: the machine does not know it.
+    /// Name of the input that is on while the emergency stop is not pressed; `None` if the machine has no such input.
     pub emergency_stop: Option<String>,
 }
 
-/// How often the tool table is looked at. Reason: nobody is told when it changes.
+/// Period at which the tool table is read. Reason: the machine does not report changes of it.
 const TOOLS_EVERY: Duration = Duration::from_secs(1);
 
 /// The agent of one machine. Clones are handles to the same one.
@@ -101,10 +101,10 @@ struct Inner {
     port: Arc<dyn Port>,
     version: Version,
     instance_id: u64,
-    /// When it was started, as RFC 3339.
+    /// Time of the start, as RFC 3339.
     began: Arc<str>,
     feed: Mutex<Feed>,
-    /// Topics with a last message.
+    /// Topics whose last message is stored.
     observed: Vec<Topic>,
     /// Sequence number of the next observation.
     news: watch::Sender<u64>,
@@ -121,15 +121,16 @@ impl std::fmt::Debug for Inner {
 }
 
 impl Agent {
-    /// Begins to observe a machine, until `stop`. The instance id is the millisecond of the start: another one at each boot.
-    /// After a fault in one of its tasks `supervisor` reports it and starts that task again.
+    /// Starts to observe a machine, until `stop`. The instance id is the time of the start in milliseconds, so it
+    /// differs after each boot. After a fault in one of its tasks, `supervisor` reports the fault and restarts the
+    /// task.
     pub async fn start(
         port: Arc<dyn Port>,
         settings: AgentSettings,
         stop: CancellationToken,
         supervisor: Supervisor,
     ) -> Self {
-        // subscribed first: nothing that is said meanwhile is missed
+        // subscribed first, so that no message is lost in the meantime
         let said = port.subscribe(Filter::All);
         let birth = match port
             .read(&Topic::Birth)
@@ -168,7 +169,7 @@ impl Agent {
         agent
     }
 
-    /// Takes what holds now.
+    /// Reads the current state.
     async fn read_all(&self) {
         for topic in &self.inner.observed {
             if let Some(message) = self.inner.port.read(topic).await {
@@ -184,7 +185,8 @@ impl Agent {
         }
     }
 
-    /// Takes what is said until the agent ends. Without a subscription it begins one, and with what holds then.
+    /// Processes messages until the agent ends. Without a subscription, it subscribes and reads the current state
+    /// first.
     async fn observe(self, said: Option<Subscription>) {
         let mut said = if let Some(said) = said {
             said
@@ -204,7 +206,7 @@ impl Agent {
         }
     }
 
-    /// Looks for tools that have changed, until the agent ends.
+    /// Observes changes of the tool table until the agent ends.
     async fn watch_tools(self) {
         loop {
             if let Ok(table) = self.inner.port.ask(typed::Tools).await {
@@ -219,12 +221,12 @@ impl Agent {
         }
     }
 
-    /// Its requests.
+    /// Returns the routes of its requests.
     pub fn router(&self) -> Router {
         http::router(self.clone())
     }
 
-    /// Serves readers of SHDR in a task of its own, until the agent ends.
+    /// Serves readers of SHDR in a separate task until the agent ends.
     pub fn serve_shdr(&self, listener: TcpListener) {
         let (agent, listener) = (self.clone(), Arc::new(listener));
         let serving = move || shdr::serve(Arc::clone(&listener), agent.clone());
@@ -246,7 +248,7 @@ impl Agent {
         name == feed.device.name || name == feed.device.uuid
     }
 
-    /// False when the agent ends.
+    /// Sleeps; returns false if the agent ends.
     async fn sleep(&self, duration: Duration) -> bool {
         tokio::select! {
             () = self.inner.stop.cancelled() => false,
@@ -255,7 +257,7 @@ impl Agent {
     }
 }
 
-/// What is read at the begin.
+/// Returns the topics that are read at the start.
 fn topics(numbers: impl Iterator<Item = CoordinateSystemNumber>) -> Vec<Topic> {
     const OF_SYSTEM: [CsTopic; 8] = [
         CsTopic::State,
@@ -271,7 +273,7 @@ fn topics(numbers: impl Iterator<Item = CoordinateSystemNumber>) -> Vec<Topic> {
     of_systems.chain([Topic::AlarmActive]).collect()
 }
 
-/// The time of day as RFC 3339.
+/// Returns the time of day as RFC 3339.
 fn now() -> String {
     humantime::format_rfc3339_millis(SystemTime::now()).to_string()
 }

@@ -1,4 +1,4 @@
-//! The adapter: observations as lines of SHDR, for an agent of another make.
+//! The adapter: observations as lines of SHDR, for an agent of another manufacturer.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,16 +11,16 @@ use crate::Agent;
 use crate::buffer::{Observation, Value};
 use crate::device::Device;
 
-/// Readers at the same time; a further one is not let in.
+/// Largest number of readers; a further connection is refused.
 const READERS_MAX: usize = 16;
 
-/// How often a reader pings, as the adapter asks it to, ms.
+/// Period at which the adapter requests pings from a reader, ms.
 const HEARTBEAT_MS: u64 = 10_000;
 
 /// Longest line that a reader may send, bytes.
 const LINE_MAX: u64 = 1024;
 
-/// Longest time until a reader has taken what it was sent; then it is left.
+/// Time limit for a reader to receive sent data; then the connection is closed.
 const WRITE_MAX: Duration = Duration::from_secs(10);
 
 /// Serves readers until the agent ends.
@@ -43,7 +43,7 @@ pub async fn serve(listener: Arc<TcpListener>, agent: Agent) {
         let supervisor = agent.inner.supervisor.clone();
         let agent = agent.clone();
         let reading = async move {
-            // a reader that goes concerns nobody else
+            // an error of one reader does not affect the others
             let _ = read_by(stream, &agent).await;
             drop(place);
         };
@@ -51,7 +51,7 @@ pub async fn serve(listener: Arc<TcpListener>, agent: Agent) {
     }
 }
 
-/// What holds, then what changes; a ping is answered.
+/// Sends the current state, then the changes; answers pings.
 async fn read_by(stream: TcpStream, agent: &Agent) -> std::io::Result<()> {
     stream.set_nodelay(true)?;
     let (reader, mut writer) = stream.into_split();
@@ -82,7 +82,7 @@ async fn read_by(stream: TcpStream, agent: &Agent) -> std::io::Result<()> {
                 }
                 let text = {
                     let feed = agent.inner.feed.lock();
-                    // a reader that was too slow goes on with the oldest that is left
+                    // a reader that was too slow continues with the oldest stored observation
                     let from = next.max(feed.buffer.first());
                     let (observations, goes_on) = feed.buffer.sample(from, usize::MAX, &|_| true);
                     next = goes_on;
@@ -101,7 +101,7 @@ async fn send(writer: &mut (impl AsyncWriteExt + Unpin), text: &str) -> std::io:
         .map_err(late)?
 }
 
-/// A line for each observation.
+/// Returns a line for each observation.
 fn lines(device: &Device, observations: &[Observation]) -> String {
     observations.iter().map(|one| line(device, one)).collect()
 }
@@ -123,7 +123,7 @@ fn line(device: &Device, one: &Observation) -> String {
     format!("{at}|{key}|{value}\n")
 }
 
-/// Without what ends a field or a line.
+/// Removes characters that end a field or a line.
 fn plain(text: &str) -> String {
     text.chars()
         .map(|c| if c == '|' || c.is_control() { ' ' } else { c })

@@ -134,7 +134,7 @@ fn positions(x: f64) -> Message {
     of_mill(CsTopic::Position, Payload::Position(position))
 }
 
-/// Everything that a machine says, once.
+/// Every kind of message of a machine, once.
 fn everything() -> Vec<Message> {
     let modal = Modal {
         work_offset: Some("G55".into()),
@@ -321,7 +321,7 @@ fn tool(id: u16, radius: f64, length: f64) -> ToolData {
     ToolData { id, radius, length }
 }
 
-/// Every version, and the documents that it has.
+/// Returns the documents of every version.
 fn documents() -> Vec<(Version, &'static str, String)> {
     use crate::documents::{ErrorKind, Head, Sequences, assets, devices, error, streams};
     use plc_api::types::data::ToolTable;
@@ -382,7 +382,7 @@ fn documents() -> Vec<(Version, &'static str, String)> {
     all
 }
 
-/// The standard's schemas, unpacked.
+/// Unpacks the standard's schemas.
 fn schemas() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let packed = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("schemas");
@@ -441,7 +441,7 @@ async fn ask(agent: &Agent, path: &str) -> (StatusCode, String) {
     (status, String::from_utf8(body.to_vec()).unwrap())
 }
 
-/// The value of an attribute where it stands first.
+/// Returns the value of an attribute at its first occurrence.
 fn attribute(document: &str, name: &str) -> u64 {
     let (_, behind) = document.split_once(&format!("{name}=\"")).unwrap();
     behind.split('"').next().unwrap().parse().unwrap()

@@ -1,4 +1,4 @@
-//! Access: a client's user name and token are passed to the machine, which judges them.
+//! Access: the server passes a client's user name and token to the machine, which authorizes the client.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -12,14 +12,14 @@ use opcua::types::{Error, StatusCode, UAString, UserTokenPolicy, UserTokenType};
 use parking_lot::Mutex;
 use plc_api::{MqttOptions, Plc, TlsFiles};
 
-/// Users that are known at the same time; who was idle for longest is forgotten, and logs in again. Reason: each has a connection
-/// to the machine.
+/// Largest number of logged-in users. The user that was idle for the longest time is removed and has to log in again.
+/// Reason: each user has a connection to the machine.
 const USERS_MAX: usize = 100;
 
-/// How long a login waits for the machine. Reason: clients wait for 4 s or more.
+/// Time limit of a login at the machine. Reason: clients wait for 4 s or more.
 pub const LOGIN_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// Where the machine is.
+/// Address and TLS files of the machine.
 #[derive(Debug, Clone)]
 pub struct Machine {
     /// `mqtt://...` or `http://...`, without user and token.
@@ -31,7 +31,7 @@ impl Machine {
     /// Connects as a user.
     ///
     /// # Errors
-    /// The machine cannot be reached, or refuses the user.
+    /// Fails if the machine cannot be reached, or rejects the user.
     pub async fn connect(&self, user: Option<(&str, &str)>) -> plc_api::Result<Plc> {
         let options = MqttOptions {
             username: user.map(|(name, _)| name.to_owned()),
@@ -53,9 +53,9 @@ pub struct Access {
 
 #[derive(Default)]
 struct Users {
-    /// By the token of their sessions.
+    /// By session token.
     known: BTreeMap<String, User>,
-    /// Logins so far.
+    /// Number of logins so far.
     count: u64,
 }
 
@@ -75,7 +75,7 @@ impl Access {
         }
     }
 
-    /// The machine in the name of the user of a session. None of anonymous clients, and of those that were forgotten.
+    /// Returns the machine on behalf of the user of a session; `None` for anonymous clients and removed users.
     pub fn plc(&self, session: &UserToken) -> Option<Plc> {
         let mut users = self.users.lock();
         let user = users.known.get_mut(&session.0)?;

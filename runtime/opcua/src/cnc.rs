@@ -15,13 +15,14 @@ use crate::view::{Channel, View};
 /// Path of the CNC interface.
 pub const INTERFACE: &str = "CNC";
 
-/// Letters of the axes that a channel tells positions of its tool for.
+/// Letters of the axes for which a channel reports tool positions.
 const LETTERS: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
 
-/// Below this a position is that of before, and a distance is none, mm or degrees. Reason: what is left of the servo's arithmetic.
+/// Change below which a position is unchanged and a distance is zero, mm or degrees. Reason: rounding errors of
+/// the servo.
 const MOVED_MIN: f64 = 1e-6;
 
-/// Part of its commanded speed by which a spindle may miss it and be at it.
+/// Relative deviation from the commanded speed within which a spindle is at its speed.
 const SPEED_TOLERANCE: f64 = 0.01;
 
 /// Path of the channel of a coordinate system.
@@ -29,7 +30,7 @@ pub fn channel_path(info: &CoordinateSystemInfo) -> String {
     format!("{INTERFACE}/CncChannelList/cs{}", info.number)
 }
 
-/// Name of an axis among all of the machine: the first coordinate system has plain letters.
+/// Returns the name of an axis, unique in the machine: the axes of the first coordinate system have plain letters.
 pub fn axis_name(info: &CoordinateSystemInfo, letter: &str) -> String {
     match info.number {
         1 => letter.to_owned(),
@@ -274,7 +275,7 @@ fn program_values(path: &str, channel: &Channel, values: &mut Values) {
     values.put(path, "ActMFunctions", open);
 }
 
-/// Number of a G code; none of one with a decimal point.
+/// Returns the number of a G code; `None` for a code with a decimal point.
 fn number_of(code: &str) -> Option<u32> {
     code.strip_prefix('G')?.parse().ok()
 }
@@ -317,7 +318,7 @@ fn axis_values(path: &str, letter: &str, channel: &Channel, values: &mut Values)
         .and_then(|position| position.homed.get(letter).copied());
     values.put(path, "IsReferenced", homed);
     let before = of(&channel.position_before, |position| &position.machine);
-    // the last position of a motion tells no feedrate any more
+    // the last position of a motion contains no current feedrate
     let is_path_moving = now.as_ref().is_some_and(|now| now.feedrate > 0.0);
     let moves =
         commanded.map(|now| is_path_moving && before.is_some_and(|before| (now - before).abs() > MOVED_MIN));
@@ -326,7 +327,7 @@ fn axis_values(path: &str, letter: &str, channel: &Channel, values: &mut Values)
 
 fn spindle_values(path: &str, channel: &Channel, values: &mut Values) {
     let spindle = channel.spindle;
-    // positions tell it ten times a second
+    // positions contain the spindle speed ten times a second
     let actual = channel.position.as_ref().map(|position| position.spindle_rpm);
     values.put(path, "ActSpeed", actual.map(f64::abs));
     values.put(path, "CmdSpeed", spindle.map(|spindle| spindle.rpm));

@@ -21,45 +21,46 @@ use crate::cnc;
 use crate::machine_tool::{MACHINE, MESSAGES, PROGRAM};
 use crate::program::Transition;
 
-/// Events that wait to be sent; more are dropped, and the log says so. Reason: each state is a variable, too.
+/// Largest number of events that wait to be sent; further events are dropped and logged. Reason: each state is also a
+/// variable.
 pub const WAITING_MAX: usize = 1000;
 
-/// Severity of what is no fault.
+/// Severity of events that are not faults.
 const MESSAGE_SEVERITY: u16 = 100;
 
-/// How long an explanation is waited for.
+/// Time limit for the explanation of an alarm.
 const EXPLAIN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// What has happened.
+/// An event of the machine.
 #[derive(Debug)]
 pub enum Happened {
-    /// An alarm was raised, acknowledged or cleared; `is_active` says whether it is there.
+    /// An alarm was raised, acknowledged or cleared; `is_active` is true while it is active.
     Alarm {
         boot: BootId,
         alarm: AlarmRecord,
         is_active: bool,
     },
-    /// The handler of an M code says or asks something.
+    /// The handler of an M code shows a message or asks a question.
     Message { cs: u8, m: u16, text: String },
-    /// The active program has gone from a state to another.
+    /// The active program has changed its state.
     Transition {
         transition: Transition,
-        /// Its name, and the run that it is part of.
+        /// Program name, and the run that the program belongs to.
         program: String,
         job: String,
     },
 }
 
-/// Indices of the namespaces that events are made of.
+/// Indices of the namespaces used by events.
 #[derive(Debug, Clone, Copy)]
 pub struct Ids {
     pub cnc: u16,
     pub machine_tool: u16,
-    /// Of this server.
+    /// Namespace of this server.
     pub own: u16,
 }
 
-/// Event types of this server, since those of the machine tool are abstract: path, name, and the type that it is one of.
+/// Event types of this server, because those of the machine tool are abstract: path, name, and super type.
 const TYPES: [(&str, &str, u32); 2] = [
     ("Types/MessageEventType", "MessageEventType", 35),
     (
@@ -80,7 +81,7 @@ pub fn build_types(space: &mut AddressSpace, ids: Ids) {
     }
 }
 
-/// Tells events in the order in which they happened, for ever.
+/// Sends events to clients in the order in which they happened; never returns.
 pub async fn tell(
     mut happened: mpsc::Receiver<Happened>,
     plc: Plc,
@@ -90,7 +91,7 @@ pub async fn tell(
     let mut explained: BTreeMap<u16, String> = BTreeMap::new();
     let mut count: u64 = 0;
     while let Some(happened) = happened.recv().await {
-        // at most two events of each
+        // each causes at most two events
         count += 2;
         let events = match happened {
             Happened::Alarm {
@@ -148,12 +149,12 @@ pub struct MachineEvent {
     /// The object whose clients receive it.
     notifier: NodeId,
     time: DateTime,
-    /// Of an alarm.
+    /// Condition of an alarm.
     condition: Option<NodeId>,
     fields: BTreeMap<&'static str, Variant>,
 }
 
-/// What all events have.
+/// Fields common to all events.
 struct Base<'a> {
     type_id: NodeId,
     notifier: NodeId,
@@ -184,7 +185,7 @@ fn event(count: u64, base: Base<'_>) -> MachineEvent {
     }
 }
 
-/// Where something has happened: a coordinate system, or the machine.
+/// Returns the source of an event: a coordinate system, or the machine.
 fn source(ids: Ids, systems: &str, machine: &str, cs: Option<u8>) -> (NodeId, String) {
     match cs {
         Some(cs) => (
@@ -208,7 +209,7 @@ fn machine_tool_source(ids: Ids, cs: Option<u8>) -> (NodeId, String) {
     source(ids, &format!("{MACHINE}/Monitoring"), MACHINE, cs)
 }
 
-/// An alarm, of which start of the runtime, and whether it is there.
+/// An alarm with its start of the runtime, and whether it is active.
 #[derive(Clone, Copy)]
 struct Of<'a> {
     boot: &'a BootId,
@@ -217,7 +218,7 @@ struct Of<'a> {
 }
 
 impl Of<'_> {
-    /// An event of the alarm: of a type, sent to the clients of an object, from a source.
+    /// Returns an event of the alarm with this type, for the clients of an object, from a source.
     fn event(
         self,
         ids: Ids,
@@ -257,7 +258,7 @@ impl Of<'_> {
     }
 }
 
-/// An alarm as OPC 40502 tells it.
+/// Returns the event of an alarm in OPC 40502.
 fn cnc_alarm(ids: Ids, count: u64, of_alarm: Of<'_>, help: String) -> MachineEvent {
     let alarm = of_alarm.alarm;
     let type_id = NodeId::new(ids.cnc, 1006);
@@ -270,7 +271,7 @@ fn cnc_alarm(ids: Ids, count: u64, of_alarm: Of<'_>, help: String) -> MachineEve
     event
 }
 
-/// The same as OPC 40501 tells it.
+/// Returns the event of an alarm in OPC 40501.
 fn alert(ids: Ids, count: u64, of_alarm: Of<'_>) -> MachineEvent {
     let alarm = of_alarm.alarm;
     let type_id = NodeId::new(ids.machine_tool, 39);
@@ -280,7 +281,7 @@ fn alert(ids: Ids, count: u64, of_alarm: Of<'_>) -> MachineEvent {
     event
 }
 
-/// Where an alarm belongs, and what to do.
+/// Returns the location of an alarm, and its remedy.
 fn place(alarm: &AlarmRecord) -> Vec<UAString> {
     let place = [
         ("remedy", alarm.remedy.clone()),
@@ -337,7 +338,7 @@ fn condition_fields(
     ]
 }
 
-/// What a handler says, as OPC 40502 tells it.
+/// Returns the event of a handler's message in OPC 40502.
 fn cnc_message(ids: Ids, count: u64, cs: u8, text: &str) -> MachineEvent {
     let base = Base {
         type_id: NodeId::new(ids.cnc, 1011),
@@ -350,7 +351,7 @@ fn cnc_message(ids: Ids, count: u64, cs: u8, text: &str) -> MachineEvent {
     event(count, base)
 }
 
-/// The same as OPC 40501 tells it.
+/// Returns the event of a handler's message in OPC 40501.
 fn message(ids: Ids, count: u64, (cs, m): (u8, u16), text: &str) -> MachineEvent {
     let base = Base {
         type_id: NodeId::new(ids.own, TYPES[0].0),
@@ -367,7 +368,7 @@ fn message(ids: Ids, count: u64, (cs, m): (u8, u16), text: &str) -> MachineEvent
     event
 }
 
-/// A transition of the active program.
+/// Returns the event of a transition of the active program.
 fn program_transition(
     ids: Ids,
     count: u64,

@@ -24,16 +24,18 @@ use crate::program::ActiveProgram;
 use crate::values::Values;
 use crate::view::{Change, View};
 
-/// After this time without a position or a heartbeat nothing is known of the machine. Reason: it tells both ten times a second.
+/// Time without a position or a heartbeat after which the state of the machine is unknown. Reason: the machine sends
+/// both ten times a second.
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// How long a machine is heard before it is believed: until then states from before its silence may be overtaken.
+/// Time from the first message of a machine until its states are used: messages from before its silence may arrive
+/// until then.
 const SETTLING: Duration = Duration::from_millis(300);
 
-/// How often silence is looked for.
+/// Period of the check for silence.
 const WATCH: Duration = Duration::from_millis(100);
 
-/// Tells clients of one machine.
+/// Publishes the states of one machine to OPC UA clients.
 pub struct Feed {
     pub plc: Plc,
     pub manager: Arc<Manager>,
@@ -41,24 +43,24 @@ pub struct Feed {
     pub view: View,
     /// The program of the first coordinate system.
     pub program: ActiveProgram,
-    /// What was written last, by path.
+    /// Last written values, by path.
     pub written: BTreeMap<String, (NodeId, Result<Variant, StatusCode>)>,
-    /// Takes events for clients.
+    /// Queue of events for clients.
     pub happened: mpsc::Sender<Happened>,
-    /// Alarms of which clients have an event, by the start of the runtime and their ids.
+    /// Alarms for which clients have received an event, by the start of the runtime and their ids.
     pub alarms: BTreeMap<(BootId, u64), AlarmRecord>,
-    /// What handlers say or ask, by coordinate system.
+    /// Messages and questions of handlers, by coordinate system.
     pub messages: BTreeMap<CoordinateSystemNumber, String>,
 }
 
 impl Feed {
-    /// Waits until the machine is heard, and tells all that it says.
+    /// Waits until the machine sends messages, and publishes its whole state.
     pub async fn begin(&mut self) {
         self.wait_until_heard().await;
         self.tell_all();
     }
 
-    /// Follows the machine for ever.
+    /// Follows the machine; never returns.
     pub async fn follow(mut self) {
         loop {
             self.follow_until_silent().await;
@@ -70,7 +72,7 @@ impl Feed {
     async fn wait_until_heard(&mut self) {
         let mut messages = self.plc.port().subscribe(Filter::All);
         let mut heard: Option<(Instant, Instant)> = None;
-        // values from before the subscription are no sign of life
+        // values from before the subscription do not prove that the machine is online
         while messages.try_next().is_some() {}
         loop {
             if let Ok(message) = tokio::time::timeout(WATCH, messages.next()).await {
@@ -90,11 +92,11 @@ impl Feed {
         }
     }
 
-    /// Takes in all that the machine says now.
+    /// Reads and publishes the whole current state of the machine.
     fn tell_all(&mut self) {
         let before = std::mem::take(&mut self.view);
         let mut messages = self.plc.port().subscribe(Filter::All);
-        // presence comes first, then birth: what another start of the runtime has said is passed over
+        // presence comes first, then birth: messages of another start of the runtime are ignored
         while let Some(message) = messages.try_next() {
             self.view.take(&message);
         }
@@ -149,11 +151,11 @@ impl Feed {
         }
     }
 
-    /// Writes what has changed since the last time.
+    /// Writes the values that have changed.
     fn tell(&mut self, change: Change, at: DateTime) {
         let mut values = Values::default();
         let spaces = self.manager.inner().spaces();
-        // what the coordinate systems and alarms make of the machine
+        // machine values also depend on the coordinate systems and alarms
         machine_tool::machine_values(&self.view, spaces, &mut values);
         self.tell_program(spaces, &mut values);
         match change {
@@ -191,7 +193,7 @@ impl Feed {
         }
     }
 
-    /// The program of the first coordinate system, and what it has come from.
+    /// Writes the program of the first coordinate system, and the transitions that led to its state.
     fn tell_program(&mut self, spaces: Spaces, values: &mut Values) {
         let mut numbers = self.view.birth.coordinate_systems.iter();
         let first = numbers
@@ -212,7 +214,7 @@ impl Feed {
         machine_tool::program_values(&self.program, spaces, values);
     }
 
-    /// Alarms that have come, changed or gone, and what handlers say or ask.
+    /// Sends events for new, changed and cleared alarms, and for messages and questions of handlers.
     fn tell_events(&mut self, change: Change) {
         match (change, &self.view.alarms) {
             (Change::Alarms, Some(active)) => {
@@ -270,7 +272,7 @@ impl Feed {
         }
     }
 
-    /// Nothing is known of a machine that is not heard: no value stays good.
+    /// Marks all values as unknown, because the machine sends no messages.
     fn tell_away(&mut self) {
         self.view.forget();
         self.program = ActiveProgram::default();
@@ -283,7 +285,7 @@ impl Feed {
     }
 }
 
-/// True for what a machine says again and again while it is there.
+/// Returns true for a message that an online machine repeats regularly.
 fn is_sign_of_life(message: &Message) -> bool {
     matches!(
         message.topic,

@@ -15,12 +15,12 @@ pub struct Builder<'a> {
     space: &'a mut AddressSpace,
     /// Index of the namespace of this server.
     own: u16,
-    /// None are needed to follow references of any type.
+    /// Empty, because references of any type are followed.
     no_types: DefaultTypeTree,
     built: BTreeSet<String>,
 }
 
-/// A child of a type that its instances have.
+/// A child that a type declares for its instances.
 struct Declared {
     node: NodeId,
     reference: ReferenceTypeId,
@@ -29,7 +29,7 @@ struct Declared {
     is_mandatory: bool,
 }
 
-/// References by which a type has the parts of its instances.
+/// References from a type to the parts of its instances.
 const PARTS: [ReferenceTypeId; 4] = [
     ReferenceTypeId::HasComponent,
     ReferenceTypeId::HasProperty,
@@ -47,7 +47,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Paths of all that was built.
+    /// Returns the paths of all nodes that were built.
     pub fn built(self) -> BTreeSet<String> {
         self.built
     }
@@ -57,17 +57,18 @@ impl<'a> Builder<'a> {
         self.built.insert(path.to_owned());
     }
 
-    /// The identifier of the node at a path.
+    /// Returns the identifier of the node at a path.
     pub fn id(&self, path: &str) -> NodeId {
         NodeId::new(self.own, path)
     }
 
-    /// Index of a namespace of the node sets.
+    /// Returns the index of a namespace of the node sets.
     pub fn namespace(&self, uri: &str) -> u16 {
         self.space.namespace_index(uri).unwrap_or_default()
     }
 
-    /// An object of a type, with all that its type demands and those of `optional`, as paths from the type on.
+    /// Builds an object of a type with all mandatory parts of its type and those of `optional`, as paths from the type
+    /// on.
     pub fn object(
         &mut self,
         path: &str,
@@ -82,7 +83,7 @@ impl<'a> Builder<'a> {
         id
     }
 
-    /// An object with nothing in it.
+    /// Builds an object without parts.
     pub fn bare_object(
         &mut self,
         path: &str,
@@ -101,7 +102,7 @@ impl<'a> Builder<'a> {
         id
     }
 
-    /// A folder of this server's own.
+    /// Builds a folder in the namespace of this server.
     pub fn folder(&mut self, path: &str, name: &str, parent: &NodeId) -> NodeId {
         let name = QualifiedName::new(self.own, name);
         self.bare_object(
@@ -113,7 +114,7 @@ impl<'a> Builder<'a> {
         )
     }
 
-    /// A variable of this server's own, without a value yet.
+    /// Builds a variable in the namespace of this server, without a value yet.
     pub fn variable(
         &mut self,
         path: &str,
@@ -144,7 +145,7 @@ impl<'a> Builder<'a> {
             .insert_reference(parent, &id, ReferenceTypeId::HasComponent);
     }
 
-    /// A method of this server's own.
+    /// Builds a method in the namespace of this server.
     pub fn method(
         &mut self,
         path: &str,
@@ -175,7 +176,7 @@ impl<'a> Builder<'a> {
         builder.insert(self.space);
     }
 
-    /// What does not change: the value of the variable at a path.
+    /// Sets the constant value of the variable at a path.
     pub fn set(&mut self, path: &str, value: impl Into<Variant>) {
         let id = self.id(path);
         if let Some(NodeType::Variable(variable)) = self.space.find_mut(&id) {
@@ -185,7 +186,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Lets clients subscribe to events of an object.
+    /// Allows clients to subscribe to events of an object.
     pub fn emits_events(&mut self, object: &NodeId) {
         if let Some(NodeType::Object(node)) = self.space.find_mut(object) {
             node.set_event_notifier(EventNotifier::SUBSCRIBE_TO_EVENTS);
@@ -199,7 +200,7 @@ impl<'a> Builder<'a> {
         self.space.insert_reference(from, to, reference);
     }
 
-    /// Builds what a declaration and its type say that an instance has.
+    /// Builds the parts of an instance that a declaration and its type require.
     fn parts(
         &mut self,
         parent: &NodeId,
@@ -311,7 +312,7 @@ impl<'a> Builder<'a> {
         declared
     }
 
-    /// References of the base namespace.
+    /// Returns the references of the base namespace.
     fn references(&self, of: &NodeId, direction: BrowseDirection) -> Vec<(ReferenceTypeId, NodeId)> {
         let all = self
             .space
@@ -326,7 +327,7 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// A value that is not known, and why. The library takes a variable without a value for good.
+/// Returns an unknown value with its reason. Reason: the library treats a variable without a value as good.
 pub fn unknown(why: StatusCode) -> DataValue {
     let mut value = DataValue::new_now(Variant::Empty);
     value.status = Some(why);

@@ -20,7 +20,7 @@ pub const MESSAGES: &str = "MachineTool/Notification/Messages";
 /// Path of the program that is loaded or runs.
 pub const PROGRAM: &str = "MachineTool/Production/ActiveProgram";
 
-/// What a machine tool has beside what its type demands.
+/// Parts of the machine tool that its type declares as optional.
 const OPTIONAL: [&str; 8] = [
     "Identification/ComponentName",
     "Identification/SoftwareIdentification",
@@ -102,7 +102,7 @@ pub fn build(builder: &mut Builder<'_>, view: &View) {
     }
 }
 
-/// What the nameplate of the machine says.
+/// Returns the data of the machine's nameplate.
 fn identification(view: &View) -> Vec<(&'static str, Variant)> {
     let plate = &view.birth.identification;
     let text = |text: &Option<String>| {
@@ -220,7 +220,7 @@ pub fn machine_values(view: &View, spaces: Spaces, values: &mut Values) {
     );
 }
 
-/// States of all coordinate systems, when all are known.
+/// Returns the states of all coordinate systems; `None` until all are known.
 fn states(view: &View) -> Option<Vec<&State>> {
     let systems = view.birth.coordinate_systems.iter();
     systems
@@ -228,7 +228,7 @@ fn states(view: &View) -> Option<Vec<&State>> {
         .collect()
 }
 
-/// The state of a state machine: its name, and the number of its node.
+/// Writes the state of a state machine: its name, and the number of its node.
 fn put_state(path: &str, namespace: u16, state: Option<(&'static str, u32)>, values: &mut Values) {
     values.put(
         path,

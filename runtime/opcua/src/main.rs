@@ -1,4 +1,4 @@
-//! `tandem-opcua`: an OPC UA server of one machine, as a process of its own beside the runtime.
+//! `tandem-opcua`: an OPC UA server of one machine, in a separate process next to the runtime.
 
 mod access;
 mod cnc;

@@ -1,4 +1,4 @@
-//! Calls of methods, carried out by the machine in the name of the user who calls.
+//! Method calls, which the machine executes on behalf of the calling user.
 
 use std::time::Duration;
 
@@ -17,10 +17,10 @@ use serde_json::{Map, Value, json};
 
 use crate::own::{Does, METHODS, Method, ROOT};
 
-/// How long a call waits for the effect of a command. Reason: clients wait for 4 s or more.
+/// Time that a call waits for the effect of a command. Reason: clients wait for 4 s or more.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// What a call has come to.
+/// Result of a call.
 pub struct Outcome {
     pub status: StatusCode,
     code: String,
@@ -44,18 +44,18 @@ impl Outcome {
         Self::of(StatusCode::BadInvalidArgument, "invalid", text)
     }
 
-    /// Of a client that has no user.
+    /// Returns the outcome for a client without a user.
     pub fn nobody() -> Self {
         let text = "log in with a user name and a token of the machine: clients without a user only read";
         Self::of(StatusCode::BadUserAccessDenied, "forbidden", text)
     }
 
-    /// The outputs of the method.
+    /// Returns the outputs of the method.
     pub fn outputs(&self) -> Vec<Variant> {
         vec![self.code.as_str().into(), self.text.as_str().into()]
     }
 
-    /// The text for clients that ask for diagnostics: many do not show outputs of a call that failed.
+    /// Returns the text for clients that request diagnostics: many do not show the outputs of a failed call.
     pub fn diagnostics(&self) -> DiagnosticInfo {
         DiagnosticInfo {
             additional_info: Some(UAString::from(self.text.as_str())),
@@ -91,14 +91,14 @@ impl From<Refusal> for Outcome {
     }
 }
 
-/// The method at a path, and the coordinate system that it is of.
+/// Returns the method at a path, and its coordinate system.
 pub fn find(path: &str) -> Option<(CoordinateSystemNumber, &'static Method)> {
     let (number, name) = path.strip_prefix(ROOT)?.strip_prefix("/cs")?.split_once('/')?;
     let method = METHODS.iter().find(|method| method.name == name)?;
     Some((number.parse().ok()?, method))
 }
 
-/// Carries out a call. A command that takes longer than clients wait goes on, and the call says so.
+/// Executes a call. A command that takes longer than clients wait continues, and the result of the call reports that.
 pub async fn call(
     plc: Plc,
     user: &UserToken,
@@ -178,7 +178,7 @@ async fn command(
     }
 }
 
-/// What an operator decides about an M code.
+/// Executes an operator's decision about an M code.
 async fn about_m_code(
     plc: &Plc,
     user: String,
@@ -247,7 +247,7 @@ fn handshake(result: HandshakeResult) -> Outcome {
     Outcome::of(status, code, result.text.unwrap_or_default())
 }
 
-/// M number of an open M code.
+/// Returns the M number of a pending M code.
 async fn m_of(plc: &Plc, cs: CoordinateSystemNumber, seq: u64) -> Option<u16> {
     let said = plc.port().read(&Topic::cs(cs, CsTopic::Pending)).await?;
     let Payload::Pending(pending) = &said.payload else {
@@ -257,14 +257,14 @@ async fn m_of(plc: &Plc, cs: CoordinateSystemNumber, seq: u64) -> Option<u16> {
     open.find(|open| open.output.seq == seq).map(|open| open.output.m)
 }
 
-/// Inputs by name, as JSON.
+/// Returns the inputs by name, as JSON.
 fn arguments(method: &Method, inputs: &[Variant]) -> Result<Map<String, Value>, String> {
     let mut said = Map::new();
     for (input, value) in method.inputs.iter().zip(inputs) {
         let (name, ..) = *input;
         let value = json_of(value)
             .ok_or_else(|| format!("{name}: a value of type {:?} cannot be read", value.type_id()))?;
-        // no letters are all axes
+        // an empty list means all axes
         if !matches!(&value, Value::Array(all) if all.is_empty()) {
             said.insert(name.to_owned(), value);
         }

@@ -1,4 +1,4 @@
-//! The address space of this server, and what its methods do.
+//! The address space of this server, and the functions of its methods.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -25,25 +25,25 @@ use crate::nodesets::{CNC, MACHINE_TOOL, MACHINERY, NodeSet};
 use crate::own;
 use crate::view::View;
 
-/// Namespace of the nodes of this server. The identifier of each is its path.
+/// Namespace of the nodes of this server. The identifier of each node is its path.
 pub const OWN: &str = "https://github.com/tandem-nc/tandem/opcua";
 
 /// The node manager of this server.
 pub type Manager = InMemoryNodeManager<Nodes>;
 
-/// What builds the nodes when the server is made.
+/// Builder of the nodes when the server is created.
 pub struct NodesBuilder {
     pub sets: Vec<NodeSet>,
     pub view: View,
     pub access: Arc<Access>,
 }
 
-/// The nodes of the machine, beside those of the node sets.
+/// The nodes of the machine, in addition to those of the node sets.
 pub struct Nodes {
     namespaces: Vec<NamespaceMetadata>,
     own: u16,
     access: Arc<Access>,
-    /// Those that were built for the machine.
+    /// Paths of the nodes that were built for the machine.
     built: Mutex<BTreeSet<String>>,
 }
 
@@ -94,7 +94,7 @@ fn build(space: &mut AddressSpace, own: u16, view: &View) -> BTreeSet<String> {
 }
 
 impl Nodes {
-    /// The identifier of the node at a path, if there is one.
+    /// Returns the identifier of the node at a path, if it exists.
     pub fn id(&self, path: &str) -> Option<NodeId> {
         self.built
             .lock()
@@ -108,7 +108,7 @@ impl Nodes {
         found.map_or(0, |namespace| namespace.namespace_index)
     }
 
-    /// Namespaces of states.
+    /// Returns the namespaces of states.
     pub fn spaces(&self) -> Spaces {
         Spaces {
             machine_tool: self.namespace(MACHINE_TOOL),
@@ -116,7 +116,7 @@ impl Nodes {
         }
     }
 
-    /// Namespaces of events.
+    /// Returns the namespaces of events.
     pub fn event_ids(&self) -> Ids {
         Ids {
             cnc: self.namespace(CNC),
@@ -125,7 +125,7 @@ impl Nodes {
         }
     }
 
-    /// Builds the nodes anew, since the machine has become another.
+    /// Builds the nodes again after the machine was replaced by another one.
     pub fn rebuild(&self, manager: &Manager, view: &View) {
         let mut space = manager.address_space().write();
         let mut built = self.built.lock();
@@ -136,7 +136,7 @@ impl Nodes {
     }
 }
 
-/// The value of a variable, or why there is none.
+/// Returns the value of a variable, or the reason why it has none.
 pub fn data_value(value: &Result<Variant, StatusCode>, at: opcua::types::DateTime) -> DataValue {
     let mut written = match value {
         Ok(value) => DataValue::new_now(value.clone()),
@@ -184,7 +184,7 @@ impl InMemoryNodeManagerImpl for Nodes {
     }
 }
 
-/// The node manager among those of a server.
+/// Returns the node manager of this server.
 pub fn manager(server: &opcua::server::ServerHandle) -> Option<Arc<Manager>> {
     server.node_managers().get_of_type::<Manager>()
 }

@@ -12,7 +12,7 @@ pub const MACHINE_TOOL: &str = "http://opcfoundation.org/UA/MachineTool/";
 /// OPC 40001, machinery.
 pub const MACHINERY: &str = "http://opcfoundation.org/UA/Machinery/";
 
-/// Each after those that it needs.
+/// Ordered so that each file comes after those that it requires.
 const FILES: [(&str, &str); 7] = [
     ("DI", include_str!("../nodesets/Opc.Ua.Di.NodeSet2.xml")),
     ("IA", include_str!("../nodesets/Opc.Ua.IA.NodeSet2.xml")),
@@ -38,7 +38,7 @@ const FILES: [(&str, &str); 7] = [
 /// Reads all node sets.
 ///
 /// # Errors
-/// One of them is not a node set, which is a defect of this program.
+/// Fails if a file is not a node set, which is a defect of this program.
 pub fn read() -> anyhow::Result<Vec<NodeSet>> {
     FILES
         .iter()
@@ -49,7 +49,7 @@ pub fn read() -> anyhow::Result<Vec<NodeSet>> {
         .collect()
 }
 
-/// Byte strings in one line each: XML allows blanks in them, the library does not.
+/// Joins each byte string into one line: XML allows spaces in them, the library does not.
 fn without_blanks_in_bytes(text: &str) -> String {
     let mut said = String::with_capacity(text.len());
     for (index, element) in text.split('<').enumerate() {
@@ -75,7 +75,7 @@ fn without_blanks_in_bytes(text: &str) -> String {
 pub struct NodeSet(NodeSet2Import);
 
 impl NodeSetImport for NodeSet {
-    // the library's own prints to standard output
+    // the implementation of the library prints to standard output
     fn register_namespaces(&self, namespaces: &mut NodeSetNamespaceMapper) {
         for (index, uri) in (1..).zip(self.get_own_namespaces()) {
             namespaces.add_namespace(&uri, index);

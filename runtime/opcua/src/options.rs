@@ -9,50 +9,53 @@ use plc_api::TlsFiles;
 
 use crate::access::Machine;
 
-/// An OPC UA server of one machine: OPC 40502 (CNC systems) and a part of OPC 40501 (machine tools), live, with the commands and the
-/// M codes of the machine in a namespace of its own. It is a client of the runtime, and judges no rights itself: what a user may do
-/// is decided by the runtime, by the user name and the token with which the client has logged in.
+/// An OPC UA server of one machine: OPC 40502 (CNC systems) and a part of OPC 40501 (machine tools), live, with the
+/// commands and the M codes of the machine in a namespace of its own. It is a client of the runtime, and does not
+/// authorize clients itself: the runtime checks the user name and the token with which the client has logged in.
 #[derive(Debug, Parser)]
 #[command(name = "tandem-opcua", version, term_width = 0)]
 pub struct Options {
-    /// The machine: mqtt://[user:token@]host[:port]/[prefix/]machine or http://[[user:]token@]host[:port], with TLS mqtts:// or https://
+    /// Address of the machine: mqtt://[user:token@]host[:port]/[prefix/]machine or http://[[user:]token@]host[:port],
+    /// with TLS mqtts:// or https://
     #[arg(long, value_name = "ADDRESS")]
     pub connect: String,
-    /// User of this server itself, by which it reads the machine
+    /// User as which this server itself reads the machine
     #[arg(long, value_name = "NAME", requires = "token_file")]
     pub user: Option<String>,
     /// File with the token of that user
     #[arg(long, value_name = "FILE", requires = "user")]
     pub token_file: Option<PathBuf>,
-    /// Certificate authorities that the machine's certificate is checked by, PEM; without it those of the system
+    /// Certificate authorities for verifying the machine's certificate, PEM; default: those of the system
     #[arg(long, value_name = "FILE")]
     pub ca_file: Option<PathBuf>,
-    /// Where OPC UA clients connect
+    /// Address for OPC UA clients
     #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:4840")]
     pub listen: SocketAddr,
-    /// Host name that clients are told; without it the IP of --listen
+    /// Host name that clients receive; default: the IP of --listen
     #[arg(long, value_name = "NAME")]
     pub host: Option<String>,
-    /// Whether clients without a user may read; without it they may if this server itself reads without one
+    /// Rights of clients without a user; default: they may read if this server itself reads without a user
     #[arg(long, value_enum, value_name = "WHAT")]
     pub anonymous: Option<Anonymous>,
-    /// Offers connections that are neither signed nor encrypted beyond this computer, too: tokens cross the network in clear text
+    /// Offers connections that are neither signed nor encrypted also to other computers: tokens cross the network in
+    /// clear text
     #[arg(long)]
     pub insecure: bool,
-    /// Folder of certificates: this server's own, made at its first start, and those of clients in trusted/ and rejected/
+    /// Folder of certificates: this server's own, created at its first start, and those of clients in trusted/ and
+    /// rejected/
     #[arg(long, value_name = "FOLDER", default_value = "opcua-pki")]
     pub pki: PathBuf,
-    /// Trusts any client's certificate: connections are encrypted, but who encrypts them is not known
+    /// Trusts every client's certificate: connections are encrypted, but the clients are not identified
     #[arg(long)]
     pub trust_any_client: bool,
 }
 
-/// What clients without a user may do.
+/// Rights of clients without a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Anonymous {
-    /// Read, and nothing else
+    /// Reading only
     Read,
-    /// Nothing
+    /// No rights
     Refuse,
 }
 
@@ -60,10 +63,10 @@ pub enum Anonymous {
 pub type Credentials = (String, String);
 
 impl Options {
-    /// Where the machine is, and as whom this server reads it.
+    /// Returns the address of the machine, and the user as which this server reads it.
     ///
     /// # Errors
-    /// The address is not one, or the token cannot be read.
+    /// Fails if the address is invalid, or if the token cannot be read.
     pub fn machine(&self) -> anyhow::Result<(Machine, Option<Credentials>)> {
         let Some((scheme, rest)) = self.connect.split_once("://") else {
             bail!("--connect: write mqtt://host:port/machine or http://host:port");
@@ -98,12 +101,12 @@ impl Options {
         Ok((machine, in_file.or(in_address)))
     }
 
-    /// True when connections that are neither signed nor encrypted are offered.
+    /// Returns true if connections that are neither signed nor encrypted are offered.
     pub fn offers_none(&self) -> bool {
         self.insecure || self.listen.ip().is_loopback()
     }
 
-    /// True when clients without a user may read.
+    /// Returns true if clients without a user may read.
     pub fn is_anonymous_allowed(&self, reads_as: Option<&Credentials>) -> bool {
         match self.anonymous {
             Some(what) => what == Anonymous::Read,
@@ -111,7 +114,7 @@ impl Options {
         }
     }
 
-    /// Host name that clients receive.
+    /// Returns the host name that clients receive.
     pub fn host(&self) -> String {
         self.host.clone().unwrap_or_else(|| self.listen.ip().to_string())
     }

@@ -1,4 +1,5 @@
-//! The namespace of this server, for what no specification covers: state words of the machine, its M codes, and commands.
+//! The namespace of this server for data that no specification covers: state words of the machine, its M codes, and
+//! commands.
 
 use opcua::types::{Argument, DataTypeId, LocalizedText, NodeId, ObjectId, UAString};
 use plc_api::execution::wire_name;
@@ -9,7 +10,7 @@ use crate::instance::Builder;
 use crate::values::Values;
 use crate::view::{Channel, View};
 
-/// Path of all of it.
+/// Root path of this namespace.
 pub const ROOT: &str = "Tandem";
 
 /// Variables of the machine: name, data type, and whether it is an array.
@@ -47,10 +48,10 @@ const OF_CHANNEL: [(&str, DataTypeId, bool); 18] = [
     ("MCodeProgress", DataTypeId::String, true),
 ];
 
-/// What a method of a coordinate system does.
+/// Effect of a method of a coordinate system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Does {
-    /// A command of this verb, whose arguments have the names of its inputs.
+    /// Executes a command with this verb; the arguments have the names of its inputs.
     Command(&'static str),
     /// Sets overrides.
     SetOverrides,
@@ -60,13 +61,13 @@ pub enum Does {
     ResetMCode,
     /// Fails an M code by hand.
     FailMCode,
-    /// Decides about an M code whose handler was lost.
+    /// Decides about an M code after its handler was lost.
     RedeliverMCode,
     /// Answers a question.
     Answer,
 }
 
-/// An input of a method: its name, its data type, whether it is an array, and what it is.
+/// An input of a method: name, data type, whether it is an array, and description.
 type Input = (&'static str, DataTypeId, bool, &'static str);
 
 /// A method of each coordinate system.
@@ -279,7 +280,7 @@ pub fn machine_values(view: &View, values: &mut Values) {
     values.put(ROOT, "BootId", Some(view.boot.0.as_str()));
 }
 
-/// The alarms that are active.
+/// Writes the active alarms.
 pub fn alarm_values(view: &View, values: &mut Values) {
     let all = view.alarms.as_ref().map(|active| active.alarms.as_slice());
     values.put(ROOT, "AlarmIds", of_each(all, |alarm| alarm.id));

@@ -27,7 +27,7 @@ impl ProgramState {
         }
     }
 
-    /// Its `StateNumber`.
+    /// Returns its `StateNumber`.
     pub const fn number(self) -> u32 {
         match self {
             Initializing => 0,
@@ -38,7 +38,7 @@ impl ProgramState {
         }
     }
 
-    /// The identifier of its node in the namespace of machine tools.
+    /// Returns the identifier of its node in the namespace of machine tools.
     pub const fn node(self) -> u32 {
         match self {
             Initializing => 5039,
@@ -49,7 +49,8 @@ impl ProgramState {
         }
     }
 
-    /// What the state of a coordinate system says of its program. While axes are moved by hand the program is at its head.
+    /// Returns the program state for the state of a coordinate system. While axes are moved by hand, the program is at
+    /// line 1.
     fn of(state: &State) -> Self {
         if state.run_kind.is_some_and(|kind| kind != RunKind::Program) {
             return Initializing;
@@ -90,7 +91,7 @@ const fn of(name: &'static str, number: u32, node: u32, from: ProgramState, to: 
     }
 }
 
-/// All between two states.
+/// All transitions between two states.
 const TRANSITIONS: [Transition; 9] = [
     of("InitializingToRunning", 0, 91, Initializing, Running),
     of("RunningToEnded", 1, 92, Running, Ended),
@@ -103,14 +104,14 @@ const TRANSITIONS: [Transition; 9] = [
     of("InitializingToAborted", 9, 104, Initializing, Aborted),
 ];
 
-/// The fewest transitions from a state to another.
+/// Returns the shortest sequence of transitions from one state to another.
 fn way(from: ProgramState, to: ProgramState) -> Vec<Transition> {
     let mut ways = VecDeque::from([(from, Vec::new())]);
     while let Some((at, way)) = ways.pop_front() {
         if at == to {
             return way;
         }
-        // no way is longer than the number of states
+        // no sequence is longer than the number of states
         if way.len() < TRANSITIONS.len() {
             for transition in TRANSITIONS.iter().filter(|transition| transition.from == at) {
                 let longer = way.iter().copied().chain([*transition]).collect();
@@ -121,12 +122,12 @@ fn way(from: ProgramState, to: ProgramState) -> Vec<Transition> {
     Vec::new()
 }
 
-/// What is known of a program.
+/// Known data of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Known {
-    /// Its number; empty without one.
+    /// Program number; empty without a program.
     pub name: String,
-    /// The run that it is part of; empty before the first.
+    /// Run that the program belongs to; empty before the first run.
     pub job: String,
     pub state: ProgramState,
 }
@@ -139,8 +140,8 @@ pub struct ActiveProgram {
 }
 
 impl ActiveProgram {
-    /// Takes in a state: the transitions that have led to it, in their order. What was missed between two states is the fewest
-    /// transitions that lead from one to the other.
+    /// Applies a state and returns the transitions that led to it, in order. If states were missed, these are the
+    /// fewest transitions from the previous state to this one.
     pub fn follow(&mut self, state: &State) -> Vec<Transition> {
         let known = Known {
             name: state
@@ -158,12 +159,12 @@ impl ActiveProgram {
         passed
     }
 
-    /// The program; none before a state was heard.
+    /// Returns the program; `None` before the first state.
     pub fn known(&self) -> Option<&Known> {
         self.known.as_ref()
     }
 
-    /// Its last transition; none before there was one.
+    /// Returns the last transition; `None` before the first one.
     pub fn last(&self) -> Option<Transition> {
         self.last
     }

@@ -27,31 +27,31 @@ use crate::options::{Credentials, Options};
 use crate::program::ActiveProgram;
 use crate::view::View;
 
-/// Sessions at the same time. Reason: a plant's clients and a margin; each costs some ten kilobytes.
+/// Largest number of sessions. Reason: the clients of a plant and a margin; each costs about ten kilobytes.
 const SESSIONS_MAX: usize = 200;
 
-/// Subscriptions of one session.
+/// Largest number of subscriptions of one session.
 const SUBSCRIPTIONS_MAX: usize = 20;
 
-/// Variables that one subscription watches. Reason: all of a machine with eight coordinate systems.
+/// Largest number of variables in one subscription. Reason: all variables of a machine with eight coordinate systems.
 const MONITORED_ITEMS_MAX: usize = 5000;
 
-/// Values of one variable that wait for a client; the oldest are dropped.
+/// Largest number of values of one variable that wait for a client; the oldest are dropped.
 const QUEUE_MAX: usize = 100;
 
-/// Bytes of one message.
+/// Largest size of one message, bytes.
 const MESSAGE_BYTES_MAX: usize = 4 * 1024 * 1024;
 
-/// Values ten times a second: as often as the machine tells positions.
+/// Shortest sampling interval: the machine sends positions ten times a second.
 const INTERVAL_MIN_MS: f64 = 100.0;
 
-/// Pause before the machine is looked for again.
+/// Pause before the next attempt to connect to the machine.
 const AGAIN_AFTER: Duration = Duration::from_secs(2);
 
 /// Serves until the process receives a signal to end.
 ///
 /// # Errors
-/// An option cannot be carried out, or the address is in use.
+/// Fails if an option cannot be used, or if the address is in use.
 pub async fn serve(options: Options) -> anyhow::Result<()> {
     let (machine, user) = options.machine()?;
     let listener = TcpListener::bind(options.listen)
@@ -111,7 +111,7 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
     served
 }
 
-/// Connects to the machine as soon as it is there.
+/// Connects to the machine as soon as it is online.
 async fn connect(machine: &Machine, user: Option<&Credentials>) -> anyhow::Result<Plc> {
     loop {
         match machine
@@ -128,7 +128,8 @@ async fn connect(machine: &Machine, user: Option<&Credentials>) -> anyhow::Resul
     }
 }
 
-/// A machine without users takes commands from anybody: it must not be reached from the network.
+/// Rejects a machine without users, because it accepts commands from every client and must not be reached from the
+/// network.
 async fn refuse_without_users(machine: &Machine) -> anyhow::Result<()> {
     let stranger = machine.connect(Some(("stranger", "no token of anybody")));
     let is_taken = matches!(tokio::time::timeout(LOGIN_TIMEOUT, stranger).await, Ok(Ok(_)));
@@ -202,12 +203,12 @@ fn limits() -> Limits {
     }
 }
 
-/// A line on standard output. A reader that has gone is no reason to end.
+/// Prints a line on standard output. A closed reader does not end the server.
 fn say(line: &str) {
     let _ = writeln!(std::io::stdout().lock(), "{line}");
 }
 
-/// Until the process is interrupted or terminated.
+/// Waits until the process is interrupted or terminated.
 async fn end_signal() {
     #[cfg(unix)]
     {

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use opcua::types::{EUInformation, ExtensionObject, LocalizedText, Range, StatusCode, UAString, Variant};
 
-/// Values of variables by path; or why there is none.
+/// Values of variables by path, or the reason why a value is missing.
 #[derive(Debug, Default)]
 pub struct Values(BTreeMap<String, Result<Variant, StatusCode>>);
 
 impl Values {
-    /// A value; without one the machine has not said it yet.
+    /// Stores a value; `None` means that the machine has not sent it yet.
     pub fn put(&mut self, path: &str, name: &str, value: Option<impl Into<Variant>>) {
         let value = value.map(Into::into).ok_or(StatusCode::BadWaitingForInitialData);
         self.0.insert(format!("{path}/{name}"), value);
@@ -20,7 +20,7 @@ impl Values {
     }
 }
 
-/// A unit by its code of UNECE recommendation 20, with how people write it.
+/// A unit with its code in UNECE recommendation 20 and its usual symbol.
 #[derive(Debug, Clone, Copy)]
 pub struct Unit {
     code: &'static str,
@@ -55,7 +55,7 @@ pub const PERCENT: Unit = Unit {
 };
 
 impl From<Unit> for Variant {
-    /// The identifier is made of the letters of the code (OPC 10000-8, 5.6.3).
+    /// The identifier is calculated from the letters of the code (OPC 10000-8, 5.6.3).
     fn from(unit: Unit) -> Self {
         let unit_id = unit
             .code

@@ -10,49 +10,49 @@ use plc_api::types::state::{Modal, OptionalSkip, Overrides, Position, ProgramPla
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber};
 
-/// A machine.
+/// The state of a machine.
 #[derive(Debug, Clone, Default)]
 pub struct View {
     pub presence: Presence,
-    /// The start of the runtime that is heard.
+    /// Start of the runtime whose messages are used.
     pub boot: BootId,
     pub birth: Birth,
     pub channels: BTreeMap<CoordinateSystemNumber, Channel>,
     pub alarms: Option<ActiveAlarms>,
 }
 
-/// A coordinate system. What has not been said since the machine was heard again is not known.
+/// A coordinate system. A value is unknown until the machine has sent it after its last silence.
 #[derive(Debug, Clone, Default)]
 pub struct Channel {
     pub state: Option<State>,
     pub place: Option<ProgramPlace>,
     pub position: Option<Position>,
-    /// The position before it.
+    /// The position before `position`.
     pub position_before: Option<Position>,
     pub modal: Option<Modal>,
     pub pending: Option<Pending>,
     pub overrides: Option<Overrides>,
     pub spindle: Option<Spindle>,
-    /// The spindle before it.
+    /// The spindle state before `spindle`.
     pub spindle_before: Option<Spindle>,
     pub tool: Option<Tool>,
     pub optional_skip: Option<OptionalSkip>,
     pub run: Option<RunState>,
 }
 
-/// What a message has changed.
+/// Part of the state that a message has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
-    /// Something of the machine as a whole.
+    /// The machine as a whole.
     Machine,
-    /// Something of a coordinate system.
+    /// A coordinate system.
     Channel(CoordinateSystemNumber),
     /// The alarms.
     Alarms,
 }
 
 impl View {
-    /// Takes in a message. A state from before the last start of the runtime says nothing.
+    /// Applies a message. A state from before the last start of the runtime is ignored.
     pub fn take(&mut self, message: &Message) -> Option<Change> {
         if let Payload::Presence(presence) = &message.payload {
             if presence.online && self.boot != message.boot_id {
@@ -82,7 +82,7 @@ impl View {
         }
     }
 
-    /// What was said by a machine that is not heard any more.
+    /// Discards the state of a machine that no longer sends messages.
     pub fn forget(&mut self) {
         self.channels.clear();
         self.alarms = None;
@@ -92,7 +92,7 @@ impl View {
         self.birth.motors.iter().find(|motor| motor.number == number)
     }
 
-    /// A coordinate system with what it is.
+    /// Returns a coordinate system with its description.
     pub fn channel(&self, number: CoordinateSystemNumber) -> Option<(&CoordinateSystemInfo, &Channel)> {
         static NOTHING: Channel = Channel::UNKNOWN;
         let mut systems = self.birth.coordinate_systems.iter();

@@ -23,7 +23,8 @@ impl Side {
         (self.steep * share).min(self.height)
     }
 
-    /// Share of the blend's time from its far end in which the square of what is left makes it as high as it comes.
+    /// Returns the share of the blend's time, from its far end, at which the square of the remaining share reaches the
+    /// maximum height.
     fn full(self) -> f64 {
         if self.steep > self.height {
             (self.height / self.steep).sqrt()

@@ -34,7 +34,7 @@ pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
         .any(|distance| distance.abs() >= LENGTH_MIN)
 }
 
-/// True for a way on which X, Y and Z stand still but for rounding. Its length is only calculated where each of them does.
+/// True for a path on which X, Y and Z move only by rounding. Its length is only calculated in that case.
 pub(crate) fn turns_only(way: AxisVector) -> bool {
     let stands = |axis: Axis| way[axis].abs() < LENGTH_MIN;
     Axis::ORTHOGONAL.into_iter().all(stands) && way.orthogonal_length() < LENGTH_MIN

@@ -9,8 +9,8 @@
 //!   counts, and G00 still ends a chain.
 //! - A block without movement ends a chain of blended blocks (M1c, G501).
 //! - A change of tool length takes effect in the next motion block in work coordinates; G53 with Z makes it void (D22).
-//! - An axis that no word moves keeps its position to the last bit; under a rotation both axes of its plane count as
-//!   moved when a word names one of them.
+//! - An axis that no word moves keeps its position to the last bit; under a rotation both axes of its plane are treated
+//!   as moved when a word names one of them.
 //! - An arc under a rotation of another plane is refused as one under unequal scale is (D21): it would leave its plane.
 //! - Where an arc is blended, the soft limits apply to a bound of the blend, so a program may be refused although its
 //!   motion would just stay within them.

@@ -19,7 +19,7 @@ pub struct PathStage {
     pub(crate) axes: AxisSet,
     dry_run: bool,
     pub(crate) transform: Transform,
-    /// Where the last block ends as programmed; with cutter compensation the tool's centre is elsewhere.
+    /// Programmed end of the last block; with cutter compensation the tool's centre is elsewhere.
     pub(crate) at: AxisVector,
     /// Change of the tool length that no motion block has applied yet (D22), mm.
     pub(crate) tool_shift: f64,
@@ -33,7 +33,7 @@ pub struct PathStage {
     serial: u64,
     /// The last segment is a G31 whose end is not known yet.
     is_skipping: bool,
-    /// Moves beyond soft limits that were let pass; `None`: they are refused.
+    /// Moves beyond soft limits that were permitted. With `None` such moves are rejected.
     pub(crate) passed_limits: Option<Vec<Alarm>>,
 }
 
@@ -67,27 +67,27 @@ impl PathStage {
         self.dry_run
     }
 
-    /// Takes a block, and puts out the segments that are final. The last block of a chain is held back until the next one
-    /// decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`] blocks
-    /// are held back.
+    /// Takes a block, and outputs the segments that are final. The last block of a chain is held back until the next
+    /// one decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
+    /// blocks are held back.
     ///
     /// # Errors
-    /// An alarm at the block's origin when it cannot run; the stage is then as before the block, which puts out
-    /// nothing: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
-    /// 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `ARC_IMPOSSIBLE`,
-    /// `ARC_DISTORTED` (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
+    /// Returns an alarm at the block's origin when it cannot run; the stage is then as before the block, which outputs
+    /// nothing: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not 1 to 4),
+    /// `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `ARC_IMPOSSIBLE`, `ARC_DISTORTED`
+    /// (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
     ///
     /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`, `COMPENSATION_ARC_SMALL`,
     /// `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and `OVERCUT`, at the first block that
-    /// cannot move. The final segments before it have been put out (without the block just before it, whose end depends on
-    /// the refused one), and the compensation has ended.
+    /// cannot move. The final segments before it have been output (without the block just before it, whose end depends
+    /// on the rejected one), and the compensation has ended.
     ///
     /// [`LOOK_AHEAD_MAX`]: crate::LOOK_AHEAD_MAX
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let taken = self.take(block, out);
         taken.map_err(|alarm| {
             self.compensator.abandon(&mut self.legs);
-            // A leg beyond a soft limit ends the path as well, but the first alarm counts.
+            // A leg beyond a soft limit ends the path as well, but the first alarm is reported.
             let _ = self.join_legs(out);
             match alarm.origin {
                 Some(_) => alarm,
@@ -96,17 +96,18 @@ impl PathStage {
         })
     }
 
-    /// The program waits and continues later: puts out the segments that are final, ending in an exact stop. With cutter
-    /// compensation blocks stay held back until the next ones show that there is no overcut.
+    /// Outputs the segments that are final, ending in an exact stop, because the program waits and continues later.
+    /// With cutter compensation blocks stay held back until the next ones show that there is no overcut.
     pub fn flush(&mut self, out: &mut Vec<Segment>) {
         self.release(SegmentEnd::ExactStop, out);
     }
 
-    /// The program ends here, with or without an alarm: puts out the segments that are final, ending in an exact stop, and
-    /// drops the others. Within cutter compensation the last block is dropped, since its end is not known.
+    /// Outputs the segments that are final, ending in an exact stop, and drops the others, because the program ends
+    /// here, with or without an alarm. Within cutter compensation the last block is dropped, since its end is not
+    /// known.
     ///
     /// # Errors
-    /// `SOFT_LIMIT` of a block that was held back.
+    /// Returns `SOFT_LIMIT` of a block that was held back.
     pub fn finish(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.compensator.abandon(&mut self.legs);
         let joined = self.join_legs(out);
@@ -136,7 +137,7 @@ impl PathStage {
         self.tool_shift = of.tool_shift;
     }
 
-    /// The transform in force for the next block.
+    /// Returns the transform for the next block.
     pub fn transform(&self) -> &Transform {
         &self.transform
     }
@@ -156,14 +157,14 @@ impl PathStage {
         self.serial
     }
 
-    /// Where the last block ends as programmed; after G31 without a skip input, its target. With cutter compensation
-    /// the tool's centre is elsewhere.
+    /// Returns the programmed end of the last block; after G31 without a skip input, its target. With cutter
+    /// compensation the tool's centre is elsewhere.
     pub fn position(&self) -> MachinePosition {
         MachinePosition(self.at)
     }
 
-    /// The position from which the next block counts: the last block's end, with a change of tool length that no motion block
-    /// has applied yet (D22).
+    /// Returns the position to which the next block refers: the last block's end, with a change of tool length that no
+    /// motion block has applied yet (D22).
     pub fn counts_from(&self) -> MachinePosition {
         let mut from = self.at;
         from[Axis::Z] += self.tool_shift;
@@ -269,7 +270,7 @@ impl PathStage {
         self.is_skipping = false;
     }
 
-    /// Puts out a motion that ends at rest in any case.
+    /// Outputs a motion that always ends at rest.
     pub(crate) fn go_to_rest(
         &mut self,
         block: &Block,
@@ -334,7 +335,7 @@ impl PathStage {
         self.feed(block, words, path, out)
     }
 
-    /// The straight line from here, with what F counts on it.
+    /// Returns the straight line from here, with the length to which F refers.
     fn line(&self, to: AxisVector) -> Result<Option<Path>, Alarm> {
         let path = line_between(self.at, to)?;
         match self.settings.path.rotary_feed {
@@ -343,7 +344,7 @@ impl PathStage {
         }
     }
 
-    /// The direction in which the motion after a corner goes, if the words say one.
+    /// Sets the direction of the motion after a corner, if the words define one.
     fn corner(&mut self, words: &AxisWords) {
         let rounding = if words.named.is_empty() {
             Rounding::Free
@@ -353,7 +354,7 @@ impl PathStage {
         self.compensator.round_next(rounding);
     }
 
-    /// Takes a cutting block along this path; `None`: it does not move.
+    /// Takes a cutting block along this path. With `None` it does not move.
     fn feed(
         &mut self,
         block: &Block,
@@ -379,7 +380,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// Passes a block's motion through the compensation, and puts out the result.
+    /// Passes a block's motion through the compensation, and outputs the result.
     fn advance(
         &mut self,
         block: &Block,
@@ -424,7 +425,7 @@ impl PathStage {
         joined
     }
 
-    /// Takes the next segment, which decides how the one before ends.
+    /// Takes the next segment, which decides how the previous one ends.
     fn join(&mut self, segment: Segment, stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.refuse_beyond(self.segment_within_soft_limits(&segment.motion), segment.origin)?;
         if let (Some(before), false) = (&self.held_back, stop_before) {
@@ -453,7 +454,7 @@ impl PathStage {
         }
     }
 
-    /// The compensation that a block asks for, in machine coordinates.
+    /// Returns the compensation that a block requests, in machine coordinates.
     fn side(&self, block: &Block) -> Result<Option<Side>, Alarm> {
         let (radius, plane, left) = match block.compensation {
             Compensation::Off => return Ok(None),

@@ -1,8 +1,8 @@
-//! F on the A axis of dialect dgshape: the way of the tool on a circle about Y0 Z0 of the work coordinates, with the radius
-//! where the block begins (1-4 and 2-5).
+//! F on the A axis of dialect dgshape: the path of the tool on a circle about Y0 Z0 of the work coordinates, with the
+//! radius where the block begins (1-4 and 2-5).
 //!
-//! A block that also moves other axes counts the length of both ways together. Where the Z axis is at its highest position,
-//! and where the tool is at the centre, F has no effect: A turns as fast as its motor can.
+//! For a block that also moves other axes, the lengths of both paths are combined. Where the Z axis is at its highest
+//! position, and where the tool is at the centre, F has no effect: A turns as fast as its motor can.
 
 use tandem_model::alarm::check_finite;
 use tandem_model::flow::Path;
@@ -13,7 +13,7 @@ use crate::length::{LENGTH_MIN, turns_only};
 use crate::stage::PathStage;
 
 impl PathStage {
-    /// The same line with the length that F counts.
+    /// Returns the same line with the length to which F refers.
     pub(crate) fn along_surface(&self, line: Option<Path>) -> Result<Option<Path>, Alarm> {
         let Some(Path::Line { from, to, .. }) = line else {
             return Ok(line);

@@ -45,7 +45,7 @@ impl PathStage {
         Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter())).of_words(axis.letter())
     }
 
-    /// The target in the coordinates in force. Axes that no word moves keep their position to the last bit.
+    /// Returns the target in the current coordinates. Axes that no word moves keep their position to the last bit.
     pub(crate) fn work_target(&self, words: &AxisWords, moves: bool) -> AxisVector {
         let transform = &self.transform;
         let mut from = self.at;
@@ -73,7 +73,7 @@ impl PathStage {
         to.replaced(words.named, target)
     }
 
-    /// After a motion block: Z is at the position for the tool length in force (D22), or at that of G53.
+    /// Ends a motion block: Z is at the position for the current tool length (D22), or at that of G53.
     pub(crate) fn arrived(&mut self, block: &Block, words: &AxisWords) {
         let reached = match words.frame {
             Frame::Work => is_motion(block, words),
@@ -103,17 +103,17 @@ impl PathStage {
         Err(Alarm::new(&OFFSET_IN_FORCE, text))
     }
 
-    /// From here on moves beyond soft limits are let pass and noted: for a program that is looked at and moves nothing.
+    /// Permits and records moves beyond soft limits from now on: for a program that is only examined and moves nothing.
     pub fn let_limits_pass(&mut self) {
         self.passed_limits.get_or_insert_default();
     }
 
-    /// The alarms of the moves that were let pass since the last call, each at its block.
+    /// Returns the alarms of the permitted moves since the last call, each at its block.
     pub fn take_passed_limits(&mut self) -> Vec<Alarm> {
         self.passed_limits.as_mut().map_or_else(Vec::new, std::mem::take)
     }
 
-    /// The alarm of a move of this block beyond a soft limit, unless such moves are let pass.
+    /// Returns the alarm of a move of this block beyond a soft limit, unless such moves are permitted.
     pub(crate) fn refuse_beyond(&mut self, judged: Result<(), Alarm>, origin: Origin) -> Result<(), Alarm> {
         let refused = judged.map_err(|alarm| alarm.at(origin));
         match (refused, &mut self.passed_limits) {

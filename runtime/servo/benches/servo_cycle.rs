@@ -47,7 +47,7 @@ fn settings(axes: usize) -> CoordinateSystemSettings {
     }
 }
 
-/// Has run so long that each page of its traces is in memory.
+/// Returns a servo that has run until each page of its traces is in memory.
 fn servo(settings: &CoordinateSystemSettings, channels: usize) -> (Servo, Vec<ChannelHandle>) {
     let (mut servo, handles) = Servo::simulated(&vec![(settings, 16); channels], T);
     for _ in 0..10 * TRACE_SAMPLES {

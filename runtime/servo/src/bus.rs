@@ -1,8 +1,8 @@
-//! The seam to the drives: what each motor is to do and what it reports, exchanged for all motors at once.
+//! The interface to the drives: commands to the motors and their reports, exchanged for all motors at once.
 
 use std::fmt;
 
-/// What a motor is to do in one servo cycle.
+/// Command to a motor in one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Command {
     /// Position at the end of this cycle, mm or degrees from the machine's zero. Never NaN or infinite.
@@ -14,16 +14,16 @@ pub struct Command {
     pub clear_fault: bool,
 }
 
-/// What a motor reports in one servo cycle.
+/// Report of a motor in one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Feedback {
     /// Actual position, mm or degrees from the machine's zero; finite. Without meaning while the motor is not homed.
     pub position: f64,
     /// The drive has power and follows its command.
     pub is_enabled: bool,
-    /// The position counts from the machine's zero: by an absolute encoder, or since the drive was homed.
+    /// The position refers to the machine's zero: by an absolute encoder, or since the drive was homed.
     pub is_homed: bool,
-    /// The drive's own code of what is wrong with it; 0: nothing. With one it does not follow.
+    /// The drive's own fault code; 0 for none. With a fault it does not follow.
     pub fault: u16,
 }
 
@@ -54,7 +54,7 @@ pub enum CycleResult {
     OnTime,
     /// As on time, but the exchange ended later than the bus allows.
     Late,
-    /// The commands may not have reached their motors; the feedback is left as it was.
+    /// The commands may not have reached their motors; the feedback is unchanged.
     Lost,
 }
 
@@ -67,7 +67,7 @@ pub struct BusCounts {
     pub lost: u64,
 }
 
-/// Takes the power from all drives without the bus, such as by an output of the computer.
+/// Cuts the power of all drives without the bus, such as by an output of the computer.
 pub type Cutoff = Box<dyn Fn() + Send>;
 
 /// The bus to the drives of all motors. A motor's place is its place among all motors of the machine: in the order of the
@@ -77,29 +77,30 @@ pub trait DriveBus: fmt::Debug + Send {
     /// not allocate, lock, wait or panic.
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult;
 
-    /// The servo is alive: called once in each cycle, before the exchange, with a number that has grown since the last call.
-    /// For an output that a drive or a safety relay watches: one that sees it stand still for longer than it allows brakes by
-    /// itself. Must not allocate, lock, wait or panic.
+    /// Signals that the servo is running: called once in each cycle, before the exchange, with a number that has grown
+    /// since the last call. For an output that a drive or a safety relay watches: if it does not change for longer than
+    /// the device allows, the device itself brakes. Must not allocate, lock, wait or panic.
     fn heartbeat(&mut self, cycle: u64) {
         let _ = cycle;
     }
 
-    /// True when motors keep their speed while no commands come, because their time is counted in exchanges: simulated ones.
-    /// False: a motor without commands comes to rest where it was last commanded to, so a servo that was late does not go on
-    /// at speed. Called once, before the first cycle.
+    /// Returns whether motors keep their speed while no commands arrive, because their time is counted in exchanges
+    /// (simulated motors). If not, a motor without commands stops at its last commanded position, so after a delay the
+    /// servo does not resume at speed. Called once, before the first cycle.
     fn keeps_speed(&self) -> bool {
         false
     }
 
-    /// What takes the power from all drives without the bus. It is called once, by another thread, when the servo has failed:
-    /// a call of the bus or of a spindle panicked, or has not returned for 60 ms. Without it the drives have to notice by
-    /// themselves that the heartbeat stands still. Called once, before the first cycle.
+    /// Returns the means to cut the power of all drives without the bus. Another thread calls it once, when the servo
+    /// has failed: a call of the bus or of a spindle panicked, or has not returned for 60 ms. Without it, the drives
+    /// themselves must notice that the heartbeat has stopped. Called once, before the first cycle.
     fn cutoff(&mut self) -> Option<Cutoff> {
         None
     }
 
-    /// Frames that may be lost in a row; one more is a fault: all motors brake and lose power. At most what the drives
-    /// themselves allow before they stop, and at most the frames of 90 ms. Called once, before the first cycle.
+    /// Returns the frames that may be lost in a row; one more is a fault: all motors brake and lose power. At most the
+    /// number that the drives themselves allow before they stop, and at most the frames of 90 ms. Called once, before
+    /// the first cycle.
     fn lost_in_a_row_max(&self) -> u32 {
         2
     }

@@ -20,12 +20,12 @@ use crate::spindle::{Orientation, SpindleLink, SpindleState};
 use crate::splice::{SPLICES_MAX, Splice};
 use crate::trace::{Cycle, Trace, Tracer};
 
-/// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
+/// Limit of pending controls of one channel; the ring rejects further ones. A cycle takes at most 16 of them.
 pub const CONTROLS_MAX: usize = 64;
 
-/// Events that may wait to be read. When fewer than 8 places are left, the channel takes no control and starts no profile from
-/// rest until some are read, and joints passed without a stop put out no event. So no event of a stop, a hold or a fault is
-/// ever lost.
+/// Limit of unread events. When fewer than 8 places are left, the channel takes no control and starts no profile from
+/// rest until some are read, and joints passed without a stop emit no event. So no event of a stop, a hold or a fault
+/// is ever lost.
 pub const EVENTS_MAX: usize = 1024;
 
 /// The servo's end of a coordinate system.
@@ -54,7 +54,7 @@ pub struct Channel {
     /// The motors that have turned back in the running G31.
     pub(crate) skip: SkipRun,
     pub(crate) braking: Option<Brake>,
-    /// Epoch of a stop or abort under way.
+    /// Epoch of a running stop or abort.
     pub(crate) stopping: Option<u32>,
     /// Older profiles never run.
     pub(crate) epoch: u32,
@@ -63,8 +63,8 @@ pub struct Channel {
     pub(crate) holds_in_thread: bool,
     /// Cycles since set points moved last; `u64::MAX` before they do.
     pub(crate) still_cycles: u64,
-    /// The pass in a thread that began last, from the start of the pass in to the end of the pass out, including dwell and
-    /// waits between: feed hold waits unless it acts in phase, and the spindle follows. `None`: the tool is out.
+    /// The latest pass in a thread, from the start of the pass in to the end of the pass out, including dwell and waits
+    /// between: feed hold waits unless it acts in phase, and the spindle follows. `None` if the tool is out.
     pub(crate) thread: Option<TapLeg>,
     /// The plan to switch to.
     pub(crate) splice: Option<Splice>,
@@ -77,14 +77,14 @@ pub struct Channel {
     pub(crate) velocity: AxisVector,
     pub(crate) motors: Motors,
     pub(crate) spindle: Option<SpindleLink>,
-    /// Plan time at which the last block was left, s: its end or infinite behind it, 0 before it.
+    /// Plan time at which the last block was left, s: its end, or infinite if the motion passed it; 0 before the block.
     pub(crate) left_at_s: f64,
-    /// Where the block of the setpoint comes from.
+    /// Origin of the block of the setpoint.
     pub(crate) executing: Option<Origin>,
     /// Which override scales the block of the setpoint.
     pub(crate) time_base: Option<TimeBase>,
     pub(crate) last_segment: u64,
-    /// An event was put out in this cycle.
+    /// An event was emitted in this cycle.
     pub(crate) reported: bool,
     /// In this cycle nothing moves, and no motion is pending.
     pub(crate) rests: bool,
@@ -98,12 +98,12 @@ pub(crate) enum Hold {
     AfterBlock,
     /// Commanded; [`Event::Held`] is still to come.
     ComingToRest,
-    /// [`Event::Held`] was put out.
+    /// [`Event::Held`] was emitted.
     AtRest,
 }
 
 impl Hold {
-    /// True while the command comes to rest or rests.
+    /// True while the command decelerates to rest or rests.
     pub(crate) fn holds(self) -> bool {
         matches!(self, Hold::ComingToRest | Hold::AtRest)
     }
@@ -116,11 +116,11 @@ pub struct ChannelHandle {
     pub profiles: ProfileProducer,
     /// Commands to the channel.
     pub controls: Producer<Control>,
-    /// Plans that are to take the place of the one that runs: one at a time, before its [`Control::Splice`].
+    /// Plans that will replace the running one: one at a time, before its [`Control::Splice`].
     pub splices: Producer<Splice>,
     /// Queues that are not read any more, to be dropped: one for each [`Event::Spliced`].
     pub unread: Consumer<ProfileConsumer>,
-    /// What happened; read them after each cycle that returned true.
+    /// Events; read them after each cycle that returned true.
     pub events: Consumer<Event>,
     /// The last cycle's values.
     pub readings: Arc<Readings>,
@@ -128,8 +128,8 @@ pub struct ChannelHandle {
     pub trace: Arc<Trace>,
 }
 
-/// Both ends of a coordinate system with these motors, at rest where they stand. At most `profiles_max` profiles wait
-/// in the queue; it refuses more.
+/// Creates both ends of a coordinate system with these motors, at rest at their positions. The queue holds at most
+/// `profiles_max` profiles and rejects further ones.
 pub(crate) fn channel(
     settings: &CoordinateSystemSettings,
     profiles_max: usize,
@@ -228,8 +228,8 @@ impl Channel {
             .map_or(SpindleState::default(), SpindleLink::state)
     }
 
-    /// True when there is nothing to do: no profile or control waits, none runs or waits for its motors, nothing brakes, no
-    /// drive is being enabled, the spindle is not being oriented. A spindle that turns does not count.
+    /// True when the channel is idle: no profile or control is pending, none runs or waits for its motors, nothing
+    /// brakes, no drive is being enabled, the spindle is not being oriented. A turning spindle is allowed.
     pub fn is_idle(&self) -> bool {
         self.current.is_none()
             && self.braking.is_none()
@@ -240,13 +240,13 @@ impl Channel {
             && !self.spindle.as_ref().is_some_and(SpindleLink::is_busy)
     }
 
-    /// Where the block comes from that the setpoint of the last cycle belongs to, its end point and the wait for its
-    /// motors included; `None` when no block runs, and while an abort brakes.
+    /// Returns the origin of the block of the last cycle's setpoint, including its end point and the wait for its
+    /// motors. `None` when no block runs, and while an abort brakes.
     pub fn executing(&self) -> Option<Origin> {
         self.executing
     }
 
-    /// True when the last cycle put out an event, or was slower for want of more profiles.
+    /// True when the last cycle emitted an event, or was slowed down by a lack of profiles.
     pub fn has_reported(&self) -> bool {
         self.reported
     }
@@ -266,7 +266,7 @@ impl Channel {
         self.profiles.slots()
     }
 
-    /// Where the setpoint of the last cycle is on the path.
+    /// Returns the place on the path of the last cycle's setpoint.
     pub(crate) fn place(&self) -> PathPlace {
         let plan_s = match &self.current {
             None => self.left_at_s,
@@ -294,7 +294,7 @@ impl Channel {
         speed * 60.0
     }
 
-    /// Keeps the cycle for those who look back.
+    /// Stores the cycle in the trace.
     pub(crate) fn keep_trace(&mut self, time_s: f64) {
         if let Some(acceleration) = self.tracer.see(self.velocity) {
             let cycle = Cycle {

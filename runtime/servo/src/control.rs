@@ -10,21 +10,22 @@ use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
-    /// Feed hold: the time base comes to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
-    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished, unless
-    /// [`Control::HoldInPhase`] follows. A block that reaches its end point is finished all the same. Ignored while a stop or an abort is under way.
+    /// Feed hold: the time base decreases to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
+    /// [`Control::Resume`]. While the tool is in a thread, the hold waits until the pass out is finished, unless
+    /// [`Control::HoldInPhase`] follows. A block that reaches its end point is finished all the same. Ignored during a
+    /// stop or an abort.
     Hold,
-    /// The same, also while the tool is in a thread: the motion and its spindle come to rest in phase, and leave it in phase after
-    /// [`Control::Resume`].
+    /// Feed hold that also acts while the tool is in a thread: the motion and its spindle decelerate to rest in phase,
+    /// and continue in phase after [`Control::Resume`].
     HoldInPhase,
-    /// Ends feed hold: the time base goes to the override with `override_slew_ms`.
+    /// Ends feed hold: the time base changes to the override with `override_slew_ms`.
     Resume,
-    /// Single block. True: as [`Control::Hold`] once the running block is over, or the next one when none runs: before
-    /// the following block starts, or in a chain from the joint on, along the path. Consecutive profiles of the same origin
-    /// are one block. False: cancels this if the hold has not begun yet.
+    /// Single block. `true` acts like [`Control::Hold`] at the end of the running block, or of the next one when none
+    /// runs: before the following block starts, or in a chain from the joint on, along the path. Consecutive profiles
+    /// of the same origin are one block. `false` cancels this if the hold has not begun yet.
     HoldAfterBlock(bool),
-    /// Decelerates on the path as feed hold does, throws away what is older than `epoch`, then
-    /// [`Event::Stopped`]. Ends feed hold and clears a fault. Give it before the first profile of that epoch.
+    /// Decelerates on the path as feed hold does, discards everything older than `epoch`, then emits
+    /// [`Event::Stopped`]. Ends feed hold and clears a fault. Send it before the first profile of that epoch.
     Stop {
         /// The oldest epoch that may still run.
         epoch: u32,
@@ -49,8 +50,9 @@ pub enum Control {
     /// The next [`Splice`](crate::Splice) is available: its profiles run from its place on. [`Event::Spliced`] reports the
     /// result; a stop or an abort before that place rejects it.
     Splice,
-    /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. G31 captures the actual
-    /// position of the cycle that takes this, so it is not exact; an input that is on at its start captures there.
+    /// Sets a motor's skip input, which keeps the value: on has the effect of its simulated skip input. G31 captures
+    /// the actual position of the cycle that takes this, so it is not exact; an input that is on at its start captures
+    /// there.
     SkipInput {
         /// CNC motor number; one that no axis has changes nothing.
         motor: u16,
@@ -60,13 +62,13 @@ pub enum Control {
     /// Commands the spindle. Not affected by hold, stop and abort. While a thread is cut the last command waits until the
     /// tool is out.
     Spindle {
-        /// What it does.
+        /// Its function.
         direction: SpindleDirection,
         /// Speed for `Cw` and `Ccw`, r/min, limited to the motor's maximum.
         rpm: f64,
     },
-    /// Asks for [`Event::SpindleReached`] once the spindle has reached what was commanded last: its speed within this share of it,
-    /// its rest, or its orientation. While a thread is cut, at once. A newer one replaces it.
+    /// Requests [`Event::SpindleReached`] for the last command: when the spindle has reached its speed within this
+    /// share of it, standstill, or its orientation; immediately while a thread is cut. A newer request replaces it.
     AwaitSpindle {
         /// Names it in the event.
         id: u64,
@@ -75,7 +77,7 @@ pub enum Control {
     },
 }
 
-/// What a spindle is to do.
+/// Function of a spindle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SpindleDirection {
     /// M03: turn clockwise, counted as positive speed.
@@ -89,14 +91,14 @@ pub enum SpindleDirection {
     Orient,
 }
 
-/// What happened in one servo cycle of a channel.
+/// Event of a channel in one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
     /// A profile gave its first sample, its start point.
     Started {
         /// Its segment number.
         segment: u64,
-        /// Where it comes from.
+        /// Its origin.
         origin: Origin,
         /// Which override scales its time.
         base: TimeBase,
@@ -115,14 +117,14 @@ pub enum Event {
     Captured {
         /// Its segment number.
         segment: u64,
-        /// Where the motors rest: those that captured a position, there; the others at their target.
+        /// Positions at which the motors rest: the captured one, or else their target.
         position: MachinePosition,
         /// The axes whose motors captured a position.
         captured: AxisSet,
     },
     /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
     Held {
-        /// Where; between two blocks at the end of the one that was passed, backward at its begin.
+        /// The place; between two blocks at the end of the one that was passed, backward at its begin.
         at: PathPlace,
     },
     /// The motion is held as by [`Control::HoldInPhase`], because the servo was late while its set points moved, were about to, or
@@ -132,14 +134,14 @@ pub enum Event {
         /// Cycles that were left out.
         cycles: u64,
     },
-    /// A [`Splice`](crate::Splice) was carried out or rejected.
+    /// A [`Splice`](crate::Splice) was executed or rejected.
     Spliced {
-        /// True: its profiles run. False: the plan before goes on; the place was passed, the machine did not rest, or it
-        /// would have had to slow down there.
+        /// True if its profiles run. False if the previous plan continues: the place was passed, the machine did not
+        /// rest, or it would have had to slow down there.
         taken: bool,
     },
-    /// The command is at rest after [`Control::Stop`] or [`Control::Abort`]. The segment that was running is
-    /// given up: no [`Event::Finished`] comes for it.
+    /// The command is at rest after [`Control::Stop`] or [`Control::Abort`]. The running segment is abandoned, without
+    /// [`Event::Finished`].
     Stopped {
         /// Epoch of the command; older profiles never run.
         epoch: u32,
@@ -148,16 +150,16 @@ pub enum Event {
     },
     /// The spindle is at rest at its orientation position.
     Oriented,
-    /// The spindle has reached what was commanded last.
+    /// The spindle has reached the last command.
     SpindleReached {
-        /// Of the [`Control::AwaitSpindle`].
+        /// Id of the [`Control::AwaitSpindle`].
         id: u64,
     },
     /// Something is wrong. The channel starts nothing until [`Control::Stop`] or [`Control::Abort`].
     Fault(Fault),
 }
 
-/// What can go wrong in a servo cycle. A number only, so that a cycle need not build a text.
+/// Fault of a servo cycle. Only a number, so that a cycle need not build a text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
     /// A motor was outside its in-position window when `in_position_timeout_ms` had passed.
@@ -189,7 +191,7 @@ pub enum Fault {
     DriveFault {
         /// CNC motor number.
         motor: u16,
-        /// Its axis; `None`: the spindle.
+        /// The faulty axis. `None` for the spindle.
         axis: Option<Axis>,
         /// The drive's own code.
         code: u16,
@@ -203,10 +205,10 @@ pub enum Fault {
     NotEnabled {
         /// CNC motor number.
         motor: u16,
-        /// Its axis; `None`: the spindle.
+        /// The faulty axis. `None` for the spindle.
         axis: Option<Axis>,
     },
-    /// A motor is to move, and its position does not count from the machine's zero.
+    /// A motor must move, but its position does not refer to the machine's zero.
     NotHomed {
         /// CNC motor number.
         motor: u16,

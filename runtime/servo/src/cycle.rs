@@ -1,8 +1,9 @@
 //! One servo cycle of one channel: controls, setpoints, feedback, in-position check, events, readings.
 //!
-//! The order within a cycle: controls are taken; the running profile advances, or the next one gives its start point; the bus
-//! exchanges commands and feedback of all channels; events report what has come to rest. So in one cycle a profile gives its
-//! end point and, with an ideal drive, is found in position; the next one gives its start point in the following cycle (M1c).
+//! The order within a cycle: controls are taken; the running profile advances, or the next one gives its start point;
+//! the bus exchanges commands and feedback of all channels; events report which profiles have stopped. So in one cycle
+//! a profile gives its end point and, with an ideal drive, is found in position; the next one gives its start point in
+//! the following cycle (M1c).
 
 use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, Profile, TimeBase};
@@ -20,7 +21,7 @@ use crate::splice::APPROACH;
 /// Controls taken in one cycle; the others wait for the next one.
 const CONTROLS_PER_CYCLE: usize = 16;
 
-/// Profiles of an old epoch thrown away in one cycle: bounds the time of the cycle.
+/// Profiles of an old epoch discarded in one cycle: limits the time of the cycle.
 const DROPS_PER_CYCLE: usize = 64;
 
 /// Profiles passed without a stop in one cycle: bounds the time of the cycle. A chain of shorter blocks is slower than F.
@@ -35,7 +36,7 @@ const EVENTS_RESERVE: usize = 9;
 const END_TOLERANCE: f64 = 1e-6;
 
 impl Channel {
-    /// First half of a servo cycle at this time: what each motor is to do in it.
+    /// First half of a servo cycle at this time: writes the motors' commands.
     pub(crate) fn command(&mut self, time_s: f64, commands: &mut [Command]) {
         self.rests = self.stays_at_rest();
         if self.rests {
@@ -73,8 +74,8 @@ impl Channel {
         self.turn_spindle();
     }
 
-    /// Second half: what the motors report. True when the cycle put out an event, or is slower for want of more profiles.
-    /// `bus_lost` are the frames lost in a row, when they are more than allowed.
+    /// Second half: processes the motors' reports. Returns `true` when the cycle emitted an event, or was slowed down
+    /// by a lack of profiles. `bus_lost` is the number of frames lost in a row, if more than allowed.
     pub(crate) fn conclude(&mut self, time_s: f64, feedback: &[Feedback], bus_lost: Option<u32>) -> bool {
         self.motors.take_feedback(feedback);
         self.keep_trace(time_s);
@@ -103,7 +104,7 @@ impl Channel {
 
     /// True when nothing is left to do but the drives' work: nothing moves, and no motion or control is pending.
     fn stays_at_rest(&self) -> bool {
-        // once at rest it stays there until something comes
+        // once at rest it stays there until something arrives
         self.profiles.is_empty()
             && self.controls.is_empty()
             && self.motors.has_settled()
@@ -246,7 +247,7 @@ impl Channel {
         self.sample(time_s, 0.0);
     }
 
-    /// True when the next profile is no way into a thread, or the spindle's drive has power to follow it.
+    /// True when the next profile is no pass into a thread, or the spindle's drive has power to follow it.
     fn has_spindle(&mut self) -> bool {
         match (self.profiles.peek().map(|next| &next.law), &mut self.spindle) {
             (Ok(Law::Tap { .. }), Some(spindle)) => spindle.has_power(),
@@ -276,8 +277,8 @@ impl Channel {
         }
     }
 
-    /// A chain begins when it can come to rest within the profiles that wait; also with half of the ring full, since no more
-    /// may come before it moves.
+    /// Returns whether a chain may begin: if it can stop within the queued profiles, or if half of the ring is full,
+    /// since no further profiles may arrive before it moves.
     fn may_begin(&mut self) -> bool {
         2 * self.profiles.slots() >= self.profiles.capacity()
             || rest::is_known(
@@ -321,8 +322,8 @@ impl Channel {
         if allowed != Some(wanted) {
             // The coordinator then checks whether the ring has room for more.
             self.reported = true;
-            // All that waits takes less time than the reserve, and a full ring accepts no more: one block at a time, too
-            // short for any motor to notice.
+            // The queued profiles take less time than the reserve, and a full ring accepts none: run one block at a
+            // time; it is too short for any motor to notice.
             if rate == 0.0 && allowed == Some(0.0) && self.has_next() {
                 let end_s = profile.duration_s;
                 self.time.carry(end_s);
@@ -458,8 +459,8 @@ impl Channel {
         }
     }
 
-    /// G31: motors whose input has come turn back from the next cycle on; one that stands beyond its threshold at the
-    /// start stays there.
+    /// G31: motors whose input has switched on turn back from the next cycle on; one that is beyond its threshold at
+    /// the start stays there.
     fn check_skip_inputs(&mut self) {
         let Some(profile) = &self.current else { return };
         if !matches!(profile.law, Law::Skip { .. }) {
@@ -543,19 +544,19 @@ impl Channel {
         self.tell(Event::Fault(fault));
     }
 
-    /// The current profile is over, or will not go on.
+    /// Abandons the current profile, which has ended or will not continue.
     pub(crate) fn give_up(&mut self) {
         self.left_at_s = self.place().plan_s;
         self.current = None;
         self.ended_cycles = None;
     }
 
-    /// The reserve makes sure that there is a place.
+    /// The reserve ensures that there is room.
     pub(crate) fn tell(&mut self, event: Event) {
         self.reported |= self.events.push(event).is_ok();
     }
 
-    /// At a joint the motion cannot wait: without a place the event is left out.
+    /// At a joint the motion cannot wait: without room the event is omitted.
     pub(crate) fn tell_joint(&mut self, event: Event) {
         if self.events.slots() >= EVENTS_RESERVE {
             self.tell(event);

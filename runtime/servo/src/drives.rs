@@ -42,7 +42,7 @@ impl Channel {
         }
     }
 
-    /// What all motors have in common. They have power until they have come to rest.
+    /// Returns the command fields common to all motors. They have power until they have stopped.
     pub(crate) fn of_all_drives(&self) -> Command {
         Command {
             position: 0.0,
@@ -51,7 +51,7 @@ impl Channel {
         }
     }
 
-    /// True when the motors report what is expected of them.
+    /// True if the motors report the expected state.
     pub(crate) fn is_as_commanded(&self) -> bool {
         match self.power {
             Power::Off | Power::Tripped { .. } => true,
@@ -60,7 +60,7 @@ impl Channel {
         }
     }
 
-    /// Handles what the motors report otherwise.
+    /// Handles the motors' other reports.
     pub(crate) fn watch_drives(&mut self) {
         let trouble = self.motors.trouble(self.bus_lost);
         match self.power.watch(trouble, self.period_s) {

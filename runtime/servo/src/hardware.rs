@@ -1,4 +1,4 @@
-//! What moves a machine: the bus to its drives and its spindles, simulated or not.
+//! Hardware of a machine: the bus to its drives and its spindles, simulated or real.
 
 use std::io;
 
@@ -9,17 +9,17 @@ use crate::simulated_bus::SimulatedBus;
 use crate::simulated_spindle::SimulatedSpindle;
 use crate::spindle::Spindle;
 
-/// Makes what moves the coordinate systems of these settings, in their order. It may take its time: it is asked once, before
-/// the first servo cycle, and gives the hardware up and running, its drives not enabled. An error keeps the machine from
-/// starting.
+/// Creates the hardware that moves the coordinate systems of these settings, in their order. It may take some time: it
+/// is called once, before the first servo cycle, and returns running hardware, its drives not enabled. An error
+/// prevents the machine from starting.
 pub type HardwareFactory = Box<dyn FnOnce(&[&CoordinateSystemSettings]) -> io::Result<Hardware> + Send>;
 
-/// What moves a machine.
+/// Hardware of a machine.
 #[derive(Debug)]
 pub struct Hardware {
     /// The bus to the drives of all motors.
     pub bus: Box<dyn DriveBus>,
-    /// What each motor reports before the first cycle, by its place on the bus. A place left out reports the default.
+    /// Report of each motor before the first cycle, by its place on the bus. Missing places report the default.
     pub at_start: Vec<Feedback>,
     /// The spindle of each coordinate system, in their order; one left out has none.
     pub spindles: Vec<Option<Box<dyn Spindle>>>,

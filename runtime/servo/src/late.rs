@@ -1,4 +1,4 @@
-//! What a channel does when its cycles are late: it holds on its path.
+//! Reaction of a channel to late cycles: it holds on its path.
 
 use tandem_model::AxisVector;
 use tandem_model::profile::{Law, Profile};
@@ -6,14 +6,14 @@ use tandem_model::profile::{Law, Profile};
 use crate::channel::{Channel, Hold};
 use crate::control::Event;
 
-/// Time since set points moved last in which a run counts as moving, s: at the turning point of an axis the next motion may not
-/// have come yet. Reason: longer than a task takes to hand over the next motion.
+/// Time after the last movement of set points during which a run is treated as moving, s: at the turning point of an
+/// axis the next motion may not have arrived yet. Reason: longer than a task takes to pass on the next motion.
 const RECENT_S: f64 = 0.1;
 
 impl Channel {
-    /// Before the cycle after so many that were left out. `keeps_speed`: the motors still have the speed of the last cycle;
-    /// otherwise they have come to rest at their last command. In a thread the motion comes to rest in phase. True when an
-    /// event was put out.
+    /// Prepares the cycle after missed ones. `keeps_speed`: the motors still have the speed of the last cycle;
+    /// otherwise they have stopped at their last command. In a thread the motion decelerates in phase. Returns `true`
+    /// if an event was emitted.
     pub(crate) fn hold_after_missed(&mut self, cycles: u64, keeps_speed: bool) -> bool {
         if !self.is_in_motion() {
             return false;

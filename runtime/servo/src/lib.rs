@@ -5,8 +5,8 @@
 //! cycle never allocates, locks, waits or calls the system. It reads no clock either: time is the number of cycles times the
 //! servo period, so simulated time and real time run the same code.
 //!
-//! The rules of motion (M1a to M1i, in the book) say what a cycle does; where they leave something open, the item that does it
-//! says it.
+//! The rules of motion (M1a to M1i, in the book) define a cycle; where they leave something open, the documentation of
+//! the item defines it.
 
 mod brake;
 mod bus;

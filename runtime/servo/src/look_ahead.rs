@@ -7,8 +7,9 @@ use crate::profile_queue::ProfileConsumer;
 use crate::splice::{Joint, Splice};
 
 impl Channel {
-    /// Largest change of the override factor per second towards the target in the coming cycle: what the motors allow over
-    /// all profiles that the cycle may touch, including those after the running one and those of a new plan.
+    /// Returns the largest change of the override factor per second towards the target in the coming cycle: the limit
+    /// of the motors over all profiles that the cycle may touch, including those after the running one and those of a
+    /// new plan.
     pub(crate) fn room_to(&mut self, target: f64) -> f64 {
         let rate = self.time.rate();
         let Some(profile) = self.current.as_ref() else {
@@ -21,7 +22,7 @@ impl Channel {
         let ends_s = now_s + rate.max(target) * self.period_s;
         let splice = self.splice.as_ref();
         let joint = splice.and_then(|splice| joint_within(splice, profile, &mut self.profiles, ends_s));
-        // Beyond a joint, too: the new plan may turn out too slow there, and this one goes on.
+        // Beyond a joint, too: if the new plan turns out too slow there, this one continues.
         let mut room = match &profile.law {
             Law::Paced { pace, .. } => pace.room(now_s, ends_s),
             _ => self.skip.room(profile, self.motors.deceleration(), now_s, ends_s),
@@ -47,8 +48,8 @@ impl Channel {
     }
 }
 
-/// Where the motion switches to a new plan, by the time of the running profile, if it does so by `ends_s`: in that profile or
-/// in one that waits.
+/// Returns where the motion switches to a new plan, by the time of the running profile, if it does so by `ends_s`: in
+/// that profile or in a queued one.
 fn joint_within(
     splice: &Splice,
     running: &Profile,
@@ -76,7 +77,7 @@ fn joint_within(
     None
 }
 
-/// What the motors allow over this time from the first waiting profile on.
+/// Returns the room that the motors leave over this time from the first queued profile on.
 fn room_of(waiting: &mut ProfileConsumer, time_s: f64) -> SlewRoom {
     let mut left_s = time_s;
     let mut room = SlewRoom::default();

@@ -22,7 +22,7 @@ struct Motor {
     /// As set from outside.
     skip_is_set: bool,
     simulated_skip: Option<SimulatedSkip>,
-    /// Of the move back to a captured position.
+    /// Limits of the move back to a captured position.
     skip_limits: MotorLimits,
 }
 
@@ -33,16 +33,16 @@ pub(crate) struct Motors {
     /// The axes with a motor, by its place on the bus, then those without.
     by_place: [Axis; AXES_MAX],
     with_motor: AxisSet,
-    /// What a simulated probe touches.
+    /// Object that a simulated probe touches.
     round: Option<SimulatedRound>,
     /// On the bus.
     places: Range<usize>,
     is_ideal: bool,
     actual: AxisVector,
-    /// Axes whose motor counts from the machine's zero.
+    /// Axes whose motor position refers to the machine's zero.
     homed: AxisSet,
     settled: bool,
-    /// What keeps them from following.
+    /// Fault that prevents the motors from following.
     trouble: Option<Fault>,
 }
 
@@ -100,7 +100,7 @@ impl Motors {
         motors
     }
 
-    /// Gives each motor its position, and what all of them have in common. An axis without a motor is where its command is.
+    /// Writes each motor's position, and the fields common to all. An axis without a motor is at its command.
     pub(crate) fn command(&mut self, setpoint: AxisVector, of_all: Command, commands: &mut [Command]) {
         let commands = commands.get_mut(self.places.clone()).unwrap_or_default();
         let (with_motor, without_motor) = self.by_place.split_at(commands.len());
@@ -115,7 +115,7 @@ impl Motors {
         }
     }
 
-    /// Takes what each motor reports.
+    /// Reads the motors' reports.
     pub(crate) fn take_feedback(&mut self, feedback: &[Feedback]) {
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
         let (mut changed, mut are_operational) = (0, true);
@@ -171,7 +171,7 @@ impl Motors {
         self.trouble.is_none()
     }
 
-    /// What keeps the motors from following.
+    /// Returns the fault that prevents the motors from following.
     pub(crate) fn trouble(&self, bus_lost: Option<u32>) -> Option<Fault> {
         let lost = bus_lost.map(|cycles| Fault::BusLost { cycles });
         lost.or(self.trouble)
@@ -184,14 +184,13 @@ impl Motors {
         Some(Fault::PositionJump { motor, axis, jump })
     }
 
-    /// True when no motor moved, was homed or lost its reference in the last cycle. A drive may settle the last bit away from
-    /// its command: with the same command
-    /// nothing changes any more.
+    /// True when no motor moved, was homed or lost its reference in the last cycle. A drive may settle one bit away
+    /// from its command: with the same command nothing changes any more.
     pub(crate) fn has_settled(&self) -> bool {
         self.settled
     }
 
-    /// True when every motor is where its command is, whatever came before.
+    /// True when every motor is at its command, independent of its past.
     pub(crate) fn are_ideal(&self) -> bool {
         self.is_ideal
     }
@@ -200,7 +199,7 @@ impl Motors {
         self.actual
     }
 
-    /// Axes whose motor counts from the machine's zero.
+    /// Returns the axes whose motor position refers to the machine's zero.
     pub(crate) fn homed(&self) -> AxisSet {
         self.homed
     }
@@ -217,8 +216,8 @@ impl Motors {
         }
     }
 
-    /// Where an axis's skip input is on now, with the limits of the move back: at the actual position when it was set from
-    /// outside or `at_once`, at its threshold when it is simulated.
+    /// Returns the position at which an axis's skip input switches on now, with the limits of the move back: the actual
+    /// position when it was set from outside or `at_once`, its threshold when it is simulated.
     pub(crate) fn skip(&self, axis: Axis, at_once: bool) -> Option<(f64, MotorLimits)> {
         let motor = self.axes[axis.index()].as_ref()?;
         let actual = self.actual[axis];
@@ -233,7 +232,7 @@ impl Motors {
         Some((position, motor.skip_limits))
     }
 
-    /// Where an axis comes to what a simulated probe touches now.
+    /// Returns where an axis reaches the object that a simulated probe touches.
     fn touched(&self, axis: Axis) -> Option<f64> {
         let place = [Axis::X, Axis::Y].iter().position(|one| *one == axis)?;
         let at = [Axis::X, Axis::Y, Axis::Z].map(|axis| self.actual[axis]);
@@ -255,7 +254,7 @@ impl Motors {
         })
     }
 
-    /// True when every motor is in position, `waited_s` after the command came to rest; an error where one takes too long.
+    /// True when every motor is in position, `waited_s` after the command has stopped; an error if one takes too long.
     pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> Result<bool, Fault> {
         let late = self
             .outside(command)

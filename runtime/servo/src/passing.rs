@@ -12,11 +12,11 @@ use crate::rest::Way;
 /// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
 const BEFORE_END: f64 = 2.0;
 
-/// Cycles behind a ramp that are never left out of even motion: differences of positions up to the third one have settled
-/// then.
+/// Cycles after a ramp that are always excluded from even motion: differences of positions up to the third one have
+/// settled then.
 const EVEN_CYCLES: f64 = 4.0;
 
-/// The whole cycles in a number of them; none in what is below 0 or not a number.
+/// Rounds down to whole cycles; 0 for negative values and NaN.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -27,8 +27,8 @@ fn whole(cycles: f64) -> u64 {
 }
 
 impl Channel {
-    /// How many further cycles without a profile or a control put out no event, and change nothing but the time, the angle of
-    /// the spindle, and the place on the running profile.
+    /// Returns how many further cycles without a profile or a control emit no event, and change only the time, the
+    /// angle of the spindle, and the place on the running profile.
     pub(crate) fn cycles_to_pass(&mut self) -> u64 {
         let is_steady = self.spindle_is_steady() && self.hold != Hold::ComingToRest;
         if self.reported || !self.controls.is_empty() || !is_steady {
@@ -53,8 +53,8 @@ impl Channel {
         }
     }
 
-    /// The same for cycles in which each motor keeps the speed that it has had for some cycles: at rest, and between the
-    /// ramps of a line.
+    /// Returns how many of these cycles each motor keeps the speed that it has had for some cycles: at rest, and
+    /// between the ramps of a line.
     pub(crate) fn even_cycles(&mut self) -> u64 {
         let cycles = self.cycles_to_pass();
         let step_s = self.time.rate() * self.period_s;
@@ -74,7 +74,7 @@ impl Channel {
         }
     }
 
-    /// The same for a profile that runs at a constant rate.
+    /// Returns the number of cycles before the end of a profile that runs at a constant rate.
     fn cycles_before_end(&mut self, rests: bool) -> u64 {
         if self.hold == Hold::AtRest {
             return 0;
@@ -99,7 +99,7 @@ impl Channel {
         }
     }
 
-    /// What each motor is to do in the last one of so many cycles; at most as many as [`Channel::cycles_to_pass`] gives.
+    /// Writes the motors' commands of the last of these cycles; at most as many as [`Channel::cycles_to_pass`] returns.
     pub(crate) fn pass(&mut self, cycles: u64, commands: &mut [Command]) {
         self.tracer.skip(cycles);
         if self.velocity == AxisVector::ZERO {
@@ -117,7 +117,7 @@ impl Channel {
         self.motors.command(self.setpoint, self.of_all_drives(), commands);
     }
 
-    /// What the motors report in the last one of the cycles.
+    /// Takes the motors' reports of the last of the cycles.
     pub(crate) fn passed(&mut self, feedback: &[Feedback]) {
         self.motors.take_feedback(feedback);
     }

@@ -1,6 +1,6 @@
 //! The time base of a channel (M1i): the time of the running profile advances at a slew-limited rate.
 
-/// A step that ends within this share of a period after the period counts as ending in it: rounding.
+/// A step that ends within this share of a period after the period is treated as ending in it, because of rounding.
 const STEP_TOLERANCE: f64 = 1e-9;
 
 /// Profile time. At a constant rate it is counted, not summed: sample k at 100 percent is at k periods exactly,
@@ -41,7 +41,7 @@ impl PathTime {
         self.carry(at_s);
     }
 
-    /// It stands where it is.
+    /// Stops at the current place.
     pub(crate) fn stand(&mut self) {
         self.begin(0.0, self.now_s());
     }
@@ -52,7 +52,7 @@ impl PathTime {
         self.cycles = 0;
     }
 
-    /// So many cycles at the current rate.
+    /// Advances by this number of cycles at the current rate.
     pub(crate) fn pass(&mut self, cycles: u64) {
         self.cycles += cycles;
     }

@@ -80,8 +80,8 @@ impl Power {
         resets
     }
 
-    /// One cycle, with what keeps the drives from following. True when they have come to follow; an error: they are to have
-    /// no power any more.
+    /// Runs one cycle, with the fault that prevents the drives from following. Returns `true` when they have begun to
+    /// follow; an error if they must lose power.
     pub(crate) fn watch(&mut self, trouble: Option<Fault>, period_s: f64) -> Result<bool, Fault> {
         let (is_late, clears) = match self {
             Power::Off | Power::Tripped { .. } => return Ok(false),

@@ -85,7 +85,7 @@ impl ProfileConsumer {
         self.ring.peek().map(AsRef::as_ref)
     }
 
-    /// Takes the profile that waits longest.
+    /// Takes the oldest profile.
     pub(crate) fn pop(&mut self) -> Result<Profile, PopError> {
         let boxed = self.ring.pop()?;
         let profile = Profile::clone(&boxed);

@@ -16,7 +16,7 @@ pub struct Reading {
     pub commanded: MachinePosition,
     /// Actual position. The following error is the commanded minus the actual position.
     pub actual: MachinePosition,
-    /// Axes whose motor counts from the machine's zero; the positions of the others are without meaning.
+    /// Axes whose motor position refers to the machine's zero; the positions of other axes have no meaning.
     pub homed: AxisSet,
     /// From the commanded position to the end of the current block, signed; zero between blocks.
     pub distance_to_go: AxisVector,
@@ -28,10 +28,9 @@ pub struct Reading {
     pub segment: u64,
     /// Plan time within the block, s; between two blocks at its end, or infinite.
     pub plan_s: f64,
-    /// Where the block comes from that the commanded position belongs to, its end point included; `None` when no
-    /// block runs.
+    /// Origin of the block of the commanded position, including its end point. `None` when no block runs.
     pub executing: Option<Origin>,
-    /// True under feed hold, deceleration and, in a thread, the wait for the end of the way out included.
+    /// True under feed hold, including deceleration and, in a thread, the wait for the end of the pass out.
     pub held: bool,
     /// Actual spindle speed, r/min, clockwise positive.
     pub spindle_rpm: f64,
@@ -114,7 +113,7 @@ impl Readings {
         });
     }
 
-    /// The same for a cycle that has changed nothing else.
+    /// Writes the readings of a cycle that has changed only the time.
     pub(crate) fn write_time(&self, time_s: f64) {
         self.change(|cells| cells[TIME].store(time_s.to_bits(), Ordering::Relaxed));
     }

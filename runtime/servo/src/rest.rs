@@ -19,10 +19,10 @@ const REST_PERIODS: f64 = 1e-5;
 /// Coarse where each try examines profiles.
 const PACED_TRIES: (f64, u32) = (0.5, 24);
 
-/// The same for a chain whose factor falls evenly.
+/// Factor and number of tries for a chain whose factor falls evenly.
 const EVEN_TRIES: (f64, u32) = (0.9, 160);
 
-/// The way to rest from a time of the running profile on.
+/// The path to rest from a time of the running profile on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Way<'a> {
     running: &'a Profile,
@@ -46,7 +46,7 @@ impl<'a> Way<'a> {
         }
     }
 
-    /// The factor to go to in the coming cycle, `wanted` at the most; `None`: what is known is the way to rest.
+    /// Returns the factor for the coming cycle, at most `wanted`. `None` if the known profiles are the path to rest.
     pub(crate) fn target(&self, waiting: &mut ProfileConsumer, rate: f64, wanted: f64) -> Option<f64> {
         if self.allows(waiting, rate.max(wanted)) {
             return Some(wanted);
@@ -68,8 +68,7 @@ impl<'a> Way<'a> {
         Some(rate)
     }
 
-    /// True when the motion can come to rest within the running profile and those that wait, behind a cycle with this
-    /// factor.
+    /// True when the motion can stop within the running profile and the queued ones, after a cycle with this factor.
     fn allows(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         factor == 0.0 || with_waiting(waiting, |known| self.is_way_to_rest(known, factor))
     }
@@ -79,20 +78,20 @@ impl<'a> Way<'a> {
         self.is_free(known, factor) || is_paced && self.allows_paced(known, factor)
     }
 
-    /// True when the motion may go on with this factor from here, and might have at any time before.
+    /// True if the motion can continue with this factor, now and at any earlier time.
     fn is_free(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         self.running.exact_stop
             || match (&self.running.law, newest(known).map(|newest| &newest.law)) {
                 (Law::Paced { pace, .. }, None) | (Law::Paced { .. }, Some(Law::Paced { pace, .. })) => {
                     pace.frees(self.running.segment)
                 }
-                // What is not of a G500 chain comes after the end of one.
+                // A profile outside the G500 chain starts after the chain's end.
                 (Law::Paced { .. }, Some(_)) => true,
                 _ => self.allows_even(known, factor),
             }
     }
 
-    /// True when no cycle with this factor until here comes too near the end of what is known.
+    /// True if every cycle with this factor up to here stays away from the end of the known profiles.
     pub(crate) fn is_steady(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         with_waiting(waiting, |known| self.is_free(known, factor))
     }
@@ -123,12 +122,12 @@ impl<'a> Way<'a> {
             {
                 waiting.ends_s - running.ends_s
             }
-            // What is not of this chain comes behind its end.
+            // A profile outside this chain starts after its end.
             _ => f64::INFINITY,
         }
     }
 
-    /// Each piece has a room of its own. From the end of what is known backwards.
+    /// Each piece has its own limit. Works backwards from the end of the known profiles.
     fn allows_paced(&self, [first, second]: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let from_s = self.next_s(factor);
         let first = first.get(..PACED_MAX).unwrap_or(first);
@@ -163,7 +162,7 @@ impl<'a> Way<'a> {
     }
 }
 
-/// The profile that came last.
+/// Returns the latest profile.
 fn newest([first, second]: [&[Box<Profile>]; 2]) -> Option<&Profile> {
     second.last().or(first.last()).map(AsRef::as_ref)
 }
@@ -175,7 +174,7 @@ fn with_waiting(waiting: &mut ProfileConsumer, look: impl FnOnce([&[Box<Profile>
     })
 }
 
-/// True when a chain that begins at this override can come to rest within what waits.
+/// True when a chain that begins at this override can stop within the queued profiles.
 pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
@@ -184,7 +183,7 @@ pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f
     })
 }
 
-/// True when the motion can come to rest within what waits, which it goes over to at this time of the first profile.
+/// True when the motion can stop within the queued profiles, to which it switches at this time of the first profile.
 pub(crate) fn may_go_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
@@ -193,15 +192,15 @@ pub(crate) fn may_go_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64,
     })
 }
 
-/// The square of the factor, from the end of what is known backwards in parts of at least a servo period. Within a part of
-/// duration d it falls by `2 s d`, where s is the least fall that this part and those beside it leave: a servo cycle may
+/// The square of the factor, from the end of the known profiles backwards in parts of at least a servo period. Within a
+/// part of duration d it falls by `2 s d`, where s is the least fall of this part and its neighbours: a servo cycle may
 /// touch two.
 struct Fall {
     slope: f64,
     period_s: f64,
     left_s: f64,
     square: f64,
-    /// Behind the complete one.
+    /// Room after the complete part.
     behind: SlewRoom,
     complete: Option<(f64, SlewRoom)>,
     open: (f64, SlewRoom),
@@ -227,7 +226,7 @@ impl Fall {
         }
     }
 
-    /// The open part is complete: so both neighbours of the one behind it are known.
+    /// Completes the current part, so that both neighbours of the following one are known.
     fn close(&mut self) {
         let (_, before) = self.open;
         if let Some((duration_s, room)) = self.complete.take() {

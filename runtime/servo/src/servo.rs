@@ -32,8 +32,8 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// The channels of coordinate systems, in their order, at time 0, and the coordinator's ends of them. The number with each
-    /// is how many profiles may wait for it.
+    /// Creates the channels of coordinate systems, in their order, at time 0, and the coordinator's ends of them. The
+    /// number with each is the size of its profile queue.
     pub fn new(
         systems: &[(&CoordinateSystemSettings, usize)],
         servo_period_s: f64,
@@ -79,7 +79,7 @@ impl Servo {
         (servo, handles)
     }
 
-    /// The same with simulated hardware.
+    /// Creates a servo with simulated hardware.
     pub fn simulated(
         systems: &[(&CoordinateSystemSettings, usize)],
         servo_period_s: f64,
@@ -88,9 +88,9 @@ impl Servo {
         Self::new(systems, servo_period_s, Hardware::simulated(&settings))
     }
 
-    /// One servo cycle: time advances by one period, each channel gives its setpoint, and the bus exchanges them for what the
-    /// motors report. True when any channel put out an event, or is slower for want of more profiles. Never allocates, locks,
-    /// waits or panics, as long as the bus and the spindles do not.
+    /// Runs one servo cycle: time advances by one period, each channel gives its setpoint, and the bus exchanges them
+    /// for the motors' reports. Returns `true` when any channel emitted an event, or was slowed down by a lack of
+    /// profiles. Never allocates, locks, waits or panics, as long as the bus and the spindles do not.
     pub fn cycle(&mut self) -> bool {
         self.cycles += 1;
         let time_s = self.time_s();
@@ -106,9 +106,9 @@ impl Servo {
         events
     }
 
-    /// The cycle after so many that were left out for longer than is allowed: what moves is held on its path. Set points go on
-    /// from where they stood. Motors that keep their speed brake from it; others have come to rest meanwhile, and so has the
-    /// command. True as of [`Servo::cycle`], and when anything is held.
+    /// Runs the cycle after `missed` ones, more than allowed: moving channels are held on their paths. Set points
+    /// continue from their last values. Motors that keep their speed brake from it; others have stopped meanwhile, and
+    /// so has the command. Returns `true` as [`Servo::cycle`] does, and when anything is held.
     pub fn cycle_after_missed(&mut self, missed: u64) -> bool {
         let mut events = false;
         for channel in &mut self.channels {
@@ -133,8 +133,9 @@ impl Servo {
         };
     }
 
-    /// A cycle after the servo has failed: nothing moves, every drive and spindle is commanded to have no power, and the
-    /// heartbeat stands still. A device that panics again is not called any more. Not for a servo that works: it may allocate.
+    /// Runs a cycle after the servo has failed: nothing moves, every drive and spindle is commanded to have no power,
+    /// and the heartbeat stops. A device that panics again is not called any more. Not for a working servo: it may
+    /// allocate.
     pub fn power_off(&mut self) {
         let time_s = self.time_s();
         for command in &mut self.commands {
@@ -152,7 +153,7 @@ impl Servo {
         }
     }
 
-    /// What takes the power from all drives without the bus.
+    /// Returns the means to cut the power of all drives without the bus.
     pub fn cutoff(&mut self) -> Option<Cutoff> {
         self.bus.cutoff()
     }
@@ -162,22 +163,22 @@ impl Servo {
         self.counts
     }
 
-    /// How many cycles, `cycles_max` at most, would put out no event: every channel rests, dwells, or moves at a constant rate of
-    /// its time base with motors that follow without lag; its spindle keeps its speed.
+    /// Returns how many cycles, `cycles_max` at most, would emit no event: every channel rests, dwells, or moves at a
+    /// constant rate of its time base with motors that follow without lag; its spindle keeps its speed.
     pub fn cycles_to_pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::cycles_to_pass);
         each.fold(cycles_max, u64::min)
     }
 
-    /// The same for cycles in which each motor keeps its speed.
+    /// Returns how many cycles can be passed in which each motor keeps its speed.
     pub fn even_cycles_to_pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::even_cycles);
         each.fold(cycles_max, u64::min)
     }
 
-    /// Lets so many cycles pass at once, at most as many as [`Servo::cycles_to_pass`] gives; the readings show them after the next
-    /// [`Servo::cycle`]. For simulated time; without anything sent meanwhile the state is the same, to the last bit, as after as
-    /// many cycles.
+    /// Passes this number of cycles at once, at most as many as [`Servo::cycles_to_pass`] returns; the readings show
+    /// them after the next [`Servo::cycle`]. For simulated time: if nothing is sent meanwhile, the state equals that
+    /// after running them, to the last bit.
     pub fn pass(&mut self, cycles: u64) {
         if cycles == 0 {
             return;

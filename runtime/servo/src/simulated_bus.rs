@@ -4,8 +4,8 @@ use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::bus::{Command, CycleResult, DriveBus, Feedback};
 
-/// Drives that follow their commands with the lag of their settings, at rest at the position of their settings at the start.
-/// A drive that is not homed then finds its reference when it is told to clear its faults.
+/// Drives that follow their commands with the lag of their settings, at rest at the position of their settings at the
+/// start. A drive that is not homed then finds its reference when its faults are cleared.
 #[derive(Debug)]
 pub struct SimulatedBus {
     drives: Box<[SimulatedDrive]>,
@@ -26,7 +26,7 @@ impl SimulatedBus {
         }
     }
 
-    /// What the motors report at the start.
+    /// Returns the motors' reports at the start.
     pub fn feedback(&self) -> Vec<Feedback> {
         let drives = self.drives.iter();
         let feedback = drives.map(|drive| Feedback {
@@ -60,7 +60,7 @@ impl DriveBus for SimulatedBus {
 
 /// A drive that follows its command as a first-order lag; with a lag of 0 it is ideal.
 ///
-/// Between two cycles the command counts as a straight line, for which the step is exact: at constant velocity v
+/// Between two cycles the command is treated as a straight line, for which the step is exact: at constant velocity v
 /// the following error settles at `v * lag`.
 #[derive(Debug, Clone)]
 struct SimulatedDrive {

@@ -1,5 +1,5 @@
-//! G31 in the servo cycle (M1e, D40): a motor whose skip input comes on brakes without a jerk limit, and returns to the
-//! captured position. Also the range that single motors leave for overrides.
+//! G31 in the servo cycle (M1e, D40): a motor whose skip input switches on brakes without a jerk limit, and returns to
+//! the captured position. Also the range that single motors leave for overrides.
 
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, SlewRoom};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
@@ -102,7 +102,7 @@ impl SkipRun {
             .fold(SlewRoom::default(), SlewRoom::worst)
     }
 
-    /// Where all motors end.
+    /// Returns where all motors end.
     pub(crate) fn end(&self, profile: &Profile) -> AxisVector {
         self.put_in(profile.end(), |turned| turned.captured)
     }
@@ -115,7 +115,7 @@ impl SkipRun {
             .collect()
     }
 
-    /// True while this motor is on its way to the target.
+    /// True while this motor is still moving to the target.
     pub(crate) fn seeks(&self, profile: &Profile, axis: Axis) -> bool {
         let i = axis.index();
         matches!(&profile.law, Law::Skip { moves, .. } if moves[i].duration_s() > 0.0)

@@ -1,4 +1,4 @@
-//! The seam to the spindle: what it is to do, and what it reports in each servo cycle.
+//! The interface to the spindle: its commands, and its report in each servo cycle.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,7 +9,7 @@ use crate::brake::or_unlimited;
 use crate::control::{Fault, SpindleDirection};
 use crate::power::Power;
 
-/// What a spindle reports.
+/// State that a spindle reports.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SpindleState {
     /// Actual speed, r/min, clockwise positive.
@@ -25,7 +25,7 @@ pub struct SpindleState {
     pub is_steady: bool,
     /// The drive has power and follows commands.
     pub is_enabled: bool,
-    /// The drive's own code of what is wrong with it; 0: nothing. With one it does not follow.
+    /// The drive's own fault code; 0 for none. With a fault it does not follow.
     pub fault: u16,
 }
 
@@ -44,12 +44,12 @@ pub enum Orientation {
 /// A step of a thread, in which the spindle follows the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ThreadStep {
-    /// A pass in the thread, in or out, begins at the current angle. No command comes until the thread ends.
+    /// A pass in the thread, in or out, begins at the current angle. No command arrives until the thread ends.
     Begin,
-    /// How far it has turned at the end of this cycle since the pass began, revolutions, clockwise positive; `None`: it
-    /// stays where it is.
+    /// Revolutions turned since the pass began, at the end of this cycle, clockwise positive. `None` keeps the
+    /// position.
     Turn(Option<f64>),
-    /// The thread is over or given up: the spindle rests, or with `brakes` comes to rest from its speed.
+    /// The thread has ended or was abandoned: the spindle rests, or with `brakes` decelerates to rest.
     End {
         /// The thread was broken off while it turned.
         brakes: bool,
@@ -62,21 +62,21 @@ pub trait Spindle: fmt::Debug + Send {
     /// turns it; without power it must not turn.
     fn power(&mut self, enable: bool, clear_fault: bool);
 
-    /// Turn at this speed, stop, or orient. `rpm` counts for `Cw` and `Ccw` only, by its magnitude, up to the maximum of
-    /// the spindle; what is not a number is 0.
+    /// Turns at this speed, stops, or orients. `rpm` applies to `Cw` and `Ccw` only, by its magnitude, up to the
+    /// maximum of the spindle; NaN is replaced by 0.
     fn command(&mut self, direction: SpindleDirection, rpm: f64);
 
     /// A step of a thread.
     fn follow(&mut self, step: ThreadStep);
 
-    /// The end of a servo cycle, after commands and feedback of the motors were exchanged: what it reports in it.
+    /// Ends a servo cycle, after commands and feedback of the motors were exchanged, and returns its report.
     fn cycle(&mut self) -> SpindleState;
 
-    /// What it reports at any other time, the commands given since included.
+    /// Returns its state at any other time, including commands given since.
     fn state(&self) -> SpindleState;
 }
 
-/// A channel's spindle, with what it reported last.
+/// A channel's spindle, with its last report.
 #[derive(Debug)]
 pub(crate) struct SpindleLink {
     device: Box<dyn Spindle>,
@@ -90,21 +90,21 @@ pub(crate) struct SpindleLink {
     acceleration: f64,
     /// r/min.
     max_rpm: f64,
-    /// What was commanded last.
+    /// The last command.
     target: (SpindleDirection, f64),
     awaited: Option<Awaited>,
     /// A call of the device has panicked after a failure of the servo.
     has_failed: bool,
 }
 
-/// A wait for what was commanded last, as [`Control::AwaitSpindle`](crate::Control) asks for it.
+/// A pending [`Control::AwaitSpindle`](crate::Control).
 #[derive(Debug, Clone, Copy)]
 struct Awaited {
     id: u64,
     within: f64,
 }
 
-/// What a cycle of the spindle has ended.
+/// Waits and commands that a cycle of the spindle has completed.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct SpindleEnds {
     /// A commanded orientation.
@@ -114,7 +114,7 @@ pub(crate) struct SpindleEnds {
 }
 
 impl SpindleLink {
-    /// An acceleration that is not above 0 counts as infinite.
+    /// An acceleration that is not above 0 is replaced by infinity.
     pub(crate) fn new(device: Box<dyn Spindle>, motor: &MotorSettings) -> Self {
         Self {
             state: device.state(),
@@ -150,7 +150,7 @@ impl SpindleLink {
         self.is_steady() && self.state.rpm == 0.0
     }
 
-    /// True while its drive is being enabled, an orientation has not ended, or what was commanded is awaited.
+    /// True while its drive is being enabled, an orientation is unfinished, or a wait for the command is pending.
     pub(crate) fn is_busy(&self) -> bool {
         self.power.is_enabling() || self.state.orientation == Orientation::Pending || self.awaited.is_some()
     }
@@ -181,12 +181,12 @@ impl SpindleLink {
         }
     }
 
-    /// Reports once that what was commanded last is reached.
+    /// Requests one report when the last command is reached.
     pub(crate) fn await_target(&mut self, id: u64, within: f64) {
         self.awaited = Some(Awaited { id, within });
     }
 
-    /// True when the spindle has reached what was commanded last. A command that waits for the end of a thread counts as
+    /// True when the spindle has reached the last command. A command that waits for the end of a thread is treated as
     /// reached, because the thread may need the answer to end.
     fn has_reached(&self, within: f64) -> bool {
         if self.in_thread {
@@ -212,7 +212,7 @@ impl SpindleLink {
         self.pending.is_none() && (self.state.rpm - target).abs() <= within * speed
     }
 
-    /// One cycle, and what it has ended. After an error the spindle has no power.
+    /// Runs one cycle, and returns what it has completed. After an error the spindle has no power.
     pub(crate) fn cycle(&mut self, period_s: f64) -> Result<SpindleEnds, Fault> {
         let before = self.state.orientation;
         self.state = self.device.cycle();

@@ -11,21 +11,21 @@ use crate::profile_queue::ProfileConsumer;
 /// Splices that may wait, and rings that may wait to be taken back: the coordinator gives one at a time.
 pub(crate) const SPLICES_MAX: usize = 4;
 
-/// Share of the override at which the motion comes to the place, so that the new plan is never slower there.
+/// Share of the override at which the motion reaches the place, so that the new plan is never slower there.
 pub(crate) const APPROACH: f64 = 0.99;
 
-/// A plan that is to take the place of the one that runs.
+/// A plan that will replace the running one.
 #[derive(Debug)]
 pub struct Splice {
-    /// Within a paced block that is still to come or runs; `None`: where the machine rests, under feed hold or between
-    /// two blocks.
+    /// Place within a paced block that is running or still follows. `None` for a machine at rest, under feed hold or
+    /// between two blocks.
     pub at: Option<PathPlace>,
-    /// What runs from there on.
+    /// The profiles that run from there on.
     pub profiles: ProfileConsumer,
 }
 
 impl Splice {
-    /// Where this profile goes over to the new plan.
+    /// Returns where this profile changes to the new plan.
     pub(crate) fn joint(&self, profile: &Profile) -> Option<Joint> {
         let place = self.at.filter(|place| place.segment == profile.segment)?;
         let Law::Paced { pace, .. } = &profile.law else {
@@ -41,7 +41,7 @@ impl Splice {
     }
 }
 
-/// Where a profile goes over to a new plan.
+/// Place where a profile changes to a new plan.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Joint {
     /// Time within the old profile, s.

@@ -71,7 +71,7 @@ impl Channel {
         }
     }
 
-    /// Reports what has become of a splice, and returns the ring that is not read any more.
+    /// Reports the result of a splice, and returns the ring that is no longer read.
     fn settle(&mut self, profiles: ProfileConsumer, taken: bool) {
         let unread = if taken {
             std::mem::replace(&mut self.profiles, profiles)

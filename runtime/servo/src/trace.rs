@@ -25,11 +25,11 @@ pub struct TraceSample {
     pub feedrate_mm_min: f64,
     /// Actual spindle speed, r/min, clockwise positive.
     pub spindle_rpm: f64,
-    /// What each axis does, in the order of [`Trace::axes`].
+    /// Motion of each axis, in the order of [`Trace::axes`].
     pub motions: Vec<TraceMotion>,
 }
 
-/// What an axis does in one servo cycle, mm or degrees.
+/// Motion of an axis in one servo cycle, mm or degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TraceMotion {
     /// Commanded machine position.
@@ -42,8 +42,8 @@ pub struct TraceMotion {
     pub following_error: f64,
 }
 
-/// The samples: a ring of atomics that the servo cycle writes. The writer never waits, and a reader leaves out what is
-/// written over while it reads.
+/// The samples: a ring of atomics that the servo cycle writes. The writer never waits, and a reader omits samples that
+/// are overwritten while it reads.
 #[derive(Debug)]
 pub struct Trace {
     axes: Vec<Axis>,
@@ -77,8 +77,8 @@ impl Trace {
         self.interval_s
     }
 
-    /// Up to `count` samples from this number on, or from the oldest that is kept, and the number of the first one. They count
-    /// from 0.
+    /// Returns up to `count` samples from this number on, or from the oldest one kept, and the number of the first one.
+    /// Numbers start at 0.
     pub fn read(&self, from: u64, count: usize) -> (u64, Vec<TraceSample>) {
         let complete = self.complete.load(Ordering::Acquire);
         let first = from.clamp(complete.saturating_sub(TRACE_SAMPLES), complete);
@@ -141,7 +141,7 @@ impl Trace {
     }
 }
 
-/// The values of a servo cycle that the trace looks at.
+/// The values of a servo cycle that the trace records.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cycle {
     pub(crate) time_s: f64,
@@ -160,7 +160,7 @@ pub(crate) struct Tracer {
     /// Cycles from one sample to the next, and those that are left.
     every: u32,
     left: u32,
-    /// Velocity of the cycle before one that is due; `None`: it is not known.
+    /// Velocity of the cycle before the next due one. `None` if it is unknown.
     before: Option<AxisVector>,
 }
 
@@ -183,7 +183,7 @@ impl Tracer {
         Arc::clone(&self.trace)
     }
 
-    /// Looks at the velocity of each cycle: the acceleration of one that is due, which is then kept.
+    /// Records the velocity of each cycle. Returns the acceleration of one that is due, which is then kept.
     pub(crate) fn see(&mut self, velocity: AxisVector) -> Option<AxisVector> {
         if self.left > 0 {
             self.left -= 1;
@@ -192,7 +192,7 @@ impl Tracer {
             }
             return None;
         }
-        // behind cycles that were left out the next one is as good
+        // after omitted cycles the next one serves as well
         let before = self.before.replace(velocity)?;
         self.left = self.every - 1;
         Some(velocity.minus(before).scaled(1.0 / self.period_s))

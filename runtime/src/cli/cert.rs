@@ -1,4 +1,4 @@
-//! `tandem cert`: makes a certificate for this machine, or for a client of it.
+//! `tandem cert`: creates a certificate for this machine, or for one of its clients.
 
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -26,9 +26,9 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 enum What {
-    /// Makes a self-signed certificate of this computer, for all its names and addresses: cert.pem and key.pem
+    /// Creates a self-signed certificate of this computer, for all its names and addresses: cert.pem and key.pem
     New(New),
-    /// Makes a certificate with which a client shows who it is, and its entry of the token file
+    /// Creates a certificate that identifies a client, and its entry in the token file
     Client(Client),
 }
 
@@ -37,13 +37,13 @@ struct New {
     /// Folder to write cert.pem and key.pem into
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     out: PathBuf,
-    /// Further name or address by which the machine is called; can be repeated
+    /// Further name or address of the machine; can be repeated
     #[arg(long, value_name = "NAME")]
     host: Vec<String>,
-    /// Configuration of the machine whose journal tells of it; the machine must not run
+    /// Configuration of the machine whose journal records the certificate; the machine must not run
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Days for which it counts
+    /// Validity in days
     #[arg(long, default_value_t = 825, value_parser = clap::value_parser!(u64).range(1..=3650))]
     days: u64,
 }
@@ -52,19 +52,19 @@ struct New {
 struct Client {
     /// Name of the user
     name: String,
-    /// What it may do
+    /// Rights of the user
     #[arg(long, value_parser = PossibleValuesParser::new(Role::ALL.map(|(word, _)| word)))]
     role: String,
-    /// Token file to append its entry to; made with mode 0600 where there is none
+    /// Token file to append the entry to; created with mode 0600 if it does not exist
     #[arg(long, value_name = "FILE")]
     file: PathBuf,
     /// Folder to write NAME.cert.pem and NAME.key.pem into
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     out: PathBuf,
-    /// Configuration of the machine whose journal tells of it; the machine must not run
+    /// Configuration of the machine whose journal records the certificate; the machine must not run
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Days for which it counts
+    /// Validity in days
     #[arg(long, default_value_t = 825, value_parser = clap::value_parser!(u64).range(1..=3650))]
     days: u64,
 }
@@ -139,7 +139,7 @@ struct Made {
     der: Vec<u8>,
 }
 
-/// A self-signed certificate that vouches for nothing but itself.
+/// Creates a self-signed certificate that can authenticate only itself.
 fn make(name: &str, names: &[String], days: u64, purpose: ExtendedKeyUsagePurpose) -> anyhow::Result<Made> {
     let key = KeyPair::generate()?;
     let mut params = CertificateParams::new(names.to_vec()).context("a name cannot be in a certificate")?;
@@ -149,7 +149,7 @@ fn make(name: &str, names: &[String], days: u64, purpose: ExtendedKeyUsagePurpos
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
     params.extended_key_usages = vec![purpose];
     let now = time::OffsetDateTime::from(SystemTime::now());
-    // a client whose clock is a little slow takes it too
+    // this also allows clients with a slightly slow clock
     params.not_before = now - time::Duration::days(1);
     params.not_after = now + time::Duration::seconds(i64::try_from(days * DAY_S).unwrap_or(i64::MAX));
     let certificate = params.self_signed(&key)?;
@@ -168,7 +168,7 @@ fn host_name() -> String {
     }
 }
 
-/// Names and addresses by which this computer is reached, the loopback among them.
+/// Returns the names and addresses of this computer, including the loopback addresses.
 fn names_of_this_computer(host: &str) -> anyhow::Result<Vec<String>> {
     let mut names = vec!["localhost".to_owned(), host.to_owned()];
     if !host.contains('.') {
@@ -185,7 +185,7 @@ fn names_of_this_computer(host: &str) -> anyhow::Result<Vec<String>> {
     Ok(names)
 }
 
-/// Writes a file that is not there yet.
+/// Writes a new file; fails if it already exists.
 fn write_new(path: &Path, text: &str, mode: u32) -> anyhow::Result<()> {
     let mut options = OpenOptions::new();
     let mut file = options

@@ -1,4 +1,4 @@
-//! `tandem check`: all that is wrong with NC programs, in one go.
+//! `tandem check`: reports all errors and warnings in NC programs at once.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,19 +27,21 @@ use super::{
 
 #[derive(Args)]
 pub struct Arguments {
-    /// NC programs; - is standard input, whose subprograms are looked for in the current folder
+    /// NC programs; - is standard input, whose subprograms are searched for in the current folder
     #[arg(required_unless_present = "config")]
     files: Vec<PathBuf>,
-    /// NC dialect of the programs; without it, that of the configuration, or nj
+    /// NC dialect of the programs; default: that of the configuration, or nj
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
     /// Text for people, json for editors, sarif (2.1.0) for code hosts and other tools
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
-    /// Alone: checks this configuration and the files that it names, as serve does; with programs: checks them against it
+    /// Without programs: checks this configuration and the files that it names, as serve does; with programs: checks
+    /// them against it
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Coordinate system of --config that the programs are for; without it, the one whose `programs` name the file, else the first one that speaks its dialect
+    /// Coordinate system of --config that runs the programs; default: the one whose `programs` name the file, otherwise
+    /// the first one with its dialect
     #[arg(long, requires = "config")]
     cs: Option<CoordinateSystemNumber>,
 }
@@ -52,7 +54,7 @@ enum Format {
 }
 
 impl Format {
-    /// All findings in one piece; none where they are printed file by file.
+    /// Returns all findings as one JSON value; `None` if they are printed file by file.
     fn write(self, all: &[Findings], is_whole: bool, dialect: &Dialect) -> Option<serde_json::Value> {
         match self {
             Self::Text => None,
@@ -126,8 +128,9 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     })
 }
 
-/// Checks a program, and gives its findings, then those of each program that it calls and in which there are some; with a
-/// machine, against the axes, limits and M codes of the named coordinate system, or of the first that speaks the dialect.
+/// Checks a program; returns its findings, followed by the findings of each called program that has any. With a
+/// machine, the program is checked against the axes, limits and M codes of the named coordinate system, or of the first
+/// one with its dialect.
 pub(super) fn check_text(
     path: &Path,
     text: &str,
@@ -144,7 +147,7 @@ pub(super) fn check_text(
     check_tree(path, (&tree, parsed), dialect, of, true)
 }
 
-/// The same for a program that is parsed, against a coordinate system of a machine.
+/// Checks a parsed program in the same way, against a coordinate system of a machine.
 pub(super) fn check_stored(
     path: &Path,
     program: &StoredProgram,
@@ -199,7 +202,7 @@ fn check_tree(
     let has_errors = [&check].into_iter().chain(called.values()).any(Check::has_errors)
         || parsed.iter().chain(of_called).any(Diagnostic::is_error);
     if has_errors {
-        // what a run would take is told of programs that can run
+        // defaults that a run would use are reported only for programs that can run
         for of in [&mut check].into_iter().chain(called.values_mut()) {
             of.diagnostics.retain(|found| found.code != FEEDRATE_OPEN.code);
         }
@@ -220,8 +223,8 @@ fn check_tree(
     all_findings(main, called, read)
 }
 
-/// Adds what a trial shows. A warning is left out where another finding overlaps it, an alarm that may come only where another
-/// finding reports an alarm. Errors of a trial replace warnings of what is wrong on some ways.
+/// Adds the findings of a trial. A warning is omitted if another finding overlaps it; a possible alarm is omitted only
+/// if another finding reports an alarm. Errors of a trial replace warnings about errors that occur only on some paths.
 fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, Check>) {
     for (number, finding) in trial.run().findings(trial) {
         let of = called.get_mut(&number).unwrap_or(main);
@@ -232,7 +235,7 @@ fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, 
             of.diagnostics.retain(is_sure);
             of.diagnostics.push(finding);
         } else {
-            // an alarm is left out only where the same block reports one already
+            // an alarm is omitted only if the same block already reports one
             let reports_it = |known: &Diagnostic| {
                 finding.code != STOPS_IF.code
                     || known.is_error()
@@ -250,7 +253,7 @@ fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, 
     }
 }
 
-/// Those of a program, and of each that it calls and in which there are some.
+/// Returns the findings of a program, and of each called program that has any.
 fn all_findings(
     main: Findings,
     called: BTreeMap<u16, Check>,
@@ -269,14 +272,15 @@ fn all_findings(
     all
 }
 
-/// M codes that need no settings of their own: whether one is served is known better where the file of the sequence side is.
+/// Returns the M codes that need no settings of their own: all of them if the file of the sequence side exists, because
+/// it states more exactly which ones are served.
 fn known_m_codes(machine: &Machine, settings: &CoordinateSystemSettings) -> BTreeSet<u16> {
     let all = (0..=M_CODE_MAX).filter(|_| machine.served.is_some());
     let stock = Machine::stock_m_codes(settings).iter().copied();
     machine.m_codes.keys().copied().chain(stock).chain(all).collect()
 }
 
-/// What handlers and the configuration say of the M codes of a program, as far as it is known without them.
+/// Checks the M codes of a program against the declarations of handlers and configuration that are known offline.
 fn check_m_codes(
     tree: &NcProgram,
     dialect: &'static Dialect,
@@ -288,7 +292,7 @@ fn check_m_codes(
     found
 }
 
-/// The programs that may be called: beside the file, and in the data folder. Each is read once.
+/// Programs that may be called, from the folder of the file and from the data folder. Each is read once.
 #[derive(Debug)]
 struct Beside<'a> {
     caller: &'a Path,

@@ -15,7 +15,7 @@ use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_program, s
 
 #[derive(Args)]
 pub struct Arguments {
-    /// NC programs; a file name that is a number tells the header; - is standard input
+    /// NC programs; the header is derived from a file name that is a number; - is standard input
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Writes each program's code into this folder, as NAME.pmc, instead of to standard output
@@ -65,7 +65,7 @@ fn compile(path: &Path, arguments: &Arguments) -> Ran {
     Ok(EXIT_OK)
 }
 
-/// Where the code of a program goes.
+/// Returns the file for the code of a program.
 fn result(path: &Path, folder: &Path) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(".pmc");
@@ -77,7 +77,7 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
 }
 
 impl Arguments {
-    /// What cannot be carried out, seen before anything is written.
+    /// Checks the arguments before anything is written.
     fn check(&self) -> anyhow::Result<()> {
         if self.files.len() > 1 {
             if self.out_dir.is_none() {

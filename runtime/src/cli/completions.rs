@@ -1,4 +1,4 @@
-//! `tandem completions`: what a shell completes.
+//! `tandem completions`: prints the completion script of a shell.
 
 use clap::{Args, CommandFactory};
 use clap_complete::{Shell, generate};
@@ -7,7 +7,7 @@ use super::{Cli, EXIT_OK, say};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Shell that reads it
+    /// Shell for which the script is printed
     shell: Shell,
 }
 

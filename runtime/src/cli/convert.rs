@@ -1,4 +1,4 @@
-//! `tandem convert`: programs of other controls in dialect nj.
+//! `tandem convert`: converts programs of other controls to dialect nj.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -15,16 +15,17 @@ use super::{EXIT_FOUND, EXIT_OK, Ran, complain, notice_unwritten, read_config, r
 pub struct Arguments {
     /// NC program; - is standard input
     file: PathBuf,
-    /// What the program is written in
+    /// Language of the program
     #[arg(long, value_enum)]
     from: From,
-    /// What it becomes
+    /// Dialect of the result
     #[arg(long, value_enum, default_value_t = To::Nj)]
     to: To,
     /// Writes the program into this file instead of to standard output
     #[arg(short, long, value_name = "OUT.nc")]
     output: Option<PathBuf>,
-    /// Configuration of the machine that the program was written for, with what its dialect leaves to the machine
+    /// Configuration of the machine that the program was written for, with the settings that its dialect leaves to the
+    /// machine
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }
@@ -33,7 +34,7 @@ pub struct Arguments {
 enum From {
     /// Dialect dgshape
     Dgshape,
-    /// What FANUC controls and those like them have in common
+    /// The common language of FANUC controls and similar ones
     Fanuc,
 }
 

@@ -1,4 +1,4 @@
-//! `tandem diff`: where two programs move, time or output differently.
+//! `tandem diff`: finds the differences between two programs in motion, time and output.
 
 mod compare;
 mod recorded;
@@ -19,38 +19,38 @@ use recorded::{Element, record};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// NC program; its subprograms are looked for beside it, then in the data folder's programs
+    /// NC program; its subprograms are searched for in its folder, then in the programs of the data folder
     old: PathBuf,
     /// NC program to compare with it
     new: PathBuf,
-    /// Configuration file; without one the demo machine
+    /// Configuration file; default: the demo machine
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// NC dialect of the programs; without it, that of the configuration
+    /// NC dialect of the programs; default: that of the configuration
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
-    /// Coordinate system that runs both; without it, each runs where the `programs` of --config name it, and a file that
-    /// they do not name where the other one runs, else in 1
+    /// Coordinate system that runs both programs; default: the one whose `programs` in --config name the file. A file
+    /// that they do not name runs in that of the other file, otherwise in 1
     #[arg(long)]
     cs: Option<CoordinateSystemNumber>,
-    /// Ways that are closer than this are the same, mm or degrees
+    /// Path difference below which two programs count as equal, in mm or degrees
     #[arg(long, value_name = "MM", default_value_t = 0.001)]
     tolerance: f64,
-    /// Times of a block that are closer than this are the same, seconds
+    /// Difference in the time of a block below which two programs count as equal, in seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 0.005)]
     time_tolerance: f64,
     /// Prints one JSON object instead of text
     #[arg(long)]
     json: bool,
-    /// Draws both ways, and where they differ
+    /// Draws both paths and marks their differences
     #[arg(long, value_name = "OUT.svg")]
     svg: Option<PathBuf>,
-    /// What is looked at in the picture
+    /// View of the picture
     #[arg(long, value_enum, default_value_t = View::Xy)]
     plane: View,
 }
 
-/// A program and what it does.
+/// A program and its recorded run.
 struct Program<'a> {
     file: &'a Path,
     elements: Vec<Element>,
@@ -106,7 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 impl<'a> Program<'a> {
-    /// `None`: it has errors, which have been told.
+    /// Reads and runs a program; `None` if it has errors, which have been printed.
     fn read(
         file: &'a Path,
         cs: Option<CoordinateSystemNumber>,
@@ -140,7 +140,7 @@ impl<'a> Program<'a> {
     }
 }
 
-/// The way of both, and over it where each goes alone.
+/// Draws the common path, and over it the parts that only one program has.
 fn draw(arguments: &Arguments, programs: [&Program<'_>; 2], comparison: &Comparison) -> String {
     let mut lines: Vec<Line> = Vec::new();
     let mut draw = |elements: &[Element], stroke: Stroke| {

@@ -1,4 +1,4 @@
-//! `tandem explain`: what a diagnostic, an alarm, a code, a rule or a key of the configuration means.
+//! `tandem explain`: explains a diagnostic, an alarm, a code, a rule or a key of the configuration.
 
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ pub struct Arguments {
     /// NC dialect of codes and words
     #[arg(long, value_parser = dialects::find, default_value = "nj")]
     dialect: &'static Dialect,
-    /// The machine whose M codes and alarms are meant: what they are called and take there, and what is said of them
+    /// Configuration of the machine whose M codes and alarms are explained, with their names, parameters and texts
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! What was found in an NC program, as text, as JSON and as SARIF.
+//! Findings in an NC program, as text, as JSON and as SARIF.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use tandem_syntax::DIAGNOSTICS;
 
 use super::{say, shown};
 
-/// What a path of a URI may not hold as it is.
+/// Characters that must be escaped in the path of a URI.
 const NOT_IN_A_PATH: &AsciiSet = &CONTROLS
     .add(b' ')
     .add(b'"')
@@ -34,22 +34,22 @@ const NOT_IN_A_PATH: &AsciiSet = &CONTROLS
     .add(b'|')
     .add(b'}');
 
-/// What was found in one NC program.
+/// Findings of one NC program.
 pub(super) struct Findings {
-    /// The name of the file, as it is shown.
+    /// Name of the file for display.
     pub file: String,
     /// The text.
     pub source: Arc<str>,
-    /// In the order of their places.
+    /// Ordered by position.
     pub diagnostics: Vec<Diagnostic>,
-    /// M codes that it puts out, ascending.
+    /// M codes that the program outputs, ascending.
     pub m_codes: Vec<u16>,
-    /// Programs that it calls, ascending.
+    /// Programs that the program calls, ascending.
     pub programs: Vec<u16>,
 }
 
 impl Findings {
-    /// What was found in the file of this path.
+    /// Creates the findings of the file at this path.
     pub fn new(
         path: &Path,
         source: &Arc<str>,
@@ -73,12 +73,12 @@ impl Findings {
         self.diagnostics.iter().any(Diagnostic::is_error)
     }
 
-    /// The findings with lines and columns.
+    /// Returns the findings with lines and columns.
     pub fn located(&self) -> Vec<ProgramDiagnostic> {
         locate(&self.source, &self.diagnostics)
     }
 
-    /// The findings with lines and columns, each with its file.
+    /// Returns the findings with lines and columns, each with its file.
     pub fn with_file(&self) -> impl Iterator<Item = Value> {
         self.located().into_iter().map(|found| {
             let mut found = json!(found);
@@ -87,7 +87,7 @@ impl Findings {
         })
     }
 
-    /// The findings with source line and underline.
+    /// Returns the findings with source line and underline.
     pub fn text(&self) -> String {
         let file = SimpleFile::new(&self.file, self.source.as_ref());
         let config = term::Config::default();
@@ -111,7 +111,7 @@ impl Findings {
         text
     }
 
-    /// Prints the findings, and what the program uses.
+    /// Prints the findings, and the M codes and programs that the program uses.
     pub fn print(&self) {
         if let Some(text) = self.text().strip_suffix('\n') {
             say(text);
@@ -135,7 +135,7 @@ impl Findings {
         ));
     }
 
-    /// Prints the findings of a program in Structured Text, and what it serves.
+    /// Prints the findings of a program in Structured Text, and the M codes that it serves.
     pub fn print_structured_text(&self) {
         if let Some(text) = self.text().strip_suffix('\n') {
             say(text);
@@ -164,7 +164,7 @@ impl Findings {
         })
     }
 
-    /// The findings as results of SARIF.
+    /// Returns the findings as SARIF results.
     fn results(&self) -> Vec<Value> {
         let uri = uri(&self.file);
         let result = |found: &ProgramDiagnostic| {
@@ -191,13 +191,13 @@ impl Findings {
     }
 }
 
-/// All findings as one JSON object.
+/// Returns all findings as one JSON object.
 pub(super) fn as_json(all: &[Findings]) -> Value {
     let files: Vec<Value> = all.iter().map(Findings::to_json).collect();
     json!({"files": files})
 }
 
-/// All findings as a log of SARIF 2.1.0. `is_whole`: every file could be read.
+/// Returns all findings as a SARIF 2.1.0 log. `is_whole` is true if every file could be read.
 pub(super) fn as_sarif(all: &[Findings], is_whole: bool, dialect: &Dialect) -> Value {
     let rule = |entry: &&tandem_syntax::DiagnosticEntry| {
         let (explanation, example) = dialect.explained(entry);
@@ -225,7 +225,7 @@ pub(super) fn as_sarif(all: &[Findings], is_whole: bool, dialect: &Dialect) -> V
     })
 }
 
-/// A file name as a reference of a URI.
+/// Converts a file name into a URI reference.
 pub(super) fn uri(file: &str) -> String {
     let path = if cfg!(windows) {
         file.replace('\\', "/")
@@ -236,7 +236,7 @@ pub(super) fn uri(file: &str) -> String {
     if Path::new(file).is_absolute() {
         return format!("file://{}{path}", if path.starts_with('/') { "" } else { "/" });
     }
-    // a colon in the first part would be read as the end of a scheme
+    // a colon in the first segment would be read as the end of a URI scheme
     path.replace(':', "%3A")
 }
 

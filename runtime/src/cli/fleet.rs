@@ -1,8 +1,8 @@
-//! `tandem fleet`: many simulated machines at one broker, for the size of brokers and computers.
+//! `tandem fleet`: runs many simulated machines at one broker, to find the size of broker and computer that they need.
 //!
-//! Each machine is a whole one, with servo thread, data folder, REST and MQTT. To each belong a handler that resets its M codes
-//! and an HMI that reads all its topics, both over a connection of their own to the broker. All is in this process, so what a
-//! machine takes is what the process takes, divided.
+//! Each machine is complete, with servo thread, data folder, REST and MQTT. Each has a handler that resets its M codes
+//! and an HMI that reads all its topics, both with their own connection to the broker. Everything runs in this process,
+//! so the load of a machine is the load of the process, divided by the number of machines.
 
 mod machine;
 
@@ -17,33 +17,35 @@ use tandem_gateway::Usage;
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain, say};
 use machine::{Counted, FleetMachine, Order};
 
-/// Machines of a fleet.
+/// Largest number of machines.
 const MACHINES_MAX: u64 = 1000;
 
-/// Files and sockets of one machine: three connections, a listener, its data folder, and the timers of its threads.
+/// Number of files and sockets of one machine: three connections, a listener, its data folder, and the timers of its
+/// threads.
 const FILES_OF_MACHINE: u64 = 32;
 
-/// Machines that are started at once. Reason: a broker takes so many new connections without a backlog.
+/// Number of machines that are started at once. Reason: a broker accepts this number of new connections without a
+/// backlog.
 const AT_ONCE: usize = 8;
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Machines
+    /// Number of machines
     #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=MACHINES_MAX))]
     machines: u64,
-    /// Broker of all machines: mqtt://HOST:PORT, its further nodes behind commas
+    /// Broker of all machines: mqtt://HOST:PORT, with further nodes after commas
     #[arg(long, value_name = "ADDRESS", default_value = "mqtt://127.0.0.1:1883")]
     broker: String,
-    /// M codes of each machine a minute
+    /// M codes of each machine per minute
     #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=600))]
     m_codes_per_minute: u32,
-    /// How long is measured, once all machines run
+    /// Duration of the measurement, which begins when all machines run
     #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     seconds: u32,
     /// Servo period of each machine
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 4000, value_parser = clap::value_parser!(u64).range(250..=100_000))]
     servo_period_us: u64,
-    /// How late a servo cycle may come in motion before the machine holds
+    /// Greatest delay of a servo cycle in motion before the machine holds
     #[arg(long, value_name = "MILLISECONDS", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(10..=60_000))]
     servo_late_ms: u64,
 }
@@ -100,7 +102,7 @@ async fn fleet(arguments: &Arguments) -> anyhow::Result<u8> {
     Ok(measured.tell(arguments))
 }
 
-/// Starts the machines, a few at a time, and tells how far it is.
+/// Starts the machines, a few at a time, and prints the progress.
 async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine>> {
     let numbers: Vec<u64> = (1..=count).collect();
     let mut machines = Vec::new();
@@ -115,7 +117,8 @@ async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine
     Ok(machines)
 }
 
-/// Starts the programs within the time of one M code, so that they do not beat together, and counts from then on.
+/// Starts the programs at different times within the period of one M code, so that they do not run in step, and counts
+/// from then on.
 async fn measure(machines: &[FleetMachine], order: &Order<'_>) -> anyhow::Result<Measured> {
     let count = machines.len();
     let step = order.interval / u32::try_from(count)?;
@@ -144,7 +147,7 @@ async fn measure(machines: &[FleetMachine], order: &Order<'_>) -> anyhow::Result
     })
 }
 
-/// What was measured of a fleet.
+/// Results of the measurement of a fleet.
 struct Measured {
     machines: usize,
     took_s: f64,
@@ -154,7 +157,7 @@ struct Measured {
 }
 
 impl Measured {
-    /// Prints the table. The exit code is that of an error where a machine did not do all that it was to do.
+    /// Prints the table. Returns the exit code of an error if a machine did not complete its work.
     fn tell(mut self, arguments: &Arguments) -> u8 {
         let (machines, took_s) = (self.machines as f64, self.took_s);
         let minutes = took_s / 60.0;

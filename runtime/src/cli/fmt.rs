@@ -1,4 +1,4 @@
-//! `tandem fmt`: the layout of NC programs.
+//! `tandem fmt`: formats NC programs.
 
 use std::fs;
 use std::io::{self, Write as _};
@@ -20,7 +20,7 @@ pub struct Arguments {
     /// NC programs; - is standard input, which is written to standard output
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Writes nothing; names the programs that are not laid out, and ends with 1 where there is one
+    /// Writes nothing; lists the programs that are not formatted, and ends with exit code 1 if there are any
     #[arg(long)]
     check: bool,
     /// NC dialect of the programs
@@ -72,8 +72,8 @@ fn lay_out(path: &Path, arguments: &Arguments) -> Ran {
     Ok(code)
 }
 
-/// Replaces the text of a file: it is the old one or the new one whatever happens, keeps its rights, and a link leads to
-/// it as before.
+/// Replaces the text of a file atomically: after a failure, the file has the old or the new text. The file keeps its
+/// permissions, and a symbolic link stays one.
 fn replace(path: &Path, text: &str) -> io::Result<()> {
     let path = fs::canonicalize(path)?;
     let rights = fs::metadata(&path)?.permissions();

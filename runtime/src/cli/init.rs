@@ -1,4 +1,5 @@
-//! `tandem init`: a folder with a configuration, an NC program and handlers with a test, which build and pass as they are.
+//! `tandem init`: creates a folder with a configuration, an NC program and handlers with a test, ready to build and to
+//! pass.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,7 +9,7 @@ use clap::Args;
 
 use super::{EXIT_OK, Ran, say};
 
-/// The files, by their place in the folder. `{{...}}` is filled in.
+/// The files, by their path in the folder. `{{...}}` is replaced.
 const FILES: [(&str, &str); 7] = [
     ("Cargo.toml", include_str!("init/Cargo.toml.txt")),
     (".gitignore", "/target\n/tandem-data\n"),
@@ -19,13 +20,14 @@ const FILES: [(&str, &str); 7] = [
     ("tests/program.rs", include_str!("init/program.rs.txt")),
 ];
 
-/// Name of a machine and package where the folder's name has no letter.
+/// Name of the machine and package if the folder's name has no letter.
 const NAME: &str = "my-machine";
 
-/// Characters of a name: that of an MQTT topic level.
+/// Largest number of characters of a name, as for an MQTT topic level.
 const NAME_MAX: usize = 32;
 
-/// Names that a package cannot have: words of Rust, its own crates, what cargo makes beside it, and what the project uses.
+/// Names that a package cannot have: words of Rust, its own crates, folders that cargo creates, and packages that the
+/// project uses.
 const TAKEN: &[&str] = &[
     "abstract",
     "alloc",
@@ -98,7 +100,7 @@ const TAKEN: &[&str] = &[
     "yield",
 ];
 
-/// What is where in the folder.
+/// List of the files in the folder.
 const CONTENT: &str = "  \
   tandem.toml       motors, axes, M codes
   nc/1.nc           an NC program
@@ -106,15 +108,15 @@ const CONTENT: &str = "  \
   tests/program.rs  the whole of it in a unit test
 ";
 
-/// What to do next.
+/// Next steps for the user.
 const NEXT: &str = "There: cargo test; then tandem serve --config tandem.toml, and cargo run beside it.";
 
 #[derive(Args)]
 pub struct Arguments {
     /// Folder to write; it must be new or empty
     dir: PathBuf,
-    /// Checkout of Tandem whose plc-api and runtime the project uses; by default the one that this is run in or was
-    /// built in, else the published versions
+    /// Checkout of Tandem whose plc-api and runtime the project uses; default: the checkout that contains the current
+    /// folder, otherwise the one in which this command was built, otherwise the published versions
     #[arg(long, value_name = "DIR")]
     checkout: Option<PathBuf>,
 }
@@ -153,7 +155,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         std::fs::write(&path, text).with_context(|| cannot(&path))?;
     }
     if let Some(checkout) = &checkout {
-        // the versions that the checkout is tested with
+        // these are the versions with which the checkout is tested
         let lock = dir.join("Cargo.lock");
         std::fs::copy(checkout.join("Cargo.lock"), &lock).with_context(|| cannot(&lock))?;
     }
@@ -177,7 +179,8 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     Ok(EXIT_OK)
 }
 
-/// The checkout to depend on: the one that is named, else the one around this folder, else the one around this command.
+/// Returns the checkout to depend on: the named one, otherwise the one around the current folder, otherwise the one
+/// around this executable.
 fn find_checkout(named: Option<&Path>) -> anyhow::Result<Option<PathBuf>> {
     if let Some(named) = named {
         let there = named.canonicalize().ok().filter(|path| is_checkout(path));
@@ -195,7 +198,7 @@ fn is_checkout(folder: &Path) -> bool {
         .all(|file| folder.join(file).is_file())
 }
 
-/// The name of the folder itself.
+/// Returns the name of the folder itself.
 fn file_name_of(dir: &Path) -> String {
     let absolute = std::path::absolute(dir).unwrap_or_else(|_| dir.to_owned());
     absolute
@@ -205,10 +208,10 @@ fn file_name_of(dir: &Path) -> String {
         .into_owned()
 }
 
-/// The folder's name as a name of a package and of a machine: `[a-z0-9-]`, a letter first.
+/// Converts the folder's name into a name of a package and of a machine: `[a-z0-9-]`, beginning with a letter.
 ///
 /// # Errors
-/// A name that cargo or Rust does not take for a package.
+/// Returns an error if cargo or Rust does not accept the name for a package.
 fn name_of(file_name: &str) -> anyhow::Result<String> {
     let name: String = file_name.to_lowercase().chars().map(plain).collect();
     let name = name.trim_start_matches(|letter: char| !letter.is_ascii_lowercase());
@@ -226,7 +229,7 @@ fn name_of(file_name: &str) -> anyhow::Result<String> {
     Ok(name.to_owned())
 }
 
-/// What stands for a letter: those with marks lose them.
+/// Returns the replacement of a letter; letters with diacritics lose them.
 fn plain(letter: char) -> &'static str {
     const PLAIN: &[(&str, &str)] = &[
         ("ä", "ae"),

@@ -1,4 +1,4 @@
-//! `tandem journal`: verifies and shows what has happened, of a machine that runs or not, or of a copy of its folder.
+//! `tandem journal`: verifies and shows the journal of a machine, running or not, or of a copy of its folder.
 
 use std::path::PathBuf;
 use std::time::SystemTime;
@@ -11,13 +11,13 @@ use tandem_runtime::audit::{self, LineFilter, Verified};
 
 use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_config, say};
 
-/// Digits of a hash that a person may leave it at.
+/// Smallest number of digits to which a user may shorten a hash.
 const HASH_DIGITS_MIN: usize = 16;
 
-/// Digits of a whole hash.
+/// Number of digits of a complete hash.
 const HASH_DIGITS: usize = 64;
 
-/// Fields of a line that have a column, or that say nothing of what happened.
+/// Fields of a line that have their own column, or that do not describe the event.
 const NO_DETAILS: [&str; 7] = ["ts", "cs", "event", "boot_id", "n", "t_s", "hash"];
 
 #[derive(Args)]
@@ -28,20 +28,20 @@ pub struct Arguments {
 
 #[derive(Args)]
 struct Place {
-    /// Data folder, its journal folder, or a copy of one; without it, that of the configuration
+    /// Data folder, its journal folder, or a copy of one; default: the folder of the configuration
     folder: Option<PathBuf>,
-    /// Configuration file; without one, that of the demo machine
+    /// Configuration file; default: that of the demo machine
     #[arg(long, value_name = "FILE", conflicts_with = "folder")]
     config: Option<PathBuf>,
 }
 
 #[derive(Subcommand)]
 enum Action {
-    /// Tells whether a line was changed, removed, inserted or moved since it was written; the machine may run
+    /// Checks whether a line was changed, removed, inserted or moved since it was written; the machine may run
     Verify {
         #[command(flatten)]
         place: Place,
-        /// Hash that an earlier verify printed, or its first 16 digits or more: it must still be in the chain
+        /// Hash that an earlier verify printed, or at least its first 16 digits: it must still be in the chain
         #[arg(long, value_name = "HASH", value_parser = noted_hash)]
         head: Option<String>,
     },
@@ -49,25 +49,25 @@ enum Action {
     Show {
         #[command(flatten)]
         place: Place,
-        /// From this time on: how long ago (2h, 30m), or in UTC (2026-11-25, 2026-11-25T10:00)
+        /// Shows lines from this time on: an age (2h, 30m), or a UTC time (2026-11-25, 2026-11-25T10:00)
         #[arg(long, value_name = "TIME")]
         since: Option<String>,
-        /// Before this time, written in the same way
+        /// Shows lines before this time, written in the same way
         #[arg(long, value_name = "TIME")]
         until: Option<String>,
-        /// Of this coordinate system; 0: of the machine
+        /// Shows only lines of this coordinate system; 0: only lines of the machine
         #[arg(long, value_name = "NUMBER")]
         cs: Option<u8>,
-        /// Of outputs of this M number, and of stops by it
+        /// Shows only outputs of this M number, and stops by it
         #[arg(long, value_name = "NUMBER")]
         m: Option<u16>,
-        /// Of this user, client or handler
+        /// Shows only lines of this user, client or handler
         #[arg(long, value_name = "NAME")]
         user: Option<String>,
-        /// Of this run, such as BOOT-1-7, or 1-7 of every start of the runtime
+        /// Shows only lines of this run, such as BOOT-1-7; 1-7 selects this run after every start of the runtime
         #[arg(long, value_name = "RUN")]
         run: Option<String>,
-        /// One JSON object per line, as they are kept
+        /// Prints one JSON object per line, as stored
         #[arg(long)]
         json: bool,
     },
@@ -203,10 +203,10 @@ fn show(folder: &std::path::Path, wanted: &JournalFilter, json: bool) -> Ran {
     })
 }
 
-/// A line in columns.
+/// Returns a line in columns.
 fn row(line: &Value) -> String {
     let text = |name: &str| line[name].as_str().unwrap_or_default();
-    // milliseconds are enough for a person
+    // milliseconds are sufficient for display
     let time = match text("ts").split_once('.') {
         Some((seconds, part)) => format!("{seconds}.{part:.3}Z"),
         None => text("ts").to_owned(),
@@ -221,7 +221,7 @@ fn row(line: &Value) -> String {
         .to_owned()
 }
 
-/// Who, and what: `user=anna from=10.0.0.7 request="POST /cs/1/start"`.
+/// Returns the originator and the details: `user=anna from=10.0.0.7 request="POST /cs/1/start"`.
 fn details(line: &Map<String, Value>) -> String {
     let is_detail = |name: &str| !NO_DETAILS.contains(&name);
     let who = ["user", "from", "over"];
@@ -235,11 +235,11 @@ fn details(line: &Map<String, Value>) -> String {
     words.join(" ")
 }
 
-/// A value; a text without spaces, quotes or control characters stands as it is.
+/// Returns a value; a text without spaces, quotes or control characters is not quoted.
 fn word(value: &Value) -> String {
     match value.as_str() {
         Some(text) if !text.is_empty() && text.chars().all(is_plain) => text.to_owned(),
-        // as JSON, control characters are escapes: none reaches a terminal
+        // control characters are escaped as in JSON: none reaches a terminal
         Some(text) => format!("\"{}\"", text.escape_debug()),
         None => {
             let escaped = |letter: char| match letter {

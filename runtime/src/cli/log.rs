@@ -1,19 +1,19 @@
-//! The log on standard error: one line for each event, whatever clients have written into its text.
+//! The log on standard error: one line for each event, even if clients have put line breaks into its text.
 
 use std::io::{self, IsTerminal, Write};
 
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
-/// What is logged where `RUST_LOG` says nothing.
+/// Log filter if `RUST_LOG` is not set.
 const FILTER: &str = "warn,journal=info,mqtt5=error";
 
-/// Logs from now on.
+/// Starts the log.
 pub(super) fn start() {
     start_with(FILTER);
 }
 
-/// Logs from now on what this filter lets through, unless `RUST_LOG` says another.
+/// Starts the log with this filter; `RUST_LOG` overrides it.
 pub(super) fn start_with(filter: &str) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(filter));
     let colours = io::stderr().is_terminal();
@@ -25,11 +25,11 @@ pub(super) fn start_with(filter: &str) {
         .init();
 }
 
-/// Writes each event as one line, with control characters within it as escapes: a line break in the id of a command must not
-/// begin a line that looks like one of ours. The subscriber hands over an event by one `write`.
+/// Writes each event as one line and escapes control characters in it: a line break in the id of a command must not
+/// begin a line that looks like one of the runtime. The subscriber passes each event in one `write`.
 struct Lines<M> {
     make: M,
-    /// The subscriber writes colours, so that sequences that are colours stay.
+    /// The subscriber writes colours, so escape sequences for colours are kept.
     colours: bool,
 }
 
@@ -71,14 +71,14 @@ impl<W: Write> Write for Line<W> {
     }
 }
 
-/// Control characters, and what ends a line or turns its direction in some viewers.
+/// Returns true for control characters and for characters that end a line or reverse its direction in some viewers.
 fn is_escaped(character: char) -> bool {
     let separates = matches!(character, '\u{2028}' | '\u{2029}');
     let turns = matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     character.is_control() || separates || turns
 }
 
-/// True where a sequence begins that only sets a colour: `ESC [ 3 1 m`.
+/// Returns true at the start of a sequence that only sets a colour: `ESC [ 3 1 m`.
 fn is_colour(character: char, rest: &str) -> bool {
     let of_numbers = |character: char| character.is_ascii_digit() || character == ';';
     let rest = rest
@@ -107,7 +107,7 @@ mod tests {
         }
     }
 
-    /// What is logged of an event whose text and field are these.
+    /// Returns the log text of an event with this text and field.
     fn logged(text: &str, colours: bool) -> String {
         let kept = Kept::default();
         let writer = kept.clone();

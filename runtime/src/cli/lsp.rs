@@ -22,14 +22,14 @@ use super::{EXIT_FOUND, EXIT_OK, Ran};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Configuration of the machine that runs the programs; without it, the nearest tandem.toml in the folder of a program
+    /// Configuration of the machine that runs the programs; default: the nearest tandem.toml in the folder of a program
     /// or above
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// NC dialect of the programs; without it, that of the configuration, or nj
+    /// NC dialect of the programs; default: that of the configuration, or nj
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
-    /// The language server speaks over standard input and output; editors that can do otherwise say so
+    /// Uses standard input and output (always on; editors may pass this option)
     #[arg(long, hide = true)]
     stdio: bool,
 }

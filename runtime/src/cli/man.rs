@@ -1,4 +1,4 @@
-//! `tandem man`: the manual pages, in the language of `man`.
+//! `tandem man`: prints the manual pages, in the format of `man`.
 
 use anyhow::Context;
 use clap::{Args, CommandFactory};
@@ -8,7 +8,7 @@ use super::{Cli, EXIT_OK, Ran, say};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Command whose page is printed, such as serve; without one, that of tandem itself
+    /// Command whose page is printed, such as serve; default: the page of tandem itself
     command: Option<String>,
 }
 

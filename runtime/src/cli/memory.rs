@@ -1,20 +1,20 @@
-//! Memory that clients needed goes back to the system when they have gone. The allocator of the C library keeps it otherwise:
+//! Returns memory to the system after clients have disconnected. Otherwise the allocator of the C library keeps it:
 //! nearly all of 300 MiB after 80 clients of the broker for which large messages had waited.
 
 use std::time::Duration;
 
 use tokio_util::task::AbortOnDropHandle;
 
-/// How often. Reason: it takes a fraction of a millisecond, and nobody waits for it.
+/// Time between two calls. Reason: a call takes a fraction of a millisecond, and no other task waits for it.
 const INTERVAL: Duration = Duration::from_secs(10);
 
-/// Gives back what is free from time to time, until it is dropped.
+/// Returns free memory to the system periodically, until the handle is dropped.
 pub(super) fn give_back() -> AbortOnDropHandle<()> {
     AbortOnDropHandle::new(tokio::spawn(async {
         let mut due = tokio::time::interval(INTERVAL);
         loop {
             due.tick().await;
-            // a task that has panicked would be a fault of the C library
+            // a panic of this task would be a fault of the C library
             let _ = tokio::task::spawn_blocking(trim).await;
         }
     }))
@@ -32,6 +32,6 @@ fn trim() {
     }
 }
 
-/// Other C libraries have nothing of the kind.
+/// Does nothing: other C libraries have no such function.
 #[cfg(not(target_env = "gnu"))]
 fn trim() {}

@@ -41,7 +41,7 @@ use tandem_runtime::{Config, ConfigError, Machine};
 const EXIT_OK: u8 = 0;
 /// Errors were found, or an alarm ended the program.
 const EXIT_FOUND: u8 = 1;
-/// Something could not be read, or the arguments cannot be carried out.
+/// Something could not be read, or the arguments cannot be used.
 const EXIT_UNREADABLE: u8 = 2;
 
 /// The exit code of a command; an error is printed, and the code is [`EXIT_UNREADABLE`].
@@ -52,7 +52,7 @@ type Ran = anyhow::Result<u8>;
     name = "tandem",
     version = concat!(env!("CARGO_PKG_VERSION"), " (", env!("TANDEM_BUILD"), ")"),
     about = "Runs NC programs and sequence programs in tandem",
-    // the same text whichever features of clap another crate of the build asks for
+    // keeps the text independent of the features of clap that other crates of the build enable
     term_width = 0,
     args_conflicts_with_subcommands = true
 )]
@@ -65,45 +65,45 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Starts the machine with its MQTT broker, REST, WebSocket and HMI (this is what `tandem` alone does)
+    /// Starts the machine with its MQTT broker, REST, WebSocket and HMI (the default command of `tandem`)
     Serve(serve::Arguments),
-    /// Tells all that is wrong with NC programs, or with a configuration
+    /// Reports all errors and warnings in NC programs, or in a configuration
     Check(check::Arguments),
-    /// Lays out NC programs: blanks and case, and nothing else
+    /// Formats NC programs (spacing and letter case only)
     Fmt(fmt::Arguments),
-    /// Writes programs of other controls in dialect nj
+    /// Converts programs of other controls to dialect nj
     Convert(convert::Arguments),
-    /// Serves editors: findings while you type, explanations, completion, layout, and the time of a program
+    /// Serves editors: diagnostics while you type, explanations, completion, formatting, and the run time of a program
     Lsp(lsp::Arguments),
     /// Writes the intermediate code of NC programs
     Compile(compile::Arguments),
-    /// Tells what a diagnostic, an alarm, a code, a key of the configuration or a rule means
+    /// Explains a diagnostic, an alarm, a code, a key of the configuration or a rule
     Explain(explain::Arguments),
-    /// Writes a machine of your own: configuration, NC program, handlers and a test
+    /// Creates a project for a machine of your own: configuration, NC program, handlers and a test
     Init(init::Arguments),
     /// Draws the tool path of an NC program
     Plot(plot::Arguments),
     /// Runs an NC program in simulated time
     Simulate(simulate::Arguments),
-    /// Compares two NC programs by way, M codes and time
+    /// Compares two NC programs by path, M codes and time
     Diff(diff::Arguments),
     /// Checks a sequence program in Structured Text, or runs it on a machine
     St(st::Arguments),
-    /// Runs many simulated machines at one broker, each with a handler and an HMI, and measures them
+    /// Runs many simulated machines at one broker, each with a handler and an HMI, and measures their performance
     Fleet(fleet::Arguments),
-    /// Makes a certificate for TLS: of this machine, or of a client
+    /// Creates a certificate for TLS, for this machine or for a client
     Cert(cert::Arguments),
-    /// Looks at what a machine keeps, and mends it, while the machine does not run
+    /// Inspects and repairs the stored data of a machine while the machine does not run
     Store(store::Arguments),
-    /// Verifies and shows the journal: who has done what, and what has happened
+    /// Verifies and shows the journal: the commands of users and the events of the machine
     Journal(journal::Arguments),
-    /// Makes a token for an HMI, a sequence program or another system
+    /// Creates a token for an HMI, a sequence program or another system
     Token(token::Arguments),
-    /// Serves a machine by OPC UA (starts tandem-opcua, a program of its own)
+    /// Serves a machine over OPC UA (starts the separate program tandem-opcua)
     Opcua(opcua::Arguments),
     /// Prints the access rules of the token file for an external Mosquitto
     MqttAcl(mqtt_acl::Arguments),
-    /// Prints what a shell needs to complete commands and options
+    /// Prints the completion script of a shell
     Completions(completions::Arguments),
     /// Prints a manual page
     Man(man::Arguments),
@@ -150,7 +150,7 @@ pub fn run() -> ExitCode {
 /// True once something could not be written to standard output.
 static UNWRITTEN: AtomicBool = AtomicBool::new(false);
 
-/// What was not written was not told: then no command has succeeded.
+/// Returns the exit code; an error if standard output could not be written, because the result is then incomplete.
 fn exit_code(code: u8) -> ExitCode {
     match code {
         EXIT_OK if UNWRITTEN.load(Ordering::Relaxed) => EXIT_UNREADABLE.into(),
@@ -158,7 +158,7 @@ fn exit_code(code: u8) -> ExitCode {
     }
 }
 
-/// A line on standard output. A reader that has gone is no reason to fail; a full disk is ([`exit_code`]).
+/// Prints a line on standard output. A closed reader is no error; a full disk is one ([`exit_code`]).
 fn say(line: impl std::fmt::Display) {
     notice_unwritten(writeln!(std::io::stdout().lock(), "{line}"));
 }
@@ -172,12 +172,12 @@ fn notice_unwritten(written: std::io::Result<()>) {
     }
 }
 
-/// A line on standard error.
+/// Prints a line on standard error.
 fn complain(line: impl std::fmt::Display) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// The configuration of a file, or the demo machine.
+/// Reads the configuration of a file, or that of the demo machine.
 fn read_config(path: Option<&Path>) -> anyhow::Result<(Config, Machine)> {
     let Some(path) = path else {
         let config = Config::demo();
@@ -195,13 +195,13 @@ fn read_config(path: Option<&Path>) -> anyhow::Result<(Config, Machine)> {
     })
 }
 
-/// The path that stands for standard input.
+/// Path that means standard input.
 const STANDARD_INPUT: &str = "-";
 
 /// True once standard input has been read to its end.
 static STANDARD_INPUT_READ: AtomicBool = AtomicBool::new(false);
 
-/// The text of an NC program: of a file, or of standard input.
+/// Reads the text of an NC program from a file or from standard input.
 fn read_program(path: &Path) -> anyhow::Result<String> {
     let read = if path == Path::new(STANDARD_INPUT) {
         ensure!(
@@ -215,7 +215,7 @@ fn read_program(path: &Path) -> anyhow::Result<String> {
     read.with_context(|| format!("cannot read {}", shown(path)))
 }
 
-/// The name of an NC program, as it is shown.
+/// Returns the name of an NC program for display.
 fn shown(path: &Path) -> String {
     if path == Path::new(STANDARD_INPUT) {
         "<stdin>".to_owned()
@@ -224,7 +224,7 @@ fn shown(path: &Path) -> String {
     }
 }
 
-/// The file of a subprogram: in the folder of the program that calls it, else in the store's folder.
+/// Returns the file of a subprogram: in the folder of the calling program, otherwise in the folder of the store.
 fn find_subprogram(number: u16, caller: &Path, data_dir: Option<&Path>) -> Option<PathBuf> {
     let folder = caller.parent().unwrap_or(Path::new("")).to_owned();
     let store = data_dir.map(|folder| folder.join("programs"));

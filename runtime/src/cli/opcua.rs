@@ -1,4 +1,4 @@
-//! `tandem opcua`: starts `tandem-opcua`, which is a program of its own.
+//! `tandem opcua`: starts the separate program `tandem-opcua`.
 
 use std::ffi::OsString;
 use std::io;
@@ -15,7 +15,7 @@ const PROGRAM: &str = "tandem-opcua";
 #[derive(Args)]
 #[command(after_help = "tandem-opcua --help tells its options; the book has a page on OPC UA.")]
 pub struct Arguments {
-    /// Options of tandem-opcua, such as --connect and --listen with an address each
+    /// Options of tandem-opcua, such as --connect and --listen, each with an address
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTION")]
     options: Vec<OsString>,
 }
@@ -33,17 +33,17 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     }
 }
 
-/// The program in the folder of this one.
+/// Returns the program in the folder of this executable.
 fn beside_this() -> Option<PathBuf> {
     let beside = std::env::current_exe().ok()?.with_file_name(PROGRAM);
     let beside = beside.with_extension(std::env::consts::EXE_EXTENSION);
     beside.is_file().then_some(beside)
 }
 
-/// Becomes the program, so that signals reach it.
+/// Replaces this process by the program, so that signals reach it.
 #[cfg(unix)]
 fn end_as(mut command: Command) -> io::Result<u8> {
-    // it returns only if that fails
+    // this returns only after an error
     Err(std::os::unix::process::CommandExt::exec(&mut command))
 }
 

@@ -1,9 +1,10 @@
-//! Who has given a command, as the operating system knows it.
+//! The user of the operating system that gave a command.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt as _;
 
-/// Name of the user of this process, or `uid 1000` where it has none; with sudo that of who has called it, too.
+/// Returns the user name of this process, or `uid 1000` if it has none; with sudo, also the name of the user that
+/// called sudo.
 pub(super) fn os_user() -> Option<String> {
     let uid = fs::metadata("/proc/self").ok()?.uid();
     let users = fs::read_to_string("/etc/passwd").unwrap_or_default();
@@ -14,7 +15,7 @@ pub(super) fn os_user() -> Option<String> {
     })
 }
 
-/// The name of a user id in the text of `/etc/passwd`.
+/// Finds the name of a user id in the text of `/etc/passwd`.
 fn name_of(uid: u32, users: &str) -> Option<&str> {
     users.lines().find_map(|line| {
         let mut fields = line.split(':');

@@ -1,4 +1,4 @@
-//! `tandem plot`: the tool path of a program as a picture, as it runs in simulated time.
+//! `tandem plot`: draws the tool path of a program as it runs in simulated time.
 
 mod drawing;
 mod polyline;
@@ -25,12 +25,12 @@ pub struct Arguments {
     /// Picture to write
     #[arg(short, long, value_name = "OUT.svg")]
     output: PathBuf,
-    /// What is looked at
+    /// View of the picture
     #[arg(long, value_enum, default_value_t = View::Xy)]
     plane: View,
 }
 
-/// From where the path is seen.
+/// Direction from which the path is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum View {
     /// From above: X to the right, Y up
@@ -39,12 +39,12 @@ pub(super) enum View {
     Xz,
     /// From the right: Y to the right, Z up
     Yz,
-    /// From above the corner where X and Y are lowest: X goes back to the right, Y back to the left
+    /// From above the corner with the lowest X and Y: X goes back to the right, Y back to the left
     Iso,
 }
 
 impl View {
-    /// The place of a machine position in the picture, mm: to the right and up.
+    /// Projects a machine position into the picture, mm to the right and up.
     pub fn project(self, at: AxisVector) -> Point {
         if let Some(axes) = self.axes() {
             return Point(axes.map(|axis| at[axis]));
@@ -54,7 +54,7 @@ impl View {
         Point([(x - y) * cos, (x + y) * sin + z])
     }
 
-    /// Axes to the right and up; none where they are no axes of the machine.
+    /// Returns the axes to the right and up; `None` if these are not axes of the machine.
     pub fn axes(self) -> Option<[Axis; 2]> {
         match self {
             Self::Xy => Some([Axis::X, Axis::Y]),
@@ -99,23 +99,23 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     Ok(EXIT_FOUND)
 }
 
-/// A part of the toolpath that is of one kind.
+/// A part of the tool path with one stroke.
 #[derive(Debug, PartialEq)]
 pub(super) struct Line {
     pub stroke: Stroke,
     pub points: Vec<Point>,
 }
 
-/// How a part of the toolpath is drawn.
+/// Drawing style of a part of the tool path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stroke {
     Feed,
     Rapid,
-    /// The way of both programs.
+    /// Path of both programs.
     Both,
-    /// Of the old program alone.
+    /// Path of the old program only.
     Old,
-    /// Of the new program alone.
+    /// Path of the new program only.
     New,
 }
 
@@ -135,7 +135,7 @@ impl Stroke {
     }
 }
 
-/// The toolpath so far.
+/// The tool path drawn so far.
 struct Sketch {
     view: View,
     rapid: bool,

@@ -16,25 +16,25 @@ use super::{EXIT_OK, Ran, say};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Configuration file; without one the built-in demo machine runs
+    /// Configuration file; without it, the built-in demo machine runs
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Where the HMI and REST listen, in place of listen in the table http; the demo takes a free port where 8080 is taken
+    /// Address of the HMI and REST, overrides listen in the table http; the demo uses a free port if 8080 is in use
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<String>,
-    /// Where the embedded broker listens, in place of listen in the table mqtt; the demo takes a free port where 1883 is taken
+    /// Address of the embedded broker, overrides listen in the table mqtt; the demo uses a free port if 1883 is in use
     #[arg(long, value_name = "ADDRESS")]
     mqtt_listen: Option<String>,
-    /// Folder of what is kept, in place of that of the configuration
+    /// Folder for persistent data, overrides that of the configuration
     #[arg(long, value_name = "FOLDER")]
     data_dir: Option<PathBuf>,
-    /// Runs the demo's handlers, also with a configuration of one's own
+    /// Runs the demo's handlers, also with another configuration
     #[arg(long)]
     demo: bool,
 }
 
 impl Arguments {
-    /// What they say in place of the configuration.
+    /// Overrides settings of the configuration with the arguments.
     fn change(&self, config: &mut Config) -> anyhow::Result<()> {
         if let Some(listen) = &self.listen {
             config.http.listen.clone_from(listen);
@@ -43,15 +43,15 @@ impl Arguments {
             config.mqtt.listen = Some(listen.clone());
         }
         if let Some(folder) = &self.data_dir {
-            // from where the command was given, not from the folder of the configuration
+            // relative to the current folder, not to the folder of the configuration
             config.machine.data_dir = std::path::absolute(folder)?;
         }
         config.is_demo |= self.demo;
         Ok(())
     }
 
-    /// Opens the server ends. A port of the built-in demo that nobody has chosen gives way to a free one where it is taken; these
-    /// addresses come with it.
+    /// Opens the server ends. If a default port of the built-in demo is in use, a free port replaces it; the addresses
+    /// are returned as well.
     async fn open(
         &self,
         port: Arc<dyn ServedPort>,
@@ -75,7 +75,7 @@ impl Arguments {
         }
     }
 
-    /// True for a listener of the built-in demo that nobody has named an address for.
+    /// Returns true for a listener of the built-in demo without a given address.
     fn leaves_open(&self, setting: &str) -> bool {
         let named = if setting == HTTP_LISTEN {
             &self.listen
@@ -86,7 +86,7 @@ impl Arguments {
     }
 }
 
-/// Exit code after a stop that an internal fault has demanded: a service manager starts the runtime again.
+/// Exit code after a stop because of an internal fault: a service manager starts the runtime again.
 const EXIT_FAULT: u8 = 70;
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     Ok(if is_in_order { EXIT_OK } else { EXIT_FAULT })
 }
 
-/// False after a stop that a fault has demanded.
+/// Returns false after a stop because of a fault.
 async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<bool> {
     let mut signals = Signals::listen()?;
     let Servable { config, settings, .. } = servable;
@@ -136,7 +136,7 @@ async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<bool
     Ok(failed.is_none())
 }
 
-/// Serves until a signal, or until a fault demands a stop, which is returned.
+/// Serves until a signal arrives, or until a fault requires a stop; returns the fault.
 async fn until_stop(runtime: &Runtime, gateway: &Gateway, signals: &mut Signals) -> Option<String> {
     loop {
         let received = tokio::select! {
@@ -156,7 +156,7 @@ async fn until_stop(runtime: &Runtime, gateway: &Gateway, signals: &mut Signals)
     }
 }
 
-/// The demo's handlers; the built-in machine opens with a program.
+/// Runs the demo's handlers; the built-in machine starts with a program loaded.
 async fn run_demo(plc: Plc, is_built_in: bool) {
     let opening = async {
         if is_built_in && let Err(error) = open_demo(&plc).await {
@@ -207,7 +207,7 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     say("Ctrl-C stops it.");
 }
 
-/// Signals, listened for from the start: one that comes early must not end the process out of order.
+/// Signals, received from the start: an early signal must not kill the process without an orderly stop.
 pub(super) struct Signals {
     interrupt: Signal,
     terminate: Signal,
@@ -217,7 +217,7 @@ pub(super) struct Signals {
 pub(super) enum Received {
     /// Ctrl-C or SIGTERM: an orderly stop.
     Stop,
-    /// SIGHUP: files are read again, as other servers do. A terminal that is closed sends it too, and must not stop a machine.
+    /// SIGHUP: reads files again, as other servers do. A closed terminal sends it too, and must not stop a machine.
     HangUp,
 }
 

@@ -1,5 +1,5 @@
-//! `[http]` and `[mqtt]` of a configuration, with the files that they name: what `check` calls good is what `serve`
-//! starts with.
+//! `[http]` and `[mqtt]` of a configuration, with the files that they name. `check` and `serve` share this code, so a
+//! configuration that `check` accepts also starts.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use tandem_runtime::{Broker, Config, Machine};
 
 use super::read_config;
 
-/// Where the embedded broker listens when nothing else is written.
+/// Default address of the embedded broker.
 const MQTT_LISTEN_DEFAULT: &str = "127.0.0.1:1883";
 
 /// A configuration that can be served.
@@ -29,7 +29,7 @@ impl Servable {
     /// written and no port is opened.
     ///
     /// # Errors
-    /// All that is wrong, as text for people.
+    /// Returns all problems as text for people.
     pub(super) fn read(
         path: Option<&Path>,
         change: impl FnOnce(&mut Config) -> anyhow::Result<()>,
@@ -63,7 +63,7 @@ impl Servable {
     }
 }
 
-/// The settings of the server ends, and all that is wrong with them.
+/// Returns the settings of the server ends and all their problems.
 pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
     let mut problems = Vec::new();
     let file = &config.http.token_file;
@@ -95,7 +95,7 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
         ..GatewaySettings::default()
     };
     let found = settings.problems();
-    // what follows from a token file that cannot be read says nothing new
+    // errors that only follow from an unreadable token file are omitted
     let found = found
         .iter()
         .filter(|problem| !(tokens_missing && matches!(problem, GatewayError::NotLoopback { .. })));
@@ -103,7 +103,7 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
     (settings, problems)
 }
 
-/// What is added to the HMI, with what must not be seen there.
+/// Returns the additions to the HMI, and the files and folders that it must not serve.
 fn hmi_settings(config: &Config) -> HmiSettings {
     let in_folder = |path: &PathBuf| config.base_dir.join(path);
     let secrets = [

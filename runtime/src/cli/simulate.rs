@@ -1,4 +1,4 @@
-//! `tandem simulate`: a program in simulated time, as fast as the machine can.
+//! `tandem simulate`: runs a program in simulated time, as fast as the computer can.
 
 mod losses;
 mod measure;
@@ -35,10 +35,10 @@ use super::{EXIT_FOUND, EXIT_OK, Ran, find_subprogram, read_config, read_program
 use recorder::{Recorder, Trace};
 pub(super) use report::Outcome;
 
-/// Program number of a file whose name is not a number.
+/// Program number for a file whose name is not a number.
 const MAIN_PROGRAM: u16 = 1;
 
-/// Simulated time in which a program must end, s.
+/// Simulated time after which the run of a program is ended, s.
 const MAX_TIME_S: f64 = 86_400.0;
 
 #[derive(Args)]
@@ -54,49 +54,50 @@ pub struct Arguments {
     /// Adds the spindle's angle to --trace, degrees from 0 to below 360, clockwise positive
     #[arg(long, requires = "trace")]
     trace_spindle: bool,
-    /// Writes what happened, one JSON object a line
+    /// Writes the events of the simulation, one JSON object a line
     #[arg(long, value_name = "OUT.jsonl")]
     events: Option<PathBuf>,
-    /// Writes each block that moves, rests, outputs or stops, one JSON object a line: its times, what is in force, and
-    /// where it ends
+    /// Writes each block that moves, dwells, outputs or stops, one JSON object a line: its times, the modal values in
+    /// force, and its end position
     #[arg(long, value_name = "OUT.jsonl")]
     steps: Option<PathBuf>,
 }
 
-/// What is simulated, and how.
+/// Program to simulate and its conditions.
 #[derive(Args, Clone)]
 pub(super) struct SimulationArguments {
-    /// NC program, - for standard input; its subprograms are looked for beside it (in the current folder), then in the
-    /// data folder's programs
+    /// NC program, - for standard input; subprograms are searched for in the folder of the file (for standard input:
+    /// the current folder), then in the programs of the data folder
     pub file: PathBuf,
-    /// Configuration file; without one the demo machine
+    /// Configuration file; default: the demo machine
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// NC dialect of the programs; without it, that of the configuration
+    /// NC dialect of the programs; default: that of the configuration
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
     /// Optional block skip inputs that are on, such as 1,3
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=31))]
     skip: Vec<u8>,
-    /// Optional stop (M01) is on
+    /// Turns the optional stop (M01) on
     #[arg(long)]
     optional_stop: bool,
     /// Feed override, percent
     #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
     feed_override: f64,
-    /// Coordinate system that runs the program; without it, the one of --config whose `programs` name the file, else 1
+    /// Coordinate system that runs the program; default: the one of --config whose `programs` name the file, otherwise
+    /// 1
     #[arg(long)]
     pub cs: Option<CoordinateSystemNumber>,
-    /// Another coordinate system's program at the same time, such as 2=FILE2
+    /// Program that another coordinate system runs at the same time, such as 2=FILE2
     #[arg(long, value_name = "N=FILE", value_parser = parse_with)]
     with: Vec<(CoordinateSystemNumber, PathBuf)>,
-    /// Ends a program that does not end by itself, simulated seconds
+    /// Ends a program that is still running after this simulated time, in seconds
     #[arg(long, value_name = "SECONDS", default_value_t = MAX_TIME_S)]
     max_time_s: f64,
 }
 
 impl SimulationArguments {
-    /// A program as it is, without inputs and at 100 percent.
+    /// Returns the arguments for a program without inputs, at 100 percent override.
     pub fn of(file: &Path, config: Option<&Path>, dialect: Option<&'static Dialect>) -> Self {
         Self {
             file: file.to_owned(),
@@ -129,25 +130,25 @@ struct Job {
 /// Called with each line of the journal.
 pub(super) type Heard = Box<dyn FnMut(&Line) + Send>;
 
-/// Called with what is planned.
+/// Called with the planned motion.
 pub(super) type Watcher = Box<dyn FnMut(Planned<'_>) + Send>;
 
-/// What a simulation writes and calls.
+/// Output files and callbacks of a simulation.
 #[derive(Default)]
 pub(super) struct Watch<'a> {
-    /// Takes what happens, one JSON object a line.
+    /// File for the events, one JSON object a line.
     pub events: Option<&'a Path>,
-    /// Takes the blocks, one JSON object a line.
+    /// File for the blocks, one JSON object a line.
     pub steps: Option<&'a Path>,
     pub on_cycle: Option<OnCycle>,
-    /// That is called for each cycle, also for those in which motors keep their speeds.
+    /// Calls `on_cycle` also for cycles in which the motors keep their speeds.
     pub every_cycle: bool,
     pub on_plan: Option<Watcher>,
     /// Called with each line of the journal.
     pub on_line: Option<Heard>,
 }
 
-/// What is to be simulated, read and checked.
+/// Programs to simulate, read and checked.
 pub(super) struct Plan {
     arguments: SimulationArguments,
     machine: Machine,
@@ -208,7 +209,7 @@ fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
 }
 
 impl Plan {
-    /// Reads the configuration and the programs. With `json`, what is wrong with a program is only returned.
+    /// Reads the configuration and the programs. With `json`, the errors of a program are only returned, not printed.
     pub fn read(arguments: &SimulationArguments, json: bool) -> anyhow::Result<Result<Self, Vec<Value>>> {
         let (mut config, mut machine) = read_config(arguments.config.as_deref())?;
         if let Some(dialect) = arguments.dialect {
@@ -249,10 +250,10 @@ impl Plan {
         })
     }
 
-    /// Runs it to its end, alarm or time limit.
+    /// Runs the simulation to its end, an alarm or the time limit.
     ///
     /// # Errors
-    /// A file that cannot be written, a command that is refused.
+    /// Fails if a file cannot be written or a command is rejected.
     pub fn simulate(self, watch: Watch<'_>) -> anyhow::Result<Outcome> {
         let recorder = Recorder::new(&self, watch.events, watch.steps)?;
         let on_line = watch.on_line;
@@ -268,13 +269,14 @@ impl Plan {
         simulation::run(simulate(self, recorder, options, on_line))?
     }
 
-    /// The coordinate systems that run a program, with their places in the servo.
+    /// Returns the coordinate systems that run a program, with their indices in the servo.
     fn systems(&self) -> impl Iterator<Item = (usize, &ConfiguredSystem)> {
         let systems = self.machine.coordinate_systems.iter().enumerate();
         systems.filter(|(_, system)| self.jobs.iter().any(|job| job.cs == system.settings.number))
     }
 
-    /// The M code of the dialect that changes tools by its word T, unless the stock sequence program selects them.
+    /// Returns the M code of the dialect that changes tools by its word T, unless the stock sequence program selects
+    /// them.
     fn tool_changer(&self, dialect: &Dialect) -> Option<u16> {
         let mut codes = dialect.m_codes.codes.iter();
         let m = codes.find(|code| code.word(Address::T).is_some())?.tenths() / 10;
@@ -284,7 +286,7 @@ impl Plan {
             .then_some(m)
     }
 
-    /// Place of the first job's coordinate system in the servo, and its settings.
+    /// Returns the index in the servo and the settings of the first job's coordinate system.
     pub fn first_system(&self) -> (usize, &CoordinateSystemSettings) {
         let number = self.jobs[0].cs;
         let mut systems = self.machine.coordinate_systems.iter();
@@ -326,7 +328,7 @@ impl Plan {
                 ),
             }
             let program = StoredProgram::new(number, &text, rules);
-            // Loading checks the same; beyond that only a call can be wrong.
+            // Loading makes the same checks; in addition, only a call can be wrong.
             let here = program.check_in(&system.settings);
             let called = &program.check.programs;
             if path == *file && !(here.errors.is_empty() && called.is_empty()) {
@@ -415,7 +417,7 @@ async fn simulate(
     Ok(outcome)
 }
 
-/// A refusal with its first finding. What prevents the effect of an accepted command is in the journal.
+/// Converts a rejection into its first finding. If an accepted command has no effect, the journal contains the reason.
 fn accepted(result: plc_api::Result<()>) -> anyhow::Result<()> {
     match result {
         Ok(()) | Err(Error::CommandFailed { .. }) => Ok(()),
@@ -429,7 +431,7 @@ fn accepted(result: plc_api::Result<()>) -> anyhow::Result<()> {
     }
 }
 
-/// Runs until each program has ended. `Some`: why the simulation was ended before that.
+/// Runs until all programs have ended. Returns the reason if the simulation was ended before that.
 async fn run_to_end(
     runtime: &Runtime,
     systems: &[CoordinateSystem],
@@ -437,7 +439,7 @@ async fn run_to_end(
     let Some(simulation) = runtime.simulation() else {
         return Ok(None);
     };
-    // A stall from before the start says nothing about the programs.
+    // A stall before the start is not caused by the programs.
     let _ = simulation.stalled().now_or_never();
     tokio::select! {
         biased;

@@ -17,11 +17,11 @@ use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_program, say, shown};
 pub struct Arguments {
     /// Program in Structured Text of IEC 61131-3 (a subset: tandem explain ST012); - is standard input
     file: PathBuf,
-    /// Checks the program and does nothing else (this is what it does without --run)
+    /// Only checks the program (default without --run)
     #[arg(long, conflicts_with = "run")]
     check: bool,
-    /// Runs the program, if it is right, until Ctrl-C: then it takes no further M code, and ends those that are open; a second
-    /// Ctrl-C ends at once
+    /// Runs the program, if it has no errors, until Ctrl-C: then it accepts no further M code and completes the pending
+    /// ones; a second Ctrl-C ends it at once
     #[arg(long, requires = "connect")]
     run: bool,
     #[arg(
@@ -34,22 +34,22 @@ pub struct Arguments {
     /// Time from one scan to the next, ms
     #[arg(long, value_name = "MS", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=60_000))]
     period_ms: u64,
-    /// Name of the sequence program at the machine; without it the user, or a name of its own
+    /// Name of the sequence program at the machine; default: the user, or a generated name
     #[arg(long, value_name = "ID", requires = "run")]
     handler_id: Option<String>,
-    /// Takes the place of a program of the same name
+    /// Replaces a connected program with the same name
     #[arg(long, requires = "handler_id")]
     take_over: bool,
-    /// User of the machine, which an address should not contain
+    /// User of the machine; do not write it into the address
     #[arg(long, value_name = "NAME", requires = "token_file")]
     user: Option<String>,
     /// File with the token of that user
     #[arg(long, value_name = "FILE", requires = "user")]
     token_file: Option<PathBuf>,
-    /// Certificate authorities that the machine's certificate is checked by, PEM; without it those of the system
+    /// Certificate authorities for verifying the machine's certificate, PEM; default: those of the system
     #[arg(long, value_name = "FILE", requires = "run")]
     ca_file: Option<PathBuf>,
-    /// Findings as text for people, or as JSON as tandem check writes it
+    /// Prints findings as text for people, or as JSON in the format of tandem check
     #[arg(long, value_enum, default_value = "text", conflicts_with = "run")]
     format: Format,
 }
@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     Ok(if is_right { EXIT_OK } else { EXIT_FOUND })
 }
 
-/// The program, if it is right, and what was found in it.
+/// Returns the program, if it has no errors, and the findings.
 fn compiled(path: &Path, source: String) -> (Option<Program>, Findings) {
     let file = shown(path);
     let (program, diagnostics) = match Program::compile(&file, &source) {
@@ -150,7 +150,7 @@ async fn serve(address: &str, options: MqttOptions, sequence: SequenceProgram) -
             received = signals.received() => match (received, stop.take()) {
                 (Received::HangUp, kept) => stop = kept,
                 (Received::Stop, Some(first)) => {
-                    // the receiver is the program, which runs
+                    // the receiver is the program, which is running
                     let _ = first.send(());
                     say("It takes no further M code, and ends when those that are open have ended; Ctrl-C ends it at once.");
                 }

@@ -1,4 +1,4 @@
-//! `tandem store`: looks at what a machine keeps, and mends it, while the machine does not run.
+//! `tandem store`: inspects and repairs the stored data of a machine while the machine does not run.
 
 use std::fs;
 use std::path::PathBuf;
@@ -18,39 +18,39 @@ pub struct Arguments {
 
 #[derive(Args)]
 struct Machine {
-    /// Configuration file; without one, that of the demo machine
+    /// Configuration file; default: that of the demo machine
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }
 
 #[derive(Subcommand)]
 enum Action {
-    /// Tells what is damaged; changes nothing
+    /// Lists damaged data; changes nothing
     Verify(Machine),
-    /// Shows lost values with what the last good generation has, and takes it over with --yes
+    /// Shows lost values and their values in the last good generation, and restores these with --yes
     Repair {
         #[command(flatten)]
         machine: Machine,
-        /// Take lost values from the last good generation, which is older than what was lost
+        /// Restores lost values from the last good generation, which is older than the lost values
         #[arg(long)]
         yes: bool,
-        /// Take the file of a damaged program as it is now
+        /// Accepts the file of a damaged program as it is now
         #[arg(long, value_name = "NUMBER")]
         program: Vec<u16>,
     },
-    /// Writes all kept values as JSON
+    /// Writes all stored values as JSON
     Export {
         #[command(flatten)]
         machine: Machine,
-        /// File to write; without one, standard output
+        /// File to write; default: standard output
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
-    /// Takes over the values of an exported file; all others stay
+    /// Imports the values of an exported file; all other values stay unchanged
     Import {
         #[command(flatten)]
         machine: Machine,
-        /// The file
+        /// File to import
         file: PathBuf,
     },
 }
@@ -83,7 +83,7 @@ fn open(machine: &Machine) -> anyhow::Result<DataFolder> {
     Ok(DataFolder::open(machine)?)
 }
 
-/// The journal says who does what; one that cannot be written holds up no repair.
+/// Records the user and the command in the journal. A journal that cannot be written does not prevent a repair.
 fn record(folder: &DataFolder, command: &str) {
     if let Err(error) = folder.record(os_user(), command) {
         complain(format!("the journal does not tell of this command: {error}"));

@@ -1,4 +1,4 @@
-//! `tandem token`: makes a token for an HMI, a sequence program or another system.
+//! `tandem token`: creates a token for an HMI, a sequence program or another system.
 
 use std::fs::OpenOptions;
 use std::io::{self, BufRead as _, IsTerminal as _, Read as _, Write};
@@ -15,7 +15,7 @@ use tandem_runtime::data_folder::DataFolder;
 use super::os_user::os_user;
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_config, say};
 
-/// Bytes of the line with a PIN.
+/// Largest size of the line with a PIN, bytes.
 const PIN_LINE_MAX: u64 = 1024;
 
 /// Seconds of a day.
@@ -23,18 +23,18 @@ pub(super) const DAY_S: u64 = 24 * 60 * 60;
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Name of the user: who it is, and the user name on MQTT
+    /// Name of the user, also the user name on MQTT
     name: String,
-    /// What it may do
+    /// Rights of the user
     #[arg(long, value_parser = PossibleValuesParser::new(Role::ALL.map(|(word, _)| word)))]
     role: String,
-    /// Token file to append its entry to; made with mode 0600 where there is none
+    /// Token file to append the entry to; created with mode 0600 if it does not exist
     #[arg(long, value_name = "FILE")]
     file: Option<PathBuf>,
-    /// Days for which it counts; without end where it is not given
+    /// Validity in days; default: unlimited
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=3650))]
     days: Option<u64>,
-    /// Configuration of the machine whose journal tells of it; the machine must not run
+    /// Configuration of the machine whose journal records the token; the machine must not run
     #[arg(long, value_name = "FILE", requires = "file")]
     config: Option<PathBuf>,
     /// For a person: a PIN, read from standard input, instead of a token; for `POST /api/v1/login` and the HMI
@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     Ok(EXIT_OK)
 }
 
-/// Makes the entry of a person, whose PIN is the first line of standard input.
+/// Creates the entry of a person; the PIN is the first line of standard input.
 fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ran {
     let name = &arguments.name;
     if let Some(path) = arguments.file.as_ref().filter(|_| io::stdin().is_terminal()) {
@@ -113,14 +113,14 @@ fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ra
     Ok(EXIT_OK)
 }
 
-/// The command, as the journal shows it.
+/// Returns the command as shown in the journal.
 fn command(arguments: &Arguments) -> String {
     let Arguments { name, role, pin, .. } = arguments;
     let pin = if *pin { " --pin" } else { "" };
     format!("tandem token {name} --role {role}{pin}")
 }
 
-/// Has the journal of a machine tell of a command that gives somebody access, or says that it does not.
+/// Records a command that grants access in the journal of a machine, or prints why it was not recorded.
 pub(super) fn tell(config: Option<&Path>, command: &str) {
     let Some(path) = config else {
         complain("No journal tells of this: --config names the machine whose journal does.");
@@ -135,7 +135,7 @@ pub(super) fn tell(config: Option<&Path>, command: &str) {
     }
 }
 
-/// True where the token file has an entry of this name.
+/// Returns true if the token file has an entry with this name.
 pub(super) fn is_known(path: &Path, name: &str) -> anyhow::Result<bool> {
     if !path.exists() {
         return Ok(false);
@@ -144,7 +144,7 @@ pub(super) fn is_known(path: &Path, name: &str) -> anyhow::Result<bool> {
     Ok(tokens.users().any(|(known, _)| known == name))
 }
 
-/// Appends an entry to the token file; makes one where there is none.
+/// Appends an entry to the token file; creates the file if it does not exist.
 pub(super) fn add_entry(path: &Path, entry: &str) -> anyhow::Result<()> {
     let gap = if path.exists() { "\n" } else { "" };
     append(path, &format!("{gap}{entry}")).with_context(|| format!("cannot write {}", path.display()))

@@ -10,11 +10,12 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AlarmConfig {
-    /// What happened, 1 to 1000 characters, for lists of alarms. A raised alarm shows the text given by the program that raised it.
+    /// Text of the alarm for lists of alarms, 1 to 1000 characters. A raised alarm shows the text given by the program
+    /// that raised it.
     pub text: String,
-    /// What to do, 1 to 1000 characters: shown with the alarm.
+    /// Remedy, shown with the alarm, 1 to 1000 characters.
     pub remedy: Option<String>,
-    /// `text` and `remedy` in other languages, by language tag, such as `language.de = { text = ".." }`; up to 8. A panel shows those of
-    /// its own language.
+    /// `text` and `remedy` in other languages, by language tag, such as `language.de = { text = ".." }`; up to 8. A
+    /// panel shows those of its own language.
     pub language: BTreeMap<String, AlarmWords>,
 }

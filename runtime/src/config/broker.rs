@@ -6,22 +6,22 @@ use std::net::Ipv6Addr;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The value for the runtime's own broker.
+/// Value for the embedded broker.
 const EMBEDDED: &str = "embedded";
 
-/// Addresses of one broker.
+/// Largest number of addresses of one broker.
 const NODES_MAX: usize = 16;
 
-/// Port of a broker where the address names none.
+/// Port of a broker if the address contains none.
 const PORT_DEFAULT: u16 = 1883;
 
-/// The same with TLS.
+/// Port of a broker with TLS if the address contains none.
 const TLS_PORT_DEFAULT: u16 = 8883;
 
-/// Where an external broker is: `mqtt://host:1883`, or with TLS `mqtts://host:8883`.
+/// Address of an external broker: `mqtt://host:1883`, or with TLS `mqtts://host:8883`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExternalBroker {
-    /// With TLS.
+    /// The connection uses TLS.
     pub tls: bool,
     /// Name or address of the host; an IPv6 address without its brackets.
     pub host: String,
@@ -40,24 +40,24 @@ impl fmt::Display for ExternalBroker {
     }
 }
 
-/// The broker that carries the topics.
+/// Broker for the MQTT topics.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(try_from = "Text", into = "Text")]
 pub enum Broker {
-    /// The runtime brings its own.
+    /// The embedded broker of the runtime.
     #[default]
     Embedded,
-    /// One that runs elsewhere: the addresses of its nodes, all with TLS or none.
+    /// An external broker: the addresses of its nodes, either all with TLS or all without.
     External(Vec<ExternalBroker>),
 }
 
-/// As it is written: one address, or those of several nodes.
+/// The value as written: one address, or those of several nodes.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Text {
-    /// One, or `embedded`.
+    /// One address, or `embedded`.
     One(String),
-    /// Several.
+    /// Several addresses.
     Several(Vec<String>),
 }
 
@@ -74,7 +74,7 @@ impl From<Broker> for Text {
 }
 
 impl TryFrom<Text> for Broker {
-    /// What is wrong with the address and what to write, without the user and password that it may contain.
+    /// Describes the error of the address and the correct form, without the user and password that it may contain.
     type Error = String;
 
     fn try_from(text: Text) -> Result<Self, String> {

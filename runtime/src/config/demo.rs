@@ -22,7 +22,7 @@ impl Config {
     /// 1, and a loader with two axes in coordinate system 2. Its text is `examples/config/demo.toml`.
     ///
     /// # Panics
-    /// Never: the text is part of the program and read by its tests.
+    /// Never panics: the text is part of the program and checked by its tests.
     #[allow(
         clippy::expect_used,
         reason = "the text is part of the program; a test reads it"

@@ -13,29 +13,31 @@ use super::{POSITION_MAX, RATE_MAX, RATE_MIN};
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DgshapeConfig {
-    /// Which numbers without a decimal point are in mm, inches, degrees, mm/min or seconds themselves. All others count
-    /// increments: 0.001 mm, 0.0001 inch, `angle_increment`, 0.001 mm/min, ms.
+    /// Numbers without a decimal point that are in mm, inches, degrees, mm/min or seconds. All others count increments:
+    /// 0.001 mm, 0.0001 inch, `angle_increment`, 0.001 mm/min, ms.
     #[serde(with = "CalculatorWord")]
     pub calculator: Calculator,
-    /// Degrees of 1 in an angle without a decimal point.
+    /// Increment of an angle without a decimal point, in degrees.
     #[schemars(range(min = RATE_MIN, max = 360.0), extend("x-unit" = "deg"))]
     pub angle_increment: f64,
-    /// F below it counts as this; with 0 an F that is not above 0 is an error.
+    /// Lowest feedrate; a lower F is raised to this value. With 0, an F that is not above 0 is an error.
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "mm/min"))]
     pub min_feedrate: f64,
-    /// S below it counts as this, and S00 means it; no override makes a turning spindle slower.
+    /// Lowest spindle speed, also selected by S00; a lower S is raised to this value. No override makes a turning
+    /// spindle slower.
     #[schemars(range(min = 0.0, max = RATE_MAX), extend("x-unit" = "r/min"))]
     pub min_spindle_speed: f64,
-    /// S above it counts as this, and S99 means it; no override makes the spindle faster. 0: `max_velocity` of its motor.
+    /// Highest spindle speed, also selected by S99; a higher S is reduced to this value. No override makes the spindle
+    /// faster. 0: `max_velocity` of its motor.
     #[schemars(range(min = 0.0, max = RATE_MAX), extend("x-unit" = "r/min"))]
     pub max_spindle_speed: f64,
-    /// How far above the last depth G83 begins to cut again.
+    /// Distance above the last depth at which G83 begins to cut again.
     #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub peck_clearance: f64,
-    /// Way into and out of tool-diameter offset on the outside of a corner: type A or B.
+    /// Path into and out of tool-diameter offset on the outside of a corner: type A or B.
     #[serde(with = "CompensationStartWord")]
     pub compensation_start: CompensationStart,
-    /// EXOFS: axis letter to what all work coordinate systems are shifted by.
+    /// EXOFS: axis letter to the distance by which all work coordinate systems are shifted.
     pub external_offset: BTreeMap<String, f64>,
 }
 

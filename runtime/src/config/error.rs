@@ -1,28 +1,27 @@
-//! Problems of a configuration, in words for its author.
+//! Problems of a configuration, described for its author.
 
 use std::path::{Path, PathBuf};
 
-/// Why a configuration is refused.
+/// Reason why a configuration is rejected.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
     #[error("cannot read the configuration {path}: {error}", path = path.display())]
     Unreadable {
-        /// Which file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         error: std::io::Error,
     },
-    /// One thing is wrong with the text.
+    /// The text contains one error.
     #[error("{place}: {message}")]
     Text {
         /// File, line and column, as far as known.
         place: String,
-        /// What is wrong and what to write instead.
+        /// Description of the error and the correct form.
         message: String,
     },
-    /// Values that do not fit together, and all else that is wrong when that is more than one thing: each with its line and
-    /// column where they are known.
+    /// Values that do not fit together, or several errors of any kind: each with its line and column if they are known.
     #[error("the configuration does not fit together:\n  {}", .0.join("\n  "))]
     Values(Vec<String>),
 }
@@ -39,7 +38,7 @@ impl ConfigError {
     }
 }
 
-// serde names an unknown key and all known ones; people want the nearest. Of a wrong word they want to know its key.
+// serde names an unknown key and all known ones; users need the nearest one. For a wrong word they need its key.
 pub(super) fn explain(before: &str, message: &str) -> String {
     let found = quoted(message).next().unwrap_or_default();
     if message.starts_with("unknown variant `") {
@@ -61,18 +60,18 @@ pub(super) fn explain(before: &str, message: &str) -> String {
     }
 }
 
-/// What a message of serde quotes: first what was found.
+/// Returns the quoted parts of a message of serde; the first is the value found.
 pub(super) fn quoted(message: &str) -> impl Iterator<Item = &str> {
     message.split('`').skip(1).step_by(2)
 }
 
-/// The keys or words that a message of serde expects.
+/// Returns the keys or words that a message of serde expects.
 pub(super) fn known(message: &str) -> impl Iterator<Item = &str> {
     let expected = message.rsplit_once("expected");
     quoted(expected.map_or("", |(_, known)| known))
 }
 
-/// The known word that is nearest to `word`.
+/// Returns the known word that is nearest to `word`.
 pub(super) fn nearest<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     known.min_by_key(|candidate| strsim::damerau_levenshtein(word, candidate))
 }

@@ -1,4 +1,4 @@
-//! `[hmi]`: what a machine builder adds to the HMI.
+//! `[hmi]`: additions of a machine builder to the HMI.
 
 use std::path::PathBuf;
 
@@ -10,16 +10,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HmiConfig {
-    /// Folder with pages and modules of one's own, served below `/hmi/` to everyone who reaches the HMI: endings html, js, mjs, css,
-    /// json, txt, svg, png, jpg, jpeg, webp, gif, ico, woff2, mp3, wav, mp4, pdf and webmanifest.
+    /// Folder with your own pages and modules, served below `/hmi/` to every client that reaches the HMI. File types:
+    /// html, js, mjs, css, json, txt, svg, png, jpg, jpeg, webp, gif, ico, woff2, mp3, wav, mp4, pdf and webmanifest.
     pub dir: Option<PathBuf>,
-    /// Addresses of further machines that the page of several machines shows, such as `http://mill-2:8080`; at most 31.
+    /// Addresses of further machines for the page that shows several machines, such as `http://mill-2:8080`; at most
+    /// 31.
     pub machines: Vec<String>,
-    /// The longest jog that needs no refresh, on every transport; it moves its whole distance unless something stops it.
+    /// Longest jog that needs no refresh, on every transport. It moves its whole distance unless it is stopped.
     #[schemars(range(min = 0, max = 1000), extend("x-unit" = "mm or deg"))]
     pub jog_step_max: f64,
-    /// Everyone who reaches the HMI may hold, stop and abort without a login, at most 5 times per second and host. For panels beside
-    /// the machine.
+    /// Every client that reaches the HMI may hold, stop and abort without a login, at most 5 times per second and host.
+    /// For panels at the machine.
     pub stop_without_login: bool,
     /// `[[hmi.button]]`
     pub button: Vec<HmiButton>,

@@ -1,4 +1,4 @@
-//! `[input]`: inputs whose values come from programs outside.
+//! `[input]`: inputs whose values are set by external programs.
 
 use std::collections::BTreeMap;
 
@@ -20,8 +20,8 @@ pub struct InputConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LockConfig {
-    /// Value of a source while the handler that owns it is absent; default `keep`, and `on` for declared sources. Sources set by
-    /// clients without a presence have no owner, and keep their values.
+    /// Value of a source while the handler that owns it is offline; default `keep`, and `on` for declared sources.
+    /// Sources set by clients without a presence have no owner, and keep their values.
     pub on_loss: Option<OnLoss>,
     /// `[input.interlock.source.NAME]`
     pub source: BTreeMap<String, LockSourceConfig>,
@@ -31,8 +31,8 @@ pub struct LockConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LockSourceConfig {
-    /// Value of this source from every start until its handler sets it, and while the handler is absent; default that of the
-    /// input, else `on`.
+    /// Value of this source from every start until its handler sets it, and while the handler is offline; default that
+    /// of the input, otherwise `on`.
     pub on_loss: Option<OnLoss>,
     /// Coordinate systems that have this source; default all.
     pub coordinate_systems: Vec<u8>,

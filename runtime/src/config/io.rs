@@ -24,15 +24,15 @@ pub struct IoConfig {
 pub struct IoPointConfig {
     /// Kind of its value.
     pub kind: IoKind,
-    /// The safe value: from every start until a handler writes it, and once its owner is lost; default `false`, or 0. An output may
-    /// say `"keep"` instead: the value that its owner wrote last stays.
+    /// Safe value: applies from every start until a handler writes the point, and after its owner is lost; default
+    /// `false`, or 0. For an output, `"keep"` retains the value that its owner wrote last.
     #[schemars(with = "IoLoss")]
     pub on_loss: Option<IoLoss>,
-    /// With `on_loss = "keep"`: the value at a start, or `"last"`, the value that was written last before the start. Each write of
-    /// an output with `"last"` is on disk before it takes effect.
+    /// With `on_loss = "keep"`: the value at a start, or `"last"` for the value that was written last before the start.
+    /// Each write of an output with `"last"` is on disk before it takes effect.
     #[schemars(with = "IoStart")]
     pub at_start: Option<IoStart>,
-    /// Its description, up to 100 characters; default its name.
+    /// Description, up to 100 characters; default its name.
     pub text: String,
     /// Unit of a number, up to 16 characters.
     pub unit: Option<String>,

@@ -1,4 +1,4 @@
-//! A machine as configured: the settings that the stages take.
+//! A machine as configured: the settings for the stages.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,25 +22,25 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions,
 use crate::declared::Declared;
 use crate::program_store::{ProgramStore, Signers, TextRules};
 
-/// M codes that the stock sequence program serves where there is a spindle.
+/// M codes that the stock sequence program serves if there is a spindle.
 const SPINDLE_M_CODES: [u16; 4] = [3, 4, 5, 19];
 
 /// A machine as configured.
 #[derive(Debug, Clone)]
 pub struct Machine {
-    /// MQTT topic level.
+    /// Name of the machine, used as MQTT topic level.
     pub name: String,
-    /// What its nameplate says.
+    /// Identification shown on the nameplate.
     pub identification: Identification,
     /// Servo period, microseconds.
     pub servo_period_us: u64,
-    /// How late a servo cycle may begin in motion, ms.
+    /// Greatest delay of the start of a servo cycle in motion, ms.
     pub servo_late_ms: u64,
-    /// How old a presence of the runtime may become, ms.
+    /// Age at which a presence of the runtime expires, ms.
     pub presence_expires_ms: u64,
-    /// Address of its HMI as others reach it.
+    /// Address under which other computers reach its HMI.
     pub public_url: Option<String>,
-    /// Folder of what is kept; `None`: nothing is kept.
+    /// Folder for persistent data; without it, no data are stored.
     pub data_dir: Option<PathBuf>,
     /// Motors, ascending by number.
     pub motors: Vec<MotorSettings>,
@@ -50,25 +50,26 @@ pub struct Machine {
     pub tools: BTreeMap<u16, Tool>,
     /// M codes that have settings.
     pub m_codes: BTreeMap<u16, MCodeSettings>,
-    /// What is said of alarms of sequence programs, by their codes.
+    /// Texts for the alarms of sequence programs, by their codes.
     pub alarms: BTreeMap<u16, AlarmText>,
     /// Inputs and outputs of the plant.
     pub io: IoDeclarations,
-    /// Time in which a handler may come back that left without an announcement, s.
+    /// Time in which a handler that was lost without an announcement may return, s.
     pub handler_grace_s: f64,
-    /// Variables that are published when they change: the first of each range, and how many, 1024 of an area in all.
+    /// Variables that are published when they change, as ranges (first, length); at most 1024 variables for each area.
     pub published: BTreeMap<VariableArea, Vec<(u32, u32)>>,
-    /// What the file of the sequence side says that it serves; none: there is no file.
+    /// Content of the file of the sequence side, if there is one.
     pub served: Option<Served>,
-    /// What happens to an output of an M code without settings that no handler is registered for.
+    /// Reaction to an output of an M code without settings if no handler is registered for it.
     pub unhandled: Unhandled,
     /// A program that waits for an output is held while the connection to the MQTT broker is lost.
     pub hold_on_bus_loss: bool,
-    /// Whose programs are loaded and called; none: all are. A simulation does not look.
+    /// Signers whose programs may be loaded and called; empty: no signature is needed. A simulation does not check
+    /// signatures.
     pub signers: Signers,
-    /// Bytes of the texts of all programs together.
+    /// Largest size of the texts of all programs together, bytes.
     pub programs_bytes_max: usize,
-    /// Manual data input is taken.
+    /// Manual data input is accepted.
     pub takes_mdi: bool,
     /// The longest jog that needs no refresh, mm or degrees.
     pub jog_step_max: f64,
@@ -77,24 +78,24 @@ pub struct Machine {
 /// A coordinate system as configured.
 #[derive(Debug, Clone)]
 pub struct CoordinateSystem {
-    /// What the stages need.
+    /// Settings for the stages.
     pub settings: CoordinateSystemSettings,
     /// NC dialect of the programs that it runs.
     pub dialect: &'static Dialect,
     /// G54 to G59.
     pub work_offsets: WorkOffsets,
-    /// Programs to put into the store.
+    /// Programs to load into the store.
     pub programs: BTreeMap<u16, ProgramSource>,
-    /// Profiles that wait for the servo cycle at the most.
+    /// Largest number of profiles that wait for the servo cycle.
     pub pre_read_blocks: usize,
-    /// Outputs open at the same time.
+    /// Largest number of outputs that are pending at the same time.
     pub open_outputs_max: usize,
-    /// Interlock and start lock: what they are while owners of their sources are not there.
+    /// Values of the interlock and the start lock while the owners of their sources are offline.
     pub locks: [LockRules; 2],
 }
 
 impl CoordinateSystem {
-    /// When an output is made whose M code has no setting.
+    /// Returns the time at which an output is issued if its M code has no setting.
     pub fn default_timing(&self) -> Timing {
         match self.dialect.policy.output {
             OutputDefault::AfterMotion => Timing::AfterMotion,
@@ -102,8 +103,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// When an output is made: as the settings of its M code say, and with parameters `after_motion` (D30), or as the dialect
-    /// says.
+    /// Returns the time at which an output is issued: from the settings of its M code, `after_motion` if it has
+    /// parameters (D30), otherwise from the dialect.
     pub fn timing(&self, output: &Output, settings: Option<&MCodeSettings>) -> Timing {
         let default = self.default_timing();
         match default {
@@ -112,8 +113,9 @@ impl CoordinateSystem {
         }
     }
 
-    /// True for an output that is made when its block is interpreted. In a dialect whose M codes act before the motion of
-    /// their block that is when the motion has come to it, except for cutter compensation, which cannot wait.
+    /// Returns true for an output that is issued when its block is interpreted. In a dialect whose M codes act before
+    /// the motion of their block, this happens when the motion has reached the block; outputs in cutter compensation
+    /// cannot wait for that.
     pub fn is_put_out_at_once(
         &self,
         output: &Output,
@@ -124,7 +126,7 @@ impl CoordinateSystem {
         self.timing(output, settings) == Timing::WithMotion && (!waits || is_compensating)
     }
 
-    /// The rules for checking a text for this coordinate system.
+    /// Returns the rules for checking a text for this coordinate system.
     pub fn text_rules(&self) -> TextRules {
         TextRules {
             dialect: self.dialect,
@@ -134,54 +136,54 @@ impl CoordinateSystem {
     }
 }
 
-/// Where a program comes from.
+/// Source of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ProgramSource {
     /// A file.
     File(PathBuf),
-    /// Text that comes with the configuration.
+    /// Text that is part of the configuration.
     Text(&'static str),
 }
 
 /// Settings of one M code.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MCodeSettings {
-    /// When it is output; `None`: as the dialect says.
+    /// Time of the output; default: that of the dialect.
     pub timing: Option<Timing>,
-    /// What happens when no handler is registered; `None`: as for M codes without settings.
+    /// Reaction if no handler is registered; default: that of M codes without settings.
     pub unhandled: Option<Unhandled>,
     /// Time limit of the reset, ms.
     pub timeout_ms: Option<u64>,
-    /// What happens with an output that was claimed when its handler was lost.
+    /// Action for an output that was claimed when its handler was lost.
     pub redelivery: Option<Redelivery>,
-    /// What the state shows while it is waited for.
+    /// State shown while the program waits for it.
     pub wait_state: Option<String>,
-    /// What the stock sequence program does.
+    /// Action of the stock sequence program.
     pub stock: Option<Stock>,
-    /// How long the stock sequence program takes, s.
+    /// Time that the stock sequence program takes, s.
     pub simulated_s: f64,
-    /// Of which group a start from a line puts out the newest; `None`: as the configuration page says.
+    /// Group of which a start from a line issues the newest M code; the configuration page describes the default.
     pub restore_group: Option<String>,
-    /// Where in the order of these outputs it comes; `None`: as the configuration page says.
+    /// Position among these outputs; the configuration page describes the default.
     pub restore_order: Option<u16>,
     /// Its name and its parameters.
     pub declared: Option<MCodeDeclaration>,
 }
 
-/// What happens to an output that no handler is registered for.
+/// Reaction to an output for which no handler is registered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Unhandled {
-    /// An alarm.
+    /// Raises an alarm.
     #[default]
     Alarm,
-    /// The program waits.
+    /// Makes the program wait.
     Wait,
-    /// The stock sequence program resets it.
+    /// Lets the stock sequence program reset it.
     AutoReset,
 }
 
-/// What the stock sequence program does for an M code.
+/// Action of the stock sequence program for an M code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Stock {
@@ -190,24 +192,24 @@ pub enum Stock {
 }
 
 impl Machine {
-    /// Servo period.
+    /// Returns the servo period.
     pub fn servo_period(&self) -> Duration {
         Duration::from_micros(self.servo_period_us)
     }
 
-    /// Nobody is there to say what the interlocks and start locks are: all of them are off.
+    /// Turns all interlocks and start locks off, because no sequence program is running that could set them.
     pub fn forget_locks(&mut self) {
         for system in &mut self.coordinate_systems {
             system.locks = Default::default();
         }
     }
 
-    /// Servo cycles that may be left out in motion.
+    /// Returns the number of servo cycles that may be missed in motion.
     pub(crate) fn missed_cycles_max(&self) -> u64 {
         (self.servo_late_ms * 1000).div_ceil(self.servo_period_us) - 1
     }
 
-    /// Notes on settings of motors that do less than one might expect, as text for people.
+    /// Returns notes on motor settings that have less effect than expected, as text for people.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for motor in &self.motors {
@@ -237,7 +239,8 @@ impl Machine {
         notes
     }
 
-    /// What configuration and file of the sequence side declare of M codes in a coordinate system.
+    /// Returns the declarations of M codes of a coordinate system, from the configuration and the file of the sequence
+    /// side.
     pub fn declared(&self, cs: CoordinateSystemNumber) -> Vec<Declared> {
         let declared = self
             .m_codes
@@ -251,7 +254,7 @@ impl Machine {
         declared.map(Declared::in_config).chain(served).collect()
     }
 
-    /// The same in any coordinate system, each once.
+    /// Returns the declarations of M codes of all coordinate systems, without duplicates.
     pub fn declared_anywhere(&self) -> Vec<Declared> {
         let mut all: Vec<Declared> = Vec::new();
         for system in &self.coordinate_systems {
@@ -264,7 +267,7 @@ impl Machine {
         all
     }
 
-    /// What is known of M codes without handlers that are there, a line each: what they are called and take, and who serves them.
+    /// Returns one line for each M code that is known without an online handler: its declaration and its origin.
     pub fn served_text(&self) -> Vec<String> {
         let served = self.served.iter().flat_map(|served| &served.serves);
         let served = served.map(|one| format!("{}: served by {}", one.declaration().text(), one.by()));
@@ -277,7 +280,8 @@ impl Machine {
         declared.chain(served).collect()
     }
 
-    /// True for an M code that is an alarm, as far as the file of the sequence side tells; false without a file.
+    /// Returns true for an M code that raises an alarm according to the file of the sequence side; false without this
+    /// file.
     pub fn is_unserved(&self, system: &CoordinateSystem, m: u16) -> bool {
         let settings = self.m_codes.get(&m);
         let unhandled = settings.and_then(|settings| settings.unhandled);
@@ -292,7 +296,8 @@ impl Machine {
         })
     }
 
-    /// M codes that the stock sequence program serves without settings: those of a spindle where there is one.
+    /// Returns the M codes that the stock sequence program serves without settings: those of the spindle, if there is
+    /// one.
     pub fn stock_m_codes(settings: &CoordinateSystemSettings) -> &'static [u16] {
         if settings.spindle.is_some() {
             &SPINDLE_M_CODES
@@ -301,12 +306,12 @@ impl Machine {
         }
     }
 
-    /// The rules for checking programs before their coordinate system is known.
+    /// Returns the rules for checking programs before their coordinate system is known.
     pub fn text_rules(&self) -> TextRules {
         self.text_rules_of(self.dialect())
     }
 
-    /// The same of a dialect: the most that a coordinate system of it allows.
+    /// Returns these rules for a dialect, with the widest limits of its coordinate systems.
     pub fn text_rules_of(&self, dialect: &'static Dialect) -> TextRules {
         let systems = || {
             let systems = self.coordinate_systems.iter();
@@ -322,7 +327,7 @@ impl Machine {
         }
     }
 
-    /// An empty store for its programs, in memory.
+    /// Creates an empty program store in memory.
     pub(crate) fn new_store(&self) -> ProgramStore {
         let all = dialects::names().filter_map(|name| dialects::find(name).ok());
         let rules = all.map(|dialect| self.text_rules_of(dialect)).collect();
@@ -330,20 +335,20 @@ impl Machine {
         store.for_dialects(rules, self.is_mixed(), self.signers.clone())
     }
 
-    /// True when coordinate systems have different dialects.
+    /// Returns true if coordinate systems have different dialects.
     pub fn is_mixed(&self) -> bool {
         let mut systems = self.coordinate_systems.iter();
         systems.any(|system| system.dialect.name != self.dialect().name)
     }
 
-    /// True for a motor that is an axis or the spindle of a coordinate system.
+    /// Returns true for a motor that is an axis or the spindle of a coordinate system.
     fn moves(&self, motor: u16) -> bool {
         let systems = self.coordinate_systems.iter().map(|system| &system.settings);
         let motors = systems.flat_map(|settings| settings.motors.iter().chain([&settings.spindle]));
         motors.flatten().any(|of_system| of_system.number == motor)
     }
 
-    /// The coordinate system whose `programs` name this file; `None` if no coordinate system does.
+    /// Returns the coordinate system whose `programs` name this file, or `None`.
     pub fn system_of_program(&self, file: &Path) -> Option<&CoordinateSystem> {
         let file = file.canonicalize().ok()?;
         let is_file = |source: &ProgramSource| match source {
@@ -354,7 +359,7 @@ impl Machine {
         systems.find(|system| system.programs.values().any(is_file))
     }
 
-    /// NC dialect of the lowest coordinate system: that of programs of which nothing else is said.
+    /// Returns the NC dialect of the lowest coordinate system: the default for programs without other information.
     pub fn dialect(&self) -> &'static Dialect {
         self.coordinate_systems
             .first()

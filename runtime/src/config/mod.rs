@@ -1,7 +1,8 @@
 //! The configuration: `tandem.toml` as a user writes it.
 //!
-//! Comments, ranges and units of the keys are the reference that `tandem explain` and the book show. A key that nothing reads is an error that names it and
-//! the nearest known one. [`Config::resolve`] turns the text's values into the settings that the stages take.
+//! The doc comments, ranges and units of the keys are the reference that `tandem explain` and the book show. An unknown
+//! key is an error that names the key and the nearest known one. [`Config::resolve`] converts the values of the text
+//! into the settings of the stages.
 
 mod alarm;
 mod broker;
@@ -48,10 +49,10 @@ pub use variables::{PublishedConfig, VariablesConfig};
 use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
 pub use words::{EncoderKind, OnBusLoss, RoundKind};
 
-/// Least rate and window. Reason: nothing moves with less.
+/// Smallest rate and window. Reason: with less, nothing moves.
 const RATE_MIN: f64 = 1e-9;
 
-/// Largest velocity, acceleration and jerk, units per second, squared, cubed. Reason: squares of them are numbers.
+/// Largest velocity, acceleration and jerk, units per second, squared, cubed. Reason: their squares are still finite.
 const RATE_MAX: f64 = 1e12;
 
 /// Largest position, length or offset, units. Reason: beyond it a number of 64 bits has no digits left for the path.
@@ -119,13 +120,13 @@ pub struct Config {
     /// `[programs]`
     #[serde(default)]
     pub programs: ProgramsConfig,
-    /// Folder that relative paths start from.
+    /// Folder to which relative paths refer.
     #[serde(skip)]
     pub base_dir: PathBuf,
-    /// Programs that come with the configuration itself, by their path in it.
+    /// Programs that are part of the configuration itself, by their path in it.
     #[serde(skip)]
     pub embedded_programs: BTreeMap<&'static str, &'static str>,
-    /// True for the built-in demo machine, which brings its own sequence program.
+    /// True for the built-in demo machine, which has its own sequence program.
     #[serde(skip)]
     pub is_demo: bool,
     #[serde(skip)]
@@ -144,11 +145,11 @@ pub struct MachineConfig {
     /// A servo cycle that begins this late, or later, while motors move holds the motion (`FEED_HOLD`, reason `SERVO_LATE`).
     #[schemars(range(min = 25, max = 60_000), extend("x-unit" = "ms"))]
     pub servo_late_ms: u64,
-    /// Age at which a presence of the runtime expires. It is published again every third of this time; a client that has not received
-    /// it for this long considers the machine offline.
+    /// Age at which a presence of the runtime expires. The presence is published again every third of this time; a
+    /// client that has not received it for this long considers the machine offline.
     #[schemars(range(min = 300, max = 3_600_000), extend("x-unit" = "ms"))]
     pub presence_expires_ms: u64,
-    /// Folder of programs and of all other data that is kept.
+    /// Folder for programs and all other persistent data.
     pub data_dir: PathBuf,
     /// File that describes the M codes of the sequence program and their parameters, for `tandem check`, `tandem explain` and editors
     /// while no handler is online. `SequenceProgram::served` writes it, or `curl` of `/api/v1/machine`. A running machine asks its
@@ -175,7 +176,7 @@ impl Default for MachineConfig {
 pub struct MotorConfig {
     /// CNC motor number.
     pub number: u16,
-    /// What it moves.
+    /// Axis or spindle that the motor moves.
     #[serde(with = "MotorKindWord")]
     pub kind: MotorKind,
     /// Highest speed (spindle: r/min).
@@ -184,8 +185,8 @@ pub struct MotorConfig {
     /// Highest acceleration (spindle: r/min per s).
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^2"))]
     pub max_acceleration: f64,
-    /// Highest jerk: of G00, G28, G30, G31 and, with G500, of lines and the corners between them. Other feed motion has the jerk of
-    /// the program's ta, td and ts.
+    /// Highest jerk of G00, G28, G30, G31 and, with G500, of lines and the corners between them. The jerk of other feed
+    /// motion follows from the program's ta, td and ts.
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^3"))]
     pub max_jerk: Option<f64>,
     /// Speed of G00; default `max_velocity`.
@@ -197,7 +198,7 @@ pub struct MotorConfig {
     /// Speed of G31; default a tenth of `max_velocity`.
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s"))]
     pub skip_velocity: Option<f64>,
-    /// Window for exact stop.
+    /// Position window for exact stop.
     #[serde(default = "hundredth")]
     #[schemars(range(min = RATE_MIN, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub in_position: f64,
@@ -205,11 +206,11 @@ pub struct MotorConfig {
     #[serde(default, deserialize_with = "soft_limits")]
     #[schemars(inner(range(min = -POSITION_MAX, max = POSITION_MAX)), extend("x-unit" = "units"))]
     pub soft_limits: Option<[f64; 2]>,
-    /// First to fourth reference point, machine positions; all four.
+    /// First to fourth reference point as machine positions; all four are required.
     #[serde(default, deserialize_with = "reference_points")]
     #[schemars(inner(range(min = -POSITION_MAX, max = POSITION_MAX)), extend("x-unit" = "units"))]
     pub reference_points: [f64; 4],
-    /// Time to come into position.
+    /// Time limit for reaching the in-position window.
     #[serde(default = "number::<2000>")]
     #[schemars(range(min = RATE_MIN, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub in_position_timeout_ms: f64,
@@ -217,17 +218,18 @@ pub struct MotorConfig {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 10_000.0), extend("x-unit" = "ms"))]
     pub lag_ms: f64,
-    /// Encoder of the simulated drive. Its position is kept over restarts in both cases.
+    /// Encoder of the simulated drive. Both kinds keep the position over restarts.
     #[serde(default)]
     pub encoder: EncoderKind,
-    /// Machine position of the simulated drive at the first start, within `soft_limits`; default 0, or the limit next to it.
+    /// Machine position of the simulated drive at the first start, within `soft_limits`; default 0, or the limit
+    /// nearest to it.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub start_at: Option<f64>,
-    /// Spindle: speed of orientation.
+    /// Spindle: speed during orientation.
     #[serde(default = "number::<100>")]
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "r/min"))]
     pub orientation_velocity: f64,
-    /// Spindle: position of orientation.
+    /// Spindle: angle of orientation.
     #[serde(default)]
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "deg"))]
     pub orientation_position: f64,
@@ -238,7 +240,7 @@ pub struct MotorConfig {
     pub at_speed_percent: f64,
 }
 
-/// As many numbers as there must be. An array alone would leave out the ones behind.
+/// Reads exactly `N` numbers. Reason: an array alone would ignore any further numbers.
 fn exactly<'de, const N: usize, D: Deserializer<'de>>(
     deserializer: D,
     what: &str,
@@ -260,7 +262,7 @@ fn reference_points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 
     )
 }
 
-/// A default that is a whole number.
+/// Returns a default value that is a whole number.
 fn number<const VALUE: u32>() -> f64 {
     f64::from(VALUE)
 }
@@ -288,7 +290,8 @@ pub struct CoordinateSystemConfig {
     pub axes: BTreeMap<String, u16>,
     /// Motor number of the spindle, if it has one.
     pub spindle: Option<u16>,
-    /// Highest feedrate. In G20 the value counts in inch/min (manual, G20 and G21); no motor is faster than its own limits.
+    /// Highest feedrate. In G20 the unit of the value is inch/min (manual, G20 and G21). The limits of the motors apply
+    /// as well.
     #[serde(default = "number::<10_000>")]
     #[schemars(range(min = RATE_MIN, max = 1e9), extend("x-unit" = "units/min"))]
     pub max_feedrate: f64,
@@ -296,7 +299,7 @@ pub struct CoordinateSystemConfig {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "units/min"))]
     pub default_feedrate: f64,
-    /// Acceleration time until a program sets ta; dialect dgshape has none, and its ramps are those of the motors' limits.
+    /// Acceleration time until a program sets ta. Dialect dgshape has no ta; its ramps follow the limits of the motors.
     #[serde(default = "number::<100>")]
     #[schemars(range(min = 0.0, max = 250_000.0), extend("x-unit" = "ms"))]
     pub default_ta_ms: f64,
@@ -308,13 +311,13 @@ pub struct CoordinateSystemConfig {
     #[serde(default = "number::<50>")]
     #[schemars(range(min = 0.0, max = 125_000.0), extend("x-unit" = "ms"))]
     pub default_ts_ms: f64,
-    /// What lengths of a program are read in at its start.
+    /// Unit of lengths when a program starts.
     #[serde(default, with = "UnitWord")]
     pub units: Unit,
-    /// Program number to file: what is in the store at the start.
+    /// Program number to file, for the programs that are loaded into the store at the start.
     #[serde(default)]
     pub programs: BTreeMap<String, String>,
-    /// Feedrate of blocks that move rotary axes only; 0: F.
+    /// Feedrate of blocks that move rotary axes only; 0: F applies.
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "deg/min"))]
     pub rotary_feedrate: f64,
@@ -322,48 +325,48 @@ pub struct CoordinateSystemConfig {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "units/min"))]
     pub dry_run_feedrate: f64,
-    /// What gives way in a block that is too short for its ramps (M1b.4).
+    /// Reaction to a block that is too short for its ramps (M1b.4).
     #[serde(default, with = "ShortBlockWord")]
     pub short_block: ShortBlock,
-    /// How much too small the radius R of an arc may be.
+    /// Greatest amount by which the radius R of an arc may be too small.
     #[serde(default = "hundredth")]
     #[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "mm"))]
     pub arc_radius_tolerance: f64,
-    /// How much the radii at both ends of an arc may differ; 0: any difference makes a spiral.
+    /// Greatest difference between the radii at both ends of an arc; 0: every difference makes a spiral.
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "mm"))]
     pub spiral_tolerance: f64,
-    /// Where F counts in cutter compensation.
+    /// Path on which F applies in cutter compensation.
     #[serde(default, with = "CompensationFeedWord")]
     pub compensation_feed: CompensationFeed,
-    /// What is done where the tool would cut into another block.
+    /// Reaction if the tool would cut into another block.
     #[serde(default, with = "OvercutWord")]
     pub overcut: Overcut,
-    /// Time of a change of the override by 100 percent.
+    /// Time in which the override changes by 100 percent.
     #[serde(default = "number::<1000>")]
     #[schemars(range(min = 1.0, max = 60_000.0), extend("x-unit" = "ms"))]
     pub override_slew_ms: f64,
-    /// Time of a feed hold from 100 percent to rest.
+    /// Time in which a feed hold reduces the speed from 100 percent to rest.
     #[serde(default = "number::<200>")]
     #[schemars(range(min = 1.0, max = 60_000.0), extend("x-unit" = "ms"))]
     pub hold_slew_ms: f64,
-    /// Blocks that are read ahead of the motion.
+    /// Number of blocks that are read ahead of the motion.
     #[serde(default = "count::<10_000>")]
     #[schemars(range(min = 16, max = 1_000_000))]
     pub pre_read_blocks: usize,
-    /// Blocks in a row without motion, wait or output after which a program makes no progress (alarm 21). Blocks of a loop that
-    /// reads P or Q do not count: it waits for somebody to write them.
+    /// Blocks in a row without motion, wait or output after which a program makes no progress (alarm 21). Blocks of a
+    /// loop that reads P or Q are not counted, because such a loop waits for another program or a client to write them.
     #[serde(default = "count::<1_000_000>")]
     #[schemars(range(min = 1000, max = 1_000_000_000))]
     pub blocks_without_motion_max: usize,
-    /// Outputs open at the same time.
+    /// Largest number of outputs that are pending at the same time.
     #[serde(default = "count::<64>")]
     #[schemars(range(min = 1, max = 1024))]
     pub open_outputs_max: usize,
     /// `G54` to `G59`: axis letter to offset.
     #[serde(default)]
     pub work_offset: BTreeMap<String, BTreeMap<String, f64>>,
-    /// `[coordinate_system.dgshape]`: what dialect dgshape leaves to the machine.
+    /// `[coordinate_system.dgshape]`: settings that dialect dgshape leaves to the machine.
     #[serde(skip_serializing)]
     pub dgshape: Option<DgshapeConfig>,
 }
@@ -399,35 +402,38 @@ pub struct ToolConfig {
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MCodeConfig {
-    /// What it does, such as `clamp`, in alarms, `birth` and panels; 1 to 40 characters. A handler says it as well.
+    /// Name of its function, such as `clamp`, for alarms, `birth` and panels; 1 to 40 characters. A handler can declare
+    /// it as well.
     pub name: Option<String>,
-    /// The parameters that it takes, `VA` to `VH`, each a table. A program with others, or with numbers that they do not take,
-    /// is not loaded; `{}` takes none. Without it, what handlers declare counts alone.
+    /// Parameters of the M code, `VA` to `VH`, each a table; `{}` means no parameters. A program with other parameters,
+    /// or with numbers outside their ranges, is not loaded. Without this key, only the declarations of handlers apply.
     pub params: Option<BTreeMap<String, ParamDeclaration>>,
-    /// When it is put out; default `after_motion`, in dialect dgshape `with_motion`.
+    /// Time of the output; default `after_motion`, in dialect dgshape `with_motion`.
     pub timing: Option<plc_api::types::output::Timing>,
-    /// What happens when no handler is registered; default `alarm`.
+    /// Reaction if no handler is registered; default `alarm`.
     pub unhandled: Option<Unhandled>,
-    /// Time limit of the reset, from the output on; then an alarm.
+    /// Time limit from the output to the reset; when it expires, an alarm is raised.
     #[schemars(range(min = 1, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub timeout_ms: Option<u64>,
-    /// What happens to an output that was claimed when its handler was lost: `ask` leaves it to an operator, `verify` and `redo`
-    /// give it to a handler again. A handler may declare it as well; the strictest applies (`ask`, then `verify`, then `redo`).
-    /// Without any, it is `ask`.
+    /// Action for an output that was claimed when its handler was lost: `ask` leaves it to an operator, `verify` and
+    /// `redo` deliver it to a handler again. A handler may declare it as well; the strictest applies (`ask`, then
+    /// `verify`, then `redo`). The default is `ask`.
     pub redelivery: Option<plc_api::types::output::Redelivery>,
-    /// What the state shows while the program waits for it.
+    /// State that is shown while the program waits for the M code.
     pub wait_state: Option<String>,
-    /// What the stock sequence program does where no handler is registered. `select_tool` also declares that VA is the tool that the
-    /// M code brings into the spindle: paths and times planned ahead rely on it, whoever does the work.
+    /// Action of the stock sequence program if no handler is registered. `select_tool` also declares that VA is the
+    /// tool that the M code brings into the spindle. Paths and times planned ahead rely on it, also if a handler
+    /// changes the tool.
     pub stock: Option<Stock>,
-    /// Group for a start from a line: of each group, the last M code before that line is put out again. M codes of a group replace
-    /// each other, such as those of the coolant. Default `spindle` for M03, M04, M05 and M19, `tool` where `stock` is `select_tool`,
-    /// otherwise none: it is not put out.
+    /// Group for a start from a line: the last M code of each group before that line is issued again. M codes of a
+    /// group replace each other, such as those of the coolant. Default `spindle` for M03, M04, M05 and M19, `tool`
+    /// where `stock` is `select_tool`, otherwise none; M codes without a group are not issued again.
     pub restore_group: Option<String>,
-    /// Position among these outputs; equal ones keep the order of the program. Default 10 in `tool`, 30 in `spindle`, otherwise 20.
+    /// Order of these outputs, lowest first; equal ones keep the order of the program. Default 10 in `tool`, 30 in
+    /// `spindle`, otherwise 20.
     #[schemars(range(min = 0, max = 1000))]
     pub restore_order: Option<u16>,
-    /// How long the stock sequence program takes.
+    /// Time that the stock sequence program takes.
     #[schemars(range(min = 0.0, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub simulated_ms: f64,
 }
@@ -438,10 +444,10 @@ pub struct MCodeConfig {
 pub struct SimulatedSkipConfig {
     /// Motor number.
     pub motor: u16,
-    /// On below this machine position.
+    /// The signal is on below this machine position.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub below: Option<f64>,
-    /// On above this machine position.
+    /// The signal is on above this machine position.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub above: Option<f64>,
 }
@@ -450,9 +456,9 @@ pub struct SimulatedSkipConfig {
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulatedRoundConfig {
-    /// The coordinate system whose X and Y touch it by G31; one for each.
+    /// Coordinate system whose X and Y axes touch it in G31; at most one object for each coordinate system.
     pub coordinate_system: u8,
-    /// What it is.
+    /// Kind of the object.
     pub kind: RoundKind,
     /// Machine position of its centre.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
@@ -460,13 +466,13 @@ pub struct SimulatedRoundConfig {
     /// Machine position of its centre.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub y: f64,
-    /// Its diameter.
+    /// Diameter of the object.
     #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub diameter: f64,
     /// Diameter of the ball of the probe, less than that of a bore.
     #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub ball: f64,
-    /// Machine position of Z below which the wall is; default: everywhere.
+    /// Machine position of Z below which the wall exists; default: at every position.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub below: Option<f64>,
 }
@@ -475,17 +481,17 @@ pub struct SimulatedRoundConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MqttConfig {
-    /// `embedded`, or the address of an external one: `mqtt://host:1883`, `mqtts://host:8883`; or a list of the addresses of its
-    /// nodes, of which the first that answers is used until it is lost.
+    /// `embedded`, or the address of an external broker: `mqtt://host:1883`, `mqtts://host:8883`; or a list of the
+    /// addresses of its nodes. The first node that answers is used until its connection is lost.
     #[schemars(with = "broker::Text")]
     pub broker: Broker,
     /// Address of the embedded broker; default `127.0.0.1:1883`.
     pub listen: Option<String>,
-    /// The embedded broker answers over WebSocket as well, at `/mqtt` of the HTTP address; needs `token_file`.
+    /// The embedded broker also accepts WebSocket, at `/mqtt` of the HTTP address; needs `token_file`.
     pub websocket: bool,
-    /// Behind an external broker, requests on topics that do not name their senders (`cs/1/command/start` in place of
-    /// `client/panel/cs/1/command/start`) are taken. Whoever may publish there can write any sender into the payload, and so act in
-    /// the name of others.
+    /// With an external broker, requests on topics without the name of the sender (`cs/1/command/start` instead of
+    /// `client/panel/cs/1/command/start`) are accepted. Every client that may publish on these topics can write any
+    /// sender into the payload, and so act as another client.
     pub accept_unverified_senders: bool,
     /// User at an external broker.
     pub username: Option<String>,
@@ -499,7 +505,7 @@ pub struct MqttConfig {
     pub client_key_file: Option<PathBuf>,
     /// Topic levels before `tandem/`.
     pub prefix: String,
-    /// What a program that waits for a reset does while the broker is lost.
+    /// Behaviour of a program that waits for a reset while the broker is lost.
     pub on_bus_loss: OnBusLoss,
 }
 
@@ -507,21 +513,23 @@ pub struct MqttConfig {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TlsConfig {
-    /// Certificate of the machine in PEM, with any intermediate ones behind it; read again when it changes.
+    /// Certificate of the machine in PEM, followed by any intermediate certificates; read again when the file changes.
     pub cert_file: PathBuf,
     /// Its private key in PEM, with mode 0600.
     pub key_file: PathBuf,
 }
 
-/// `[mtconnect]`: MTConnect, for reading only, below `/mtconnect` of the HTTP address. Without this table there is none.
+/// `[mtconnect]`: MTConnect (read only) below `/mtconnect` of the HTTP address. Without this table it is off.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MtconnectConfig {
     /// Version of the standard that its documents follow.
     pub version: MtconnectVersion,
-    /// Input of `[io.in.NAME]` that is on while the emergency stop is not pressed; default none: `EMERGENCY_STOP` is unavailable.
+    /// Input of `[io.in.NAME]` that is on while the emergency stop is not pressed; without it, `EMERGENCY_STOP` is
+    /// unavailable.
     pub emergency_stop: Option<String>,
-    /// Address of an adapter for an MTConnect agent of another make, which speaks SHDR; it knows no users, and is on the loopback only.
+    /// Address of an SHDR adapter for an MTConnect agent of another manufacturer. SHDR has no users, so only loopback
+    /// addresses are allowed.
     pub shdr_listen: Option<String>,
 }
 
@@ -531,16 +539,16 @@ pub struct MtconnectConfig {
 pub struct HttpConfig {
     /// Address of REST, WebSocket and HMI.
     pub listen: String,
-    /// File with the users' tokens; needed to listen anywhere but on the loopback.
+    /// File with the tokens of the users; needed for every address except loopback addresses.
     pub token_file: Option<PathBuf>,
-    /// A login without activity for this long ends, in seconds; 0: it ends only after 12 h. Activity is every request that does more
-    /// than reading, and every use of the HMI.
+    /// A login ends after this time without activity, in seconds; 0: it ends only after 12 h. Activity is every use of
+    /// the HMI and every request that does more than read.
     pub login_idle_s: u32,
-    /// Origins of pages of others that may use REST and WebSocket with a token, such as `https://hmi.example.com`; needs
-    /// `token_file`.
+    /// Origins of other web pages that may use REST and WebSocket with a token, such as `https://hmi.example.com`;
+    /// needs `token_file`.
     pub allow_origins: Vec<String>,
-    /// Address of this HMI as others reach it, such as `http://mill-1:8080`: the machine tells it over MQTT, and pages that show
-    /// several machines lead there.
+    /// Address under which other computers reach this HMI, such as `http://mill-1:8080`. The machine publishes it over
+    /// MQTT; pages that show several machines link to it.
     pub public_url: Option<String>,
 }
 
@@ -560,7 +568,7 @@ impl Config {
     /// Reads a configuration file.
     ///
     /// # Errors
-    /// The file cannot be read, or [`Config::from_toml`] refuses it.
+    /// Fails if the file cannot be read, or if [`Config::from_toml`] rejects it.
     pub fn read(path: &Path) -> Result<Config, ConfigError> {
         let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
             path: path.to_owned(),
@@ -573,8 +581,8 @@ impl Config {
     /// Reads a configuration text; relative paths in it start from `base_dir`.
     ///
     /// # Errors
-    /// The text is not TOML, a key is unknown (the nearest known one is named) or missing, or a value is of the wrong type; then also
-    /// what [`Config::resolve`] refuses, as far as it does not follow from that.
+    /// Fails if the text is not TOML, a key is unknown (the error names the nearest known one) or missing, or a value
+    /// has the wrong type. The error then also lists the findings of [`Config::resolve`] that do not follow from these.
     pub fn from_toml(text: &str, base_dir: impl Into<PathBuf>) -> Result<Config, ConfigError> {
         let base_dir = base_dir.into();
         text::read(text).map(|config| Config { base_dir, ..config })

@@ -9,13 +9,14 @@ use crate::program_store::PROGRAMS_BYTES_MAX;
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProgramsConfig {
-    /// Size of the texts of all programs together, MiB. In memory a program takes about four times its text, at worst twelve times.
+    /// Largest size of the texts of all programs together, MiB. In memory a program takes about four times its text, at
+    /// worst twelve times.
     #[schemars(range(min = 1, max = 16384))]
     pub total_max_mib: usize,
-    /// Public keys of Ed25519, each in Base64 or as the name of a PEM file: only programs that the owner of one of them has
-    /// signed are loaded and called. Without keys, all are.
+    /// Public keys of Ed25519, each in Base64 or as the name of a PEM file. Only programs with a signature by one of
+    /// these keys are loaded and called. Without keys, no signature is needed.
     pub signed_by: Vec<String>,
-    /// Whether manual data input is taken, which nobody signs; default `true`, and `false` with `signed_by`.
+    /// Accepts manual data input, which is never signed; default `true`, and `false` with `signed_by`.
     pub mdi: Option<bool>,
 }
 

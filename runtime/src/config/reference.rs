@@ -1,4 +1,4 @@
-//! The reference of the configuration: each key as its type declares it.
+//! The reference of the configuration, from the declarations of its types.
 
 use plc_api::types::m_code::ParamDeclaration;
 use plc_api::wire::hmi::{HmiButton, HmiCard};
@@ -17,37 +17,37 @@ use super::{
 /// A key of the configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConfigKey {
-    /// Its table as a configuration writes it, such as `[[motor]]`.
+    /// Table as written in a configuration, such as `[[motor]]`.
     pub table: String,
     /// Table and key, such as `motor.lag_ms`.
     pub path: String,
-    /// What it is for, in Markdown.
+    /// Description in Markdown.
     pub text: String,
-    /// The type of its value in words.
+    /// Type of its value in words.
     pub kind: String,
-    /// Unit of its number; empty: it has none.
+    /// Unit of its number; empty if it has none.
     pub unit: String,
-    /// Lowest and highest value of a number or of each number of a list; infinite where that is open.
+    /// Lowest and highest value of a number or of each number of a list; infinite without a limit.
     pub range: (f64, f64),
-    /// All values of a key that takes words.
+    /// All accepted words.
     pub words: Vec<ConfigWord>,
-    /// Its value where it is left out, as a configuration would write it; empty: it stays without one.
+    /// Default value, as written in a configuration; empty if there is none.
     pub default: String,
-    /// True when it cannot be left out.
+    /// True for a mandatory key.
     pub is_needed: bool,
 }
 
-/// A word that a key takes.
+/// A word that is a value of a key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConfigWord {
     /// The word.
     pub word: String,
-    /// What it means; empty where the key says that.
+    /// Meaning of the word; empty if the key describes it.
     pub text: String,
 }
 
 impl ConfigKey {
-    /// Its range in words; empty where it is open.
+    /// Returns the range in words; empty without limits.
     pub fn range_text(&self) -> String {
         let number = |value: f64| match value.abs() {
             size if size == 0.0 || (1e-3..1e6).contains(&size) => value.to_string(),
@@ -83,7 +83,7 @@ impl ConfigKey {
 }
 
 impl Config {
-    /// All keys, table by table in the order of their types; within a table those first that cannot be left out.
+    /// Returns all keys, table by table in the order of their types; the mandatory keys of a table come first.
     pub fn keys() -> Vec<ConfigKey> {
         let settings = SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
         let config = settings.into_generator().into_root_schema_for::<Self>();
@@ -120,7 +120,7 @@ impl Config {
             let (mut schema, mut table) = (config.as_value(), config.as_value());
             for step in name.split('.') {
                 schema = &table["properties"][step];
-                // one that may be left out is a table or nothing
+                // an optional table has the forms table and null
                 let mut forms = schema["anyOf"].as_array().into_iter().flatten();
                 schema = forms
                     .find(|form| form["properties"].is_object())
@@ -129,7 +129,7 @@ impl Config {
                 let many = of_many.into_iter().find(|table| table.is_object());
                 table = many.unwrap_or(schema);
             }
-            // a table within the tables of another one has no name of its own
+            // a table nested in another table has no name of its own
             let title = match text(schema) {
                 named if named.starts_with('`') => named.to_owned(),
                 _ => format!(
@@ -149,14 +149,15 @@ impl Config {
     }
 }
 
-/// The keys of a table in the order of its type: serde names them so where it refuses another one.
+/// Returns the keys of a table in the order of its type; serde lists them in this order when it rejects an unknown key.
 fn order_of<T: DeserializeOwned>() -> Vec<String> {
     let refused = toml::from_str::<T>("'' = 0").err();
     let message = refused.as_ref().map_or("", toml::de::Error::message);
     known(message).map(str::to_owned).collect()
 }
 
-/// Lowest and highest value of a number, or of each of so many numbers; infinite where that is open.
+/// Returns the lowest and highest value of a number, or of each number of a list of fixed length; infinite without a
+/// limit.
 pub(super) fn range(schema: &Value) -> (f64, f64) {
     let items = Some(&schema["items"]).filter(|_| schema["minItems"].is_number());
     let bound = |name: &str| schema[name].as_f64().or_else(|| items?[name].as_f64());
@@ -170,7 +171,7 @@ fn text(schema: &Value) -> &str {
     schema["description"].as_str().unwrap_or_default()
 }
 
-/// The words of all forms that a value has, each with its meaning.
+/// Collects the words of all forms of a value, each with its meaning.
 fn collect_words(schema: &Value, words: &mut Vec<ConfigWord>) {
     let of_value = |value: &Value, text: &str| {
         let (word, text) = (value.as_str()?.to_owned(), text.to_owned());
@@ -218,7 +219,7 @@ mod tests {
                          [[simulated_round]]\ncoordinate_system = 1\nkind = \"boss\"\nx = 0\ny = 0\ndiameter = 9\nball = 2\n[[hmi.button]]\ntext = \"a\"\nm_code = 1\n\
                          [[hmi.card]]\ntext = \"a\"\nm_code = 1\n";
 
-    /// What a configuration is refused for whose key has this value.
+    /// Returns the error for a configuration whose key has this value.
     #[allow(
         clippy::cast_possible_truncation,
         reason = "ranges of whole numbers have few digits"

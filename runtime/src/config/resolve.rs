@@ -1,4 +1,4 @@
-//! From configuration values to the settings of the stages; all faults are reported together.
+//! Converts configuration values into the settings of the stages; all errors are reported together.
 
 mod alarm;
 mod coordinate_system;
@@ -30,26 +30,26 @@ use super::{Config, ConfigError, CoordinateSystemConfig, MachineConfig, OnBusLos
 use crate::program_store::{Signers, read_text};
 use crate::tables::TOOLS_MAX;
 
-/// Characters of a `wait_state`.
+/// Largest number of characters of a `wait_state`.
 const WAIT_STATE_MAX: usize = 64;
 
-/// A table of the configuration, and what is wrong with it.
+/// A table of the configuration with its problems.
 struct Checked<'a, 'b> {
     problems: &'a mut Problems<'b>,
     /// Its path, such as `motor.0`.
     path: String,
-    /// What its problems begin with.
+    /// Beginning of the texts of its problems.
     name: String,
 }
 
 impl Checked<'_, '_> {
-    /// Notes a problem of a key.
+    /// Adds a problem of a key.
     fn problem(&mut self, key: &str, text: impl Display) {
         let path = format!("{}.{key}", self.path);
         self.problems.add(&path, format!("{}{text}", self.name));
     }
 
-    /// Notes all numbers that are out of the ranges of their keys, except for keys that are checked elsewhere.
+    /// Adds all numbers outside the ranges of their keys, except for keys that are checked elsewhere.
     fn check_ranges<T: JsonSchema + Serialize>(&mut self, table: &T, elsewhere: &[&str]) {
         let schema = schema_for!(T);
         let keys = toml::Table::try_from(table).unwrap_or_else(|error| {
@@ -83,7 +83,7 @@ impl Checked<'_, '_> {
 }
 
 impl Checked<'_, '_> {
-    /// Parameters of an M code by their letters.
+    /// Returns the parameters of an M code by their letters.
     fn params(&mut self, params: &BTreeMap<String, ParamDeclaration>) -> DeclaredParams {
         let mut declared = DeclaredParams::new();
         for (name, param) in params {
@@ -111,10 +111,10 @@ impl<'b> Problems<'b> {
 }
 
 impl Config {
-    /// The machine of this configuration.
+    /// Returns the machine of this configuration.
     ///
     /// # Errors
-    /// All values that do not fit together, at once.
+    /// Returns an error that lists all values that do not fit together.
     pub fn resolve(&self) -> Result<Machine, ConfigError> {
         let mut problems = Problems::new(&self.places);
         let machine = self.resolve_into(&mut problems);
@@ -125,7 +125,7 @@ impl Config {
         }
     }
 
-    /// The machine, which counts where there are no problems.
+    /// Returns the machine, which is valid only if there are no problems.
     pub(super) fn resolve_into(&self, problems: &mut Problems<'_>) -> Machine {
         self.machine.check(&mut problems.of("machine", "[machine] "));
         self.mqtt.check(&mut problems.of("mqtt", "[mqtt] "));
@@ -191,7 +191,7 @@ impl Config {
         }
     }
 
-    /// What the file of the sequence side says.
+    /// Reads the file of the sequence side.
     fn served(&self, problems: &mut Problems<'_>) -> Option<Served> {
         let path = self.base_dir.join(self.machine.served.as_ref()?);
         let read = read_served(&path);

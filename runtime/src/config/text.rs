@@ -1,5 +1,5 @@
-//! From the text of a configuration to its tables. All problems are found, not only the first: each is recorded and taken out, and the
-//! tables are read again.
+//! Converts the text of a configuration into its tables. All problems are found, not only the first: each is recorded
+//! and removed, and the tables are read again.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -12,13 +12,14 @@ use toml::de::{DeArray, DeTable, DeValue, Error, ValueDeserializer};
 use super::error::{explain, known, quoted};
 use super::{Config, ConfigError};
 
-/// Problems of one configuration that are looked for. Reason: each costs one more reading.
+/// Largest number of problems that are searched for in one configuration. Reason: the text is read again for each
+/// problem.
 const PROBLEMS_MAX: usize = 100;
 
 /// Line and column, from 1, of keys and tables by their paths, such as `motor.0.kind`.
 pub(super) type Places = BTreeMap<String, (u32, u32)>;
 
-/// What is wrong with a configuration, each with its place where that is known.
+/// Problems of a configuration, each with its position if that is known.
 pub(super) struct Problems<'a> {
     places: &'a Places,
     found: Vec<(Option<(u32, u32)>, String)>,
@@ -30,7 +31,7 @@ impl<'a> Problems<'a> {
         Self { places, found }
     }
 
-    /// Notes a problem of the key or table of a path. A key that is not written has the place of its table.
+    /// Adds a problem of the key or table at a path. A key that is not written has the position of its table.
     pub fn add(&mut self, path: &str, text: String) {
         let mut paths = std::iter::successors(Some(path), |path| Some(path.rsplit_once('.')?.0));
         let place = paths.find_map(|path| self.places.get(path).copied());
@@ -41,7 +42,7 @@ impl<'a> Problems<'a> {
         self.found.is_empty()
     }
 
-    /// The refusal, with the problems in the order of the text.
+    /// Returns the error with the problems in the order of the text.
     pub fn into_error(mut self) -> ConfigError {
         self.found.sort_by_key(|(place, _)| (place.is_none(), *place));
         let lines = self.found.into_iter().map(|(place, text)| match place {
@@ -59,7 +60,7 @@ fn words((line, column): (u32, u32)) -> String {
 /// Reads a text.
 ///
 /// # Errors
-/// All problems, except those that may only follow from a value that is missing or cannot be read.
+/// Returns all problems, except those that may only follow from a value that is missing or cannot be read.
 pub(super) fn read(text: &str) -> Result<Config, ConfigError> {
     let index = LineIndex::new(text);
     let locate = |offset: usize| index.locate(u32::try_from(offset).unwrap_or(u32::MAX));
@@ -142,8 +143,8 @@ fn collect_places(
     }
 }
 
-/// Replaces the value at a span by a word; without a word, removes the key, the value with its key, or the table at that span.
-/// Gives the span of the table that held it, and its key.
+/// Replaces the value at a span by a word. Without a replacement, removes the key, the value with its key, or the table
+/// at that span. Returns the span of the table that contained it, and its key.
 fn mend(
     within: &mut Spanned<DeValue<'_>>,
     span: &Range<usize>,

@@ -16,14 +16,15 @@ pub struct VariablesConfig {
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedConfig {
-    /// The first variable that is published on the topic `variables` or `cs/{cs}/variables` whenever it changes, at most 10 times a second:
-    /// `P0` to `P32767`, or `Q0` to `Q4095`.
+    /// First variable of the range, `P0` to `P32767` or `Q0` to `Q4095`. Variables are published on the topic
+    /// `variables` or `cs/{cs}/variables` when they change, at most 10 times a second.
     pub from: String,
-    /// How many are published from it on. Of P, and of the Q of a coordinate system, up to 1024 in all.
+    /// Number of variables in the range. In total up to 1024 P variables, and up to 1024 Q variables of each coordinate
+    /// system.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 1024))]
     pub count: u32,
-    /// Whose Q variables; default those of each.
+    /// Coordinate system of the Q variables; default: every coordinate system.
     pub coordinate_system: Option<CoordinateSystemNumber>,
 }
 

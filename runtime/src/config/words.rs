@@ -6,35 +6,35 @@ use tandem_model::settings::{
     Calculator, CompensationFeed, CompensationStart, MotorKind, Overcut, ShortBlock, Unit,
 };
 
-/// What a program that waits for a reset does while the MQTT broker is lost.
+/// Behaviour of a program that waits for a reset while the MQTT broker is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnBusLoss {
-    /// It goes on as soon as it is reset.
+    /// The program continues as soon as the output is reset.
     #[default]
     Continue,
-    /// It is held.
+    /// The program is held.
     HoldAtWait,
 }
 
-/// Whether a simulated drive knows its position when it is switched on.
+/// Kind of the encoder of a simulated drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum EncoderKind {
-    /// It does: an absolute encoder.
+    /// Absolute encoder: the position is known after switching on.
     #[default]
     Absolute,
-    /// It does not: it must be homed.
+    /// Incremental encoder: the axis must be homed after switching on.
     Incremental,
 }
 
-/// What a simulated probe touches.
+/// Object that a simulated probe touches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum RoundKind {
-    /// Touched from within.
+    /// Bore, touched from inside.
     Bore,
-    /// Touched from outside.
+    /// Boss, touched from outside.
     Boss,
 }
 
@@ -63,19 +63,19 @@ pub(super) enum UnitWord {
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "ShortBlock", rename_all = "lowercase")]
 pub(super) enum ShortBlockWord {
-    /// The ramps: the feedrate is kept.
+    /// Shortens the ramps and keeps the feedrate.
     Shrink,
-    /// The feedrate: the ramps are kept.
+    /// Reduces the feedrate and keeps the ramps.
     Extend,
 }
 
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "Calculator")]
 pub(super) enum CalculatorWord {
-    /// None: all count increments.
+    /// No numbers: all count increments.
     #[serde(rename = "none")]
     None,
-    /// All of them.
+    /// All numbers.
     #[serde(rename = "all")]
     All,
     /// F.
@@ -89,26 +89,26 @@ pub(super) enum CalculatorWord {
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "CompensationStart", rename_all = "lowercase")]
 pub(super) enum CompensationStartWord {
-    /// Straight to the point beside the corner.
+    /// Straight to the offset point at the corner.
     A,
-    /// By way of the point where the offset ways meet.
+    /// Through the intersection of the offset paths.
     B,
 }
 
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "CompensationFeed", rename_all = "lowercase")]
 pub(super) enum CompensationFeedWord {
-    /// At the tool's centre.
+    /// Path of the tool's centre.
     Centre,
-    /// At the tool's edge, on the programmed arc.
+    /// Path of the tool's edge, on the programmed arc.
     Edge,
 }
 
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "Overcut", rename_all = "lowercase")]
 pub(super) enum OvercutWord {
-    /// An alarm before the first block that it concerns moves.
+    /// Raises an alarm before the first affected block moves.
     Detect,
-    /// The blocks that the tool does not fit between are left out; an alarm where that does not help.
+    /// Omits the blocks between which the tool does not fit; raises an alarm if that does not help.
     Prevent,
 }

@@ -1,8 +1,8 @@
-//! Loss of the MQTT broker with `[mqtt] on_bus_loss = "hold_at_wait"`. Motion continues; where a run waits for an output, it is held,
-//! because the handler that resets the output may be unreachable.
+//! Loss of the MQTT broker with `[mqtt] on_bus_loss = "hold_at_wait"`. Motion continues; a run that waits for an output
+//! is held, because the handler that resets the output may be unreachable.
 //!
-//! Each output is held once per loss, so that an operator may resume without a broker. A reset that arrives another way is latched, as
-//! during any hold.
+//! Each output is held once per loss, so that an operator may resume without a broker. A reset that arrives over
+//! another transport is latched, as during any hold.
 
 use std::sync::atomic::Ordering;
 
@@ -12,7 +12,7 @@ use super::CoordinateSystem;
 use super::run_state::Cause;
 use crate::journal::Event;
 
-/// The connection to the MQTT broker, as this coordinate system has seen it.
+/// Connection to the MQTT broker, as last seen by this coordinate system.
 #[derive(Debug, Default)]
 pub(super) struct Bus {
     is_lost: bool,
@@ -21,7 +21,7 @@ pub(super) struct Bus {
 }
 
 impl CoordinateSystem {
-    /// What the server end for MQTT has said since the last turn.
+    /// Follows changes of the connection reported by the MQTT server end since the last turn.
     pub(super) fn look_at_bus(&mut self) {
         let connected = self.context.shared.bus_connected.load(Ordering::Relaxed);
         if connected != self.inputs.bus.is_lost {
@@ -41,7 +41,7 @@ impl CoordinateSystem {
         let Some(seq) = awaited.filter(|seq| self.inputs.bus.held_at != Some(*seq)) else {
             return;
         };
-        // A way in a thread is not interrupted.
+        // A motion in a thread is not interrupted.
         if !self.state.is_running() || self.is_moving() || self.pipeline.in_thread {
             return;
         }
@@ -64,7 +64,7 @@ mod tests {
     use crate::journal::{Event, Line};
     use crate::test::{Bench, kept_journal};
 
-    /// Runs a test on a machine that holds at WAIT, with this program started; gives what the journal says.
+    /// Runs a test on a machine that holds at WAIT, with this program started; returns the journal.
     fn with_run(
         text: &str,
         hold_on_bus_loss: bool,

@@ -1,4 +1,4 @@
-//! Commands: judged and carried out one after another; hold, stop and abort wait for nothing.
+//! Commands: validated and executed one after another; hold, stop and abort do not wait.
 
 use std::sync::Arc;
 
@@ -20,15 +20,15 @@ use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, wire_name};
 
-/// A command that nothing refuses, and what it needs.
+/// Accepted command with the data that it needs.
 #[derive(Default)]
 pub(super) struct Prepared {
-    /// What the operator should know.
+    /// Note for the operator.
     note: String,
     pub run: Option<Run>,
-    /// Where the run begins, unless at the head.
+    /// The line at which the run begins, unless it is line 1.
     entry: Option<LineEntry>,
-    /// What is loaded or started.
+    /// The program to load or start.
     program: Option<Arc<StoredProgram>>,
 }
 
@@ -49,7 +49,7 @@ impl CoordinateSystem {
         self.publish_changes();
     }
 
-    /// Each command is judged against the state that those before it have left.
+    /// Executes the deferred commands. Each is validated against the state that the commands before it have left.
     pub(super) fn carry_out_deferred(&mut self) {
         while !self.is_in_transition() {
             let Some(command) = self.commands.deferred.pop_front() else {
@@ -59,7 +59,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// True when a command is pending, and no transition delays it.
+    /// Returns true if a command is pending, and no transition delays it.
     pub(super) fn has_command_to_judge(&self) -> bool {
         !self.commands.deferred.is_empty() && !self.is_in_transition()
     }
@@ -69,7 +69,7 @@ impl CoordinateSystem {
     }
 
     fn carry_out_command(&mut self, command: Deferred) {
-        // The same command may have come twice before the first was carried out; hold, stop and abort may act twice.
+        // The same command may have arrived twice before the first was executed; hold, stop and abort may act twice.
         let said = self.context.shared.replied(&command.meta.memory);
         if let Some(said) = said.filter(|_| !command.command.is_urgent()) {
             if command.wait && self.commands.awaits(&command.meta.command_id) {
@@ -93,7 +93,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Judges a command, and carries it out if nothing speaks against it. `notes` are worth knowing and refuse nothing.
+    /// Validates a command and executes it unless it is refused. `notes` are worth knowing and refuse nothing.
     pub(super) fn accept_command(&mut self, command: Deferred, notes: Vec<String>) {
         let verb = command.command.verb();
         if self.needs_no_run(&command.command, &command.meta) {
@@ -102,7 +102,7 @@ impl CoordinateSystem {
             return;
         }
         let judged = match command.command {
-            // whoever began it may end it, whatever holds now
+            // the client that began the jog may end it in any state
             Command::JogEnd { .. } => Ok(Prepared::default()),
             _ => (self.remember_jog(&command))
                 .and_then(|()| self.commands.judge_order(verb, command.order))
@@ -141,7 +141,7 @@ impl CoordinateSystem {
             .said(&meta, accepted, program.as_deref(), run_id.as_deref());
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
-            // The caller may be gone; the command is carried out all the same.
+            // The caller may have left; the command is executed regardless.
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
         if let (Command::Run(order), Some(run)) = (&command, &run) {
@@ -197,7 +197,7 @@ impl CoordinateSystem {
         self.judge_locks(verb)
     }
 
-    /// Refuses what the interlock or the start lock prevents.
+    /// Refuses commands that the interlock or the start lock prevents.
     fn judge_locks(&self, verb: Verb) -> Result<(), Refusal> {
         if verb.moves() {
             self.judge_interlock()?;
@@ -221,7 +221,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// A refusal because of the state names the state, and the commands that would be accepted now.
+    /// Adds the state, and the commands that would be accepted now, to a refusal caused by the state.
     fn in_situation(&self, refusal: Refusal, meta: &CommandMeta) -> Refusal {
         if !refusal.code.is_of_state() {
             return refusal;
@@ -249,7 +249,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The journal tells of what is refused since the program is another one, or not signed.
+    /// Records in the journal a refusal because the program is another one or is not signed.
     fn record_refusal(&self, command: &Deferred, refusal: &Refusal) {
         let code = refusal.code;
         if !matches!(code, RefusalCode::NotSigned | RefusalCode::PreconditionFailed) {
@@ -269,7 +269,8 @@ impl CoordinateSystem {
         });
     }
 
-    /// What can still refuse a command, and what it needs: nothing has changed when it does.
+    /// Performs the last checks of a command and collects the data that it needs. Nothing has changed if they refuse
+    /// it.
     fn prepare_command(&self, command: &Command, meta: &CommandMeta) -> Result<Prepared, Refusal> {
         let number = self.commands.program;
         if !matches!(
@@ -316,7 +317,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Of a run the program is loaded anew.
+    /// Prepares a run; its program is loaded again.
     fn prepare_run(&self, order: RunOrder, meta: &CommandMeta) -> Result<Prepared, Refusal> {
         let number = order.program.or(self.commands.program).ok_or_else(|| {
             let text = "run is not allowed: no program is loaded; name one";
@@ -358,7 +359,7 @@ impl CoordinateSystem {
         })
     }
 
-    /// Carries a command out. True when its effect is reached at once.
+    /// Executes a command. Returns true if its effect is reached at once.
     fn take_effect(&mut self, command: &Command, run: Option<Run>, entry: Option<LineEntry>) -> bool {
         if let Some(run) = run {
             if matches!(command, Command::Run(_)) {
@@ -404,7 +405,7 @@ impl CoordinateSystem {
         self.go_to_head();
     }
 
-    /// The program loaded is at its head.
+    /// Sets the loaded program to line 1.
     fn go_to_head(&self) {
         self.context.view.at_head(self.commands.program);
     }

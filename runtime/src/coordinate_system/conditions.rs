@@ -1,4 +1,4 @@
-//! The conditions of a plan: the state of the machine when the plan is made, or with which a run began.
+//! The conditions of a plan: the state of the machine when the plan is made, or at the start of a run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -19,7 +19,7 @@ use crate::config::CoordinateSystem as Configured;
 use crate::program_store::{StoredProgram, called_by};
 use crate::shared::Shared;
 
-/// The program with those that it may call, and all that it reads.
+/// A program with those that it may call, and all data that they read.
 #[derive(Debug)]
 pub(crate) struct Conditions {
     pub main: Arc<StoredProgram>,
@@ -34,19 +34,19 @@ pub(crate) struct Conditions {
     pub optional_stop: bool,
     pub dry_run: bool,
     pub captured: [f64; AXES_MAX],
-    /// A copy, which nothing changes.
+    /// A copy that stays unchanged.
     pub variables: Variables,
-    /// Whether a text may read variables.
+    /// True if a text may read variables.
     pub reads_variables: bool,
-    /// The line at which the run begins; `None`: the head.
+    /// The line at which the run begins; `None` for line 1.
     pub from: Option<LineStart>,
-    /// Differs when any of them differs, except for position and variables.
+    /// Key of all conditions except position and variables: it changes when any of them changes.
     pub key: u64,
-    /// The same for the position, compared to the nanometre: rounding of a sum is no change.
+    /// Key of the position, compared to the nanometre: rounding of a sum is no change.
     pub position_key: u64,
 }
 
-/// The conditions with which a run of a program began.
+/// Conditions at the start of a run of a program.
 #[derive(Debug)]
 pub(crate) struct RunStart {
     pub run_id: String,
@@ -54,12 +54,12 @@ pub(crate) struct RunStart {
 }
 
 impl Conditions {
-    /// As they are now, for a run from the head.
+    /// Collects the present conditions for a run from line 1.
     pub fn now(shared: &Shared, view: &View, configured: &Configured, main: Arc<StoredProgram>) -> Self {
         Self::of_run(shared, view, configured, main, &shared.store.all(), None)
     }
 
-    /// As they are now, for a run with these programs from a line or from the head.
+    /// Collects the present conditions for a run with these programs, from a line or from line 1.
     pub fn of_run(
         shared: &Shared,
         view: &View,
@@ -147,7 +147,7 @@ impl Conditions {
     }
 }
 
-/// The state of a coordinate system.
+/// Returns the state of a coordinate system.
 pub(crate) fn state_of(shared: &Shared, cs: CoordinateSystemNumber) -> Option<State> {
     match &shared.hub.read(&Topic::cs(cs, CsTopic::State))?.payload {
         Payload::State(state) => Some(state.clone()),
@@ -155,7 +155,7 @@ pub(crate) fn state_of(shared: &Shared, cs: CoordinateSystemNumber) -> Option<St
     }
 }
 
-/// What `_CNC_CapturedPosition<n>` reads.
+/// Returns the values of `_CNC_CapturedPosition<n>`.
 fn captured(shared: &Shared, configured: &Configured) -> [f64; AXES_MAX] {
     let cs = configured.settings.number;
     let mut values = [0.0; AXES_MAX];

@@ -1,5 +1,5 @@
-//! What each part of a coordinate system needs: its number and settings, what it shares with the others, and how it
-//! publishes, replies and warns.
+//! Data and functions that each part of a coordinate system needs: number, settings and shared state, and functions to
+//! publish, reply and warn.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 
-/// A coordinate system's number, settings and shared state.
+/// Number, settings and shared state of a coordinate system.
 pub(super) struct Context {
     pub number: CoordinateSystemNumber,
     pub configured: Configured,
@@ -33,12 +33,12 @@ impl Context {
         self.shared.now()
     }
 
-    /// Seconds since the start.
+    /// Returns the seconds since the start.
     pub fn now_s(&self) -> f64 {
         self.shared.clock.now_s()
     }
 
-    /// Names the n-th run of this start of the runtime; no other start has the same name.
+    /// Returns the name of the n-th run of this start of the runtime; it is unique over all starts.
     pub fn run_id(&self, n: u64) -> String {
         format!("{}-{}-{n}", self.shared.boot_id.0, self.number)
     }
@@ -53,17 +53,17 @@ impl Context {
         self.shared.publish(Topic::cs(self.number, topic), payload);
     }
 
-    /// Settings of an M code; `None`: those of any other.
+    /// Returns the settings of an M code; `None` if it has no settings of its own.
     pub fn m_code(&self, m: u16) -> Option<&MCodeSettings> {
         self.shared.machine.m_codes.get(&m)
     }
 
-    /// Active alarms of this coordinate system and of all.
+    /// Returns the number of active alarms of this coordinate system and of the whole machine.
     pub fn alarm_count(&self) -> u32 {
         self.shared.alarm_count(self.number)
     }
 
-    /// A reply to a command.
+    /// Returns a reply to a command.
     pub fn reply_to(
         &self,
         meta: &CommandMeta,
@@ -74,13 +74,13 @@ impl Context {
         self.shared.reply_to(Some(self.number), meta, status, code, text)
     }
 
-    /// Publishes a reply to a command, and keeps it.
+    /// Publishes a reply to a command, and stores it.
     pub fn reply(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
         let reply = self.reply_to(meta, status, code, text);
         self.shared.reply(meta, reply)
     }
 
-    /// The same for one that loads or starts a program.
+    /// Publishes and stores a reply to a command that loads or starts a program.
     pub fn said(
         &self,
         meta: &CommandMeta,
@@ -101,12 +101,13 @@ impl Context {
         self.shared.reject(Some(self.number), meta, refusal)
     }
 
-    /// A warning of the alarm table.
+    /// Raises a warning of the alarm table.
     pub fn warn_of(&self, entry: &AlarmEntry, origin: Origin, text: &str) {
         self.warn(entry.number, origin, format!("{}: {text}", entry.title));
     }
 
-    /// A warning that is among the active alarms until a reset; `cs`: of which coordinate system, or of all.
+    /// Raises a warning that stays among the active alarms until a reset; `cs` is the coordinate system, or `None` for
+    /// all.
     pub fn warn_standing(&self, entry: &AlarmEntry, cs: Option<CoordinateSystemNumber>, text: &str) {
         let record = self.shared.raise_standing(AlarmRecord {
             severity: AlarmSeverity::Warning,
@@ -122,7 +123,7 @@ impl Context {
         });
     }
 
-    /// An alarm of severity warning, which stops nothing.
+    /// Raises an alarm of severity warning, which stops nothing.
     pub fn warn(&self, number: u16, origin: Origin, text: String) {
         let record = self.shared.raise(AlarmRecord {
             severity: AlarmSeverity::Warning,

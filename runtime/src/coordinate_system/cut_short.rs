@@ -1,5 +1,5 @@
-//! Runs by hand (MDI, homing, jog) that end before their end: their commands are answered `failed`, with the distance
-//! covered and the reason.
+//! Runs by hand (MDI, homing, jog) that end early: their commands are answered `failed`, with the distance covered and
+//! the reason.
 
 use std::collections::BTreeMap;
 
@@ -12,22 +12,24 @@ use super::pending_commands::{Awaiting, Failure};
 use super::run::{Kind, Run};
 use super::run_state::{Cause, End, JogStop};
 
-/// Digits of a distance in a reply, as a power of ten: 1 nm. Reason: sums of floating-point numbers differ in the last digits.
+/// Resolution of a distance in a reply, in steps per unit: 1 nm. Reason: sums of floating-point numbers differ in the
+/// last digits.
 const DIGITS: f64 = 1e6;
 
-/// A run by hand that was ended before its end, until the machine rests.
+/// Run by hand that was ended early, until the machine rests.
 #[derive(Debug)]
 pub(super) struct CutShort {
     code: &'static str,
-    /// What ended it, and what to do.
+    /// Cause of the end, and advice.
     reason: String,
     from: AxisVector,
-    /// The distance that a jog was to cover.
+    /// The commanded distance of a jog.
     distance: Option<f64>,
 }
 
 impl CutShort {
-    /// Returns `None` for a program, and for a jog without distance that ends as its commander wants. `alarm` is the last alarm.
+    /// Returns `None` for a program, and for a jog without distance that its own client ends. `alarm` is the last
+    /// alarm.
     pub fn new(run: &Run, why: End, alarm: &str) -> Option<Self> {
         let distance = match &run.kind {
             Kind::Program => return None,
@@ -48,7 +50,7 @@ impl CutShort {
     }
 }
 
-/// Code and text of why a run by hand was ended.
+/// Returns code and text of the reason why a run by hand was ended.
 fn reason_of(why: End, alarm: &str) -> (&'static str, String) {
     let (code, text) = match why {
         End::Stop => ("stop", "a stop command ended it"),
@@ -75,7 +77,7 @@ fn reason_of(why: End, alarm: &str) -> (&'static str, String) {
 }
 
 impl CoordinateSystem {
-    /// Answers the commands of a run by hand that has been ended, once the machine rests.
+    /// Answers the commands of a run by hand that was ended early, once the machine rests.
     pub(super) fn answer_cut_short(&mut self) {
         let failure = self
             .cut_short
@@ -84,7 +86,7 @@ impl CoordinateSystem {
         self.answer_run_by_hand(failure.as_ref());
     }
 
-    /// Answers the commands of a run by hand that has come to its end.
+    /// Answers the commands of a run by hand that has reached its end.
     pub(super) fn answer_completed_run(&mut self, run: &Run) {
         let failure = self.shortfall(run);
         self.answer_run_by_hand(failure.as_ref());
@@ -95,7 +97,7 @@ impl CoordinateSystem {
         self.commands.answer(&self.context, &Awaiting::is_of_run, failure);
     }
 
-    /// Returns what a run that has come to its end did not reach: the distance of a jog, or a touch.
+    /// Returns the goal that a completed run did not reach: the distance of a jog, or a touch.
     fn shortfall(&self, run: &Run) -> Option<Failure> {
         match &run.kind {
             Kind::Program | Kind::Home => None,

@@ -1,9 +1,9 @@
-//! What remains of a coordinate system after an internal fault: a panic in its turn, or in a request to it.
+//! Recovery of a coordinate system after an internal fault: a panic in its turn, or in a request to it.
 //!
-//! The servo is told first, since nothing else may be relied on: motion comes to rest on its path. Then the stages are replaced
-//! by new ones, outputs are cancelled, and an alarm stands until a reset. A second fault before that reset, or one in the
-//! recovery itself, leaves the coordinate system stopped: hold, stop and abort still brake it, and the rest is refused until
-//! the runtime is restarted.
+//! The servo is stopped first, because no other part is reliable: motion stops on its path. Then the stages are
+//! replaced, outputs are cancelled, and an alarm stands until a reset. After a second fault before that reset, or one
+//! in the recovery itself, the coordinate system stays stopped: hold, stop and abort still brake it, and other requests
+//! are refused until the runtime is restarted.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -25,13 +25,13 @@ use super::run_state::End;
 use crate::journal::{Event, RaisedAlarm, RunEnd};
 
 impl CoordinateSystem {
-    /// Motion comes to rest, on its path or with `abort` by the shortest way. Needs nothing else to be whole.
+    /// Stops the motion, on its path or with `abort` by the shortest way. Relies on no other part.
     pub(super) fn brake_at_once(&mut self, abort: bool) {
         self.servo.stop_at_once(abort);
     }
 
-    /// The coordinate system is as after any alarm, and a reset goes on. Commands, inputs, the control lease and the numbers of
-    /// outputs are kept: levels that sequence programs have set still count.
+    /// Rebuilds the coordinate system in the state after an alarm, so that a reset continues. Commands, inputs, the
+    /// control lease and the numbers of outputs are kept: levels set by sequence programs stay valid.
     pub(super) fn recover(&mut self, why: &str) {
         let configured = &self.context.configured;
         let at = self.servo.commanded();
@@ -57,13 +57,13 @@ impl CoordinateSystem {
         self.publish_all();
     }
 
-    /// True when a reset has cleared the alarm of [`CoordinateSystem::recover`].
+    /// Returns true if a reset has cleared the alarm of [`CoordinateSystem::recover`].
     pub(super) fn has_recovered(&self) -> bool {
         let shared = &self.context.shared;
         !shared.is_alarm_active(RUNTIME_FAULT.number, self.context.number)
     }
 
-    /// The coordinate system stays stopped. Each step is taken although others fail.
+    /// Leaves the coordinate system stopped. Each step is executed even if others fail.
     pub(super) fn give_up(&mut self, why: &str) {
         let text = format!(
             "{}: {why}. Motion stopped and outputs were cancelled; hold, stop and abort still answer. Make the machine safe, \
@@ -99,7 +99,7 @@ impl CoordinateSystem {
             &mut Self::publish_given_up,
         ];
         for step in steps {
-            // the step that fails is left out: the servo has been told already, and the alarm stands
+            // a failing step is skipped: the servo has already been stopped, and the alarm stands
             let _ = catch_unwind(AssertUnwindSafe(|| step(self)));
         }
     }
@@ -134,8 +134,8 @@ impl CoordinateSystem {
             .publish(CsTopic::Pending, Payload::Pending(Pending::default()));
     }
 
-    /// A request to a coordinate system that stays stopped: hold, stop and abort bring it to rest, what concerns other
-    /// coordinate systems as well is taken note of, and the rest is refused.
+    /// Answers a request to a coordinate system that stays stopped: hold, stop and abort brake it, requests that also
+    /// concern other coordinate systems are noted, and all others are refused.
     pub(super) fn answer_given_up(&mut self, envelope: Envelope) {
         let answer = match &envelope.request {
             CoordinateSystemRequest::Command { command, meta, .. } if command.is_urgent() => {
@@ -157,7 +157,7 @@ impl CoordinateSystem {
             CoordinateSystemRequest::Command { meta, .. } => Err(self.context.reject(meta, self.refusal())),
             _ => Err(self.refusal()),
         };
-        // The caller may have gone.
+        // The caller may have left.
         let _ = envelope.reply.send(answer);
     }
 
@@ -169,8 +169,8 @@ impl CoordinateSystem {
         Refusal::new(RefusalCode::Unavailable, text)
     }
 
-    /// If the servo has failed, the run ends, and everything that waits for the servo to rest is answered: nothing comes from it
-    /// any more.
+    /// If the servo has failed, ends the run and answers every request that waits for the servo to rest, because no
+    /// further servo event will arrive.
     pub(super) fn follow_servo_failure(&mut self) {
         let Some(why) = self.context.shared.servo.failure().map(str::to_owned) else {
             return;
@@ -196,7 +196,8 @@ impl CoordinateSystem {
         Err(Refusal::new(RefusalCode::Unavailable, text))
     }
 
-    /// The servo's answers are not needed any more; controls that had to wait are handed over.
+    /// Discards the servo's answers, which are no longer needed, and hands over delayed controls. Returns true if some
+    /// must still wait.
     pub(super) fn follow_servo_given_up(&mut self) -> bool {
         while self.servo.next_event().is_some() {}
         self.servo.is_backlogged()

@@ -1,7 +1,9 @@
-//! What interrupts a run and lets it continue: feed hold, the interlock, single block, a late servo, a lost broker (`bus`).
+//! Interruption of a run and its continuation: feed hold, the interlock, single block, a late servo, a lost broker
+//! (`bus`).
 //!
 //! Single block ends each block with its own stop. Blocks that were planned ahead when it is switched on keep their
-//! path: the motion is held at the end point of each block if it stops there, otherwise on the path just behind its joint.
+//! path: the motion is held at the end point of each block if it stops there, otherwise on the path shortly after its
+//! joint.
 
 use plc_api::types::handler::Departure;
 use plc_api::types::output::HandlerPresence;
@@ -17,7 +19,8 @@ use super::{CoordinateSystem, InputValues};
 use crate::journal::Event;
 
 impl CoordinateSystem {
-    /// Feed hold; a jog is ended. True if there is nothing to wait for: no run is active, or it is at rest.
+    /// Starts feed hold; a jog is ended. Returns true if there is nothing to wait for: no run is active, or it is at
+    /// rest.
     pub(super) fn hold(&mut self, cause: Cause) -> bool {
         if self.run.as_ref().is_some_and(Run::is_jog) {
             return self.end_run(End::JogEnded(JogStop::Held(cause)));
@@ -26,7 +29,8 @@ impl CoordinateSystem {
         self.state.transition() != Some(Transition::Holding)
     }
 
-    /// The runtime itself holds the run and writes a journal line. A jog is ended; its commander has to start a new one.
+    /// Holds the run for the runtime itself and writes a journal line. A jog is ended; its client has to start a new
+    /// one.
     pub(super) fn hold_for(&mut self, cause: Cause, reason: Reason) {
         let run = self.run.as_ref().filter(|_| self.state.is_running());
         if run.is_none() {
@@ -43,10 +47,10 @@ impl CoordinateSystem {
         self.context.record(Event::Hold { reason, m, seq });
     }
 
-    /// The servo was late by so many cycles while the motors moved, and holds.
+    /// Processes a hold of the servo, which was late by this number of cycles while the motors moved.
     pub(super) fn on_servo_late(&mut self, cycles: u64) {
         if self.rests_by_itself() {
-            // the servo holds what has just moved; nothing of the run is to be held
+            // the servo holds a motion that has just ended; the run has no motion to hold
             self.servo.control(Control::Resume);
             return;
         }
@@ -61,33 +65,33 @@ impl CoordinateSystem {
         self.hold_for(Cause::ServoLate, Reason::ServoLate);
     }
 
-    /// True when no motion is pending: there is no run, or it waits for an output or at a program stop.
+    /// Returns true if no motion is pending: there is no run, or it waits for an output or at a program stop.
     fn rests_by_itself(&self) -> bool {
         let waits = self.state.awaited().is_some() || matches!(self.state.phase(), Some(Phase::Paused(_)));
         self.state.is_idle() || self.state.is_running() && waits && !self.is_moving()
     }
 
-    /// The run continues after a hold: work that the hold delayed is done now.
+    /// Continues the run after a hold, and does the work that the hold has delayed.
     pub(super) fn go_on(&mut self) {
         self.put_out_queued();
         self.hold_after_planned_block();
     }
 
-    /// The servo has come to rest under feed hold.
+    /// Processes that the servo rests under feed hold.
     pub(super) fn on_servo_held(&mut self) {
         let steps = self.run.as_mut().map(|run| &mut run.steps);
         let behind_block = steps.is_some_and(|steps| std::mem::take(&mut steps.armed));
         self.drive(RunEvent::ServoHeld { behind_block });
     }
 
-    /// The interlock has been set: motion is held while it is on.
+    /// Holds motion while the interlock is on.
     pub(super) fn follow_interlock(&mut self) {
         if self.inputs.interlock.is_on() {
             self.hold(Cause::Interlock);
         }
     }
 
-    /// A handler is online.
+    /// Processes that a handler is online.
     pub(super) fn welcome_handler(&mut self, handler_id: &str, presence: &HandlerPresence) {
         self.inputs.interlock.come(handler_id);
         self.inputs.start_lock.come(handler_id);
@@ -95,7 +99,8 @@ impl CoordinateSystem {
         self.outputs.ledger.handler_online(now, handler_id, presence);
     }
 
-    /// An instance of a handler has left: its outputs and levels wait for it, except for sources that are on without it.
+    /// Processes the loss of a handler instance: its outputs and levels wait for it, except for sources that are on
+    /// without it.
     pub(super) fn on_handler_left(&mut self, handler_id: &str, instance: Option<&str>, departure: Departure) {
         let (now, grace_s) = (self.context.now(), self.context.shared.machine.handler_grace_s);
         self.outputs
@@ -112,7 +117,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Ends the time of handlers that left and did not come back.
+    /// Expires handlers that have not returned within their time limit.
     pub(super) fn look_at_losses(&mut self, now_s: f64) {
         for (origin, text) in self.outputs.take_losses(now_s) {
             self.context.warn_of(&HANDLER_LOST, origin, &text);
@@ -126,7 +131,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Refuses what would move while the interlock is on.
+    /// Refuses motion while the interlock is on.
     pub(super) fn judge_interlock(&self) -> Result<(), Refusal> {
         if !self.inputs.interlock.is_on() {
             return Ok(());
@@ -169,7 +174,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// The planned motion ends at rest, and is held at the end of each block; the interpreter waits.
+    /// Ends the planned motion at rest, and holds it at the end of each block; the interpreter waits.
     pub(super) fn stop_behind_what_is_planned(&mut self) {
         match self.state.phase() {
             None | Some(Phase::Standstill(Then::BlockEnd)) => return,
@@ -188,7 +193,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// What was interpreted before single block was switched on, and is planned only now, is held as well.
+    /// Plans items that were interpreted before single block was switched on, and holds their blocks as well.
     pub(super) fn plan_ahead_of_single_block(&mut self) {
         if let Some(run) = &mut self.run
             && self.inputs.single_block
@@ -205,13 +210,13 @@ impl CoordinateSystem {
         }
     }
 
-    /// True while something that was planned has not been moved to its end.
+    /// Returns true while planned motion has not reached its end.
     pub(super) fn is_moving(&self) -> bool {
         !self.pipeline.ready.is_empty() || self.servo.finished_segment < self.pipeline.planner.last_segment()
     }
 
-    /// At a standstill: the block that was to be held behind has ended, whatever the servo has reported so far. True when
-    /// the run is interrupted by that.
+    /// At a standstill: if a hold was due at the end of a block, ends that block, regardless of the servo's reports so
+    /// far. Returns true if this interrupts the run.
     pub(super) fn end_planned_block(&mut self) -> bool {
         let Some(run) = &mut self.run else { return false };
         if !std::mem::take(&mut run.steps.armed) {
@@ -222,7 +227,7 @@ impl CoordinateSystem {
         true
     }
 
-    /// A block has ended with its own stop.
+    /// Processes a block that has ended with its own stop.
     pub(super) fn on_block_ended(&mut self) {
         if !self.inputs.single_block {
             return;
@@ -268,7 +273,7 @@ mod tests {
         assert!((position - expected).abs() < 1e-9, "{position} is not {expected}");
     }
 
-    /// The servo of a machine is late.
+    /// Delays the servo of a machine.
     fn delay(runtime: &Runtime, ms: u64) {
         runtime
             .simulation()
@@ -288,7 +293,7 @@ mod tests {
         plc.coordinate_system(1).position().await.unwrap().machine["X"]
     }
 
-    /// A program under way: X at 100 mm/s, for one second.
+    /// Starts a program that moves X at 100 mm/s for one second.
     async fn under_way(plc: &Plc) {
         plc.coordinate_system(1).load(50).await.unwrap();
         plc.coordinate_system(1).start().await.unwrap();

@@ -1,4 +1,5 @@
-//! Jogging: one axis moves while its refreshes arrive, or by a step, with the limits of its motor and within its soft limits.
+//! Jogging: one axis moves while its refreshes arrive, or by one step, within the limits of its motor and its soft
+//! limits.
 
 use std::sync::Arc;
 
@@ -13,13 +14,13 @@ use super::run_state::{End, JogStop, Phase, Then};
 use crate::command_memory::{Asked, Recalled, memory_is_full};
 use crate::program_store::StoredProgram;
 
-/// Time after the last refresh when a jog stops: whoever commands it may be gone.
+/// Time from the last refresh to the stop of a jog, s: the client that commands it may be lost.
 pub(super) const REFRESH_S: f64 = 0.2;
 
-/// Where a jog ends whose axis has no soft limit: as far as a word of a program reaches, mm or degrees.
+/// End point of a jog on an axis without soft limit: the largest value of a program word, mm or degrees.
 const DISTANCE_MAX: f64 = 1_000_000.0;
 
-/// Distances below this are no motion, mm or degrees.
+/// Shorter distances are no motion, mm or degrees.
 pub(super) const DISTANCE_MIN: f64 = 1e-9;
 
 impl CoordinateSystem {
@@ -83,7 +84,7 @@ impl CoordinateSystem {
         Ok(self.new_run(Kind::Jog(jog), nothing, &self.context.shared.store.all()))
     }
 
-    /// Remembers a command that begins a jog. Its refreshes are not remembered: they would fill the memory.
+    /// Remembers a command that begins a jog. Its refreshes are not remembered, because they would fill the memory.
     pub(super) fn remember_jog(&self, command: &Deferred) -> Result<(), Refusal> {
         if !matches!(command.command, Command::Jog { .. }) {
             return Ok(());
@@ -95,7 +96,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The motion of a jog that begins.
+    /// Starts the motion of a new jog.
     pub(super) fn start_jog(&mut self, jog: &Jog) -> Phase {
         match self.pipeline.jog(&jog.settings, jog.to) {
             Ok(()) => Phase::Standstill(Then::End(Origin::default())),
@@ -103,7 +104,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The jog of this name, while it runs.
+    /// Returns the jog with this name while it runs.
     fn running_jog(&mut self, refresh_id: &str) -> Option<&mut Jog> {
         match &mut self.run.as_mut()?.kind {
             Kind::Jog(jog) if jog.refresh_id == refresh_id => Some(jog),
@@ -117,7 +118,7 @@ impl CoordinateSystem {
         self.judge_lease(Verb::Jog, meta)
     }
 
-    /// True when the command refreshes the jog that runs, or ends one that does not: nothing else follows from it.
+    /// Returns true if the command refreshes the active jog, or ends an inactive one: it has no other effect.
     pub(super) fn needs_no_run(&mut self, command: &Command, meta: &CommandMeta) -> bool {
         let until_s = self.context.now_s() + REFRESH_S;
         match command {
@@ -135,7 +136,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// When the jog that runs stops unless it is refreshed.
+    /// Returns the time at which the active jog stops unless it is refreshed.
     pub(super) fn jog_until_s(&self) -> Option<f64> {
         match &self.run.as_ref()?.kind {
             Kind::Jog(jog) => jog.until_s,

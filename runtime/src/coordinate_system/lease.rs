@@ -1,7 +1,7 @@
-//! The control lease: while somebody holds it, only commands with its fence start motion. Nobody needs to hold it.
+//! The control lease: while a client holds it, only commands with its fence start motion. The lease is optional.
 //!
-//! It puts commanders in an order and proves nothing about them: every operator may read the fence. A run continues when
-//! the lease changes hands; hold, stop, abort and reset are for everyone.
+//! It orders commands of several clients and proves no identity: every operator may read the fence. A run continues
+//! when the lease changes hands; hold, stop, abort and reset are for everyone.
 
 use plc_api::execution::wire_name;
 use plc_api::handshake::Now;
@@ -18,7 +18,7 @@ use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use super::CoordinateSystem;
 use crate::journal::{Event, LeaseChange};
 
-/// Who holds the lease of one coordinate system, and until when. Pure: the time is a parameter.
+/// Holder and end of the lease of one coordinate system. Pure: the time is a parameter.
 #[derive(Debug)]
 pub(super) struct ControlLease {
     cs: CoordinateSystemNumber,
@@ -33,8 +33,8 @@ struct Held {
 }
 
 impl ControlLease {
-    /// A free lease. Its first fence is the time in s, so that fences of an earlier start of the runtime are none of
-    /// this one as long as the computer's clock is not set back.
+    /// Creates a free lease. Its first fence is the time in s, so that fences of earlier starts of the runtime stay
+    /// invalid, provided that the computer's clock is not set back.
     pub fn new(cs: CoordinateSystemNumber, now: Now) -> Self {
         let since_epoch = now.time.duration_since(std::time::UNIX_EPOCH);
         Self {
@@ -48,12 +48,12 @@ impl ControlLease {
         self.held.as_ref().map(|held| &held.lease)
     }
 
-    /// When it ends by its time.
+    /// Returns the time at which it expires.
     pub fn until_s(&self) -> Option<f64> {
         self.held.as_ref().map(|held| held.until_s)
     }
 
-    /// Takes it, or renews it with its own fence.
+    /// Takes the lease, or renews it with its own fence.
     fn take(&mut self, now: Now, take: &LeaseTake, client_id: &str) -> Result<Lease, Refusal> {
         let holder = take.holder.as_deref().unwrap_or(client_id);
         if !(1..=LEASE_HOLDER_MAX).contains(&holder.chars().count()) {
@@ -87,13 +87,13 @@ impl ControlLease {
         Ok(())
     }
 
-    /// Gives the lease whose time is over: nobody holds it then.
+    /// Ends and returns an expired lease; afterwards it has no holder.
     fn expire(&mut self, now_s: f64) -> Option<Lease> {
         let held = self.held.take_if(|held| held.until_s <= now_s + 1e-9)?;
         Some(held.lease)
     }
 
-    /// Refuses what does not come from the holder, and what comes under a lease that has ended.
+    /// Refuses requests that do not come from the holder, and requests under a lease that has ended.
     fn judge(&self, fence: Option<u64>, what: &str) -> Result<(), Refusal> {
         let cs = self.cs;
         let holder = self.held().map_or_else(
@@ -127,7 +127,7 @@ impl ControlLease {
     }
 }
 
-/// True for what starts motion, or what the next start starts.
+/// Returns true for commands that start motion or prepare the next start.
 pub(super) fn needs_lease(verb: Verb) -> bool {
     match verb {
         Verb::Load
@@ -143,7 +143,7 @@ pub(super) fn needs_lease(verb: Verb) -> bool {
 }
 
 impl CoordinateSystem {
-    /// Refuses what starts motion while another holds the lease.
+    /// Refuses commands that start motion while another client holds the lease.
     pub(super) fn judge_lease(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         if !needs_lease(verb) {
             return Ok(());
@@ -156,7 +156,7 @@ impl CoordinateSystem {
         request: &LeaseRequest,
         meta: &CommandMeta,
     ) -> Result<Answer, Refusal> {
-        // The same request may have come twice before the first was carried out.
+        // The same request may have arrived twice before the first was executed.
         if let Some(said) = self.context.shared.replied(&meta.memory) {
             return Ok(Answer::Command(said));
         }
@@ -175,7 +175,7 @@ impl CoordinateSystem {
         Ok(Answer::Command(self.context.shared.reply(meta, reply)))
     }
 
-    /// What became of it, and the lease that is held then.
+    /// Changes the lease; returns the kind of change and the resulting lease.
     fn change_lease(
         &mut self,
         request: &LeaseRequest,

@@ -1,4 +1,5 @@
-//! A run that starts at a line: the M codes that its state needs are put out, the axes move there, then the program continues.
+//! A run that starts at a line: the M codes that its state needs are issued, the axes move there, then the program
+//! continues.
 
 use std::sync::Arc;
 
@@ -16,8 +17,8 @@ use super::run_state::Then;
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
-    /// A run of a program, or the next part of one, and its begin unless that is the head. Its texts stay in the store from
-    /// now on.
+    /// Creates a run of a program, or its next part, with its entry unless it begins at line 1. Its texts stay in the
+    /// store from now on.
     pub(super) fn new_program_run(
         &self,
         run_id: String,
@@ -45,7 +46,7 @@ impl CoordinateSystem {
         Ok((run, entry))
     }
 
-    /// Everything is as at the line, but for the outputs and the position of the axes.
+    /// Restores the state at the line, except for the outputs and the position of the axes.
     pub(super) fn begin_at_line(&mut self, entry: LineEntry) -> LineArrival {
         self.past.manual_goes_on = false;
         let arrival = self.pipeline.start_from(entry, self.servo.epoch());
@@ -69,7 +70,8 @@ impl CoordinateSystem {
         arrival
     }
 
-    /// The next step towards the line that the run begins at: an output, or the approach. False: it is there.
+    /// Executes the next step towards the first line of the run: an output, or the approach. Returns false if the line
+    /// is reached.
     pub(super) fn approach_line(&mut self) -> bool {
         let Some(run) = &mut self.run else { return false };
         let Some(mut arrival) = run.arrival.take() else {

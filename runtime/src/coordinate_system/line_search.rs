@@ -1,8 +1,9 @@
-//! Finds the state in force at a line of a program: the program is interpreted from its beginning, as in a run, without motion.
+//! Finds the state in force at a line of a program: interprets the program from its beginning, as in a run, without
+//! motion.
 //!
-//! This works only where the text, the tables and the present inputs decide. Where a handler, a capture or a skip input would decide,
-//! the search is refused and names it. A variable that the program itself has set counts as known, although a handler might have set
-//! it to another value.
+//! This works only if the text, the tables and the present inputs determine the path of the program. If a handler, a
+//! capture or a skip input would determine it, the search is refused and names it. A variable set by the program itself
+//! is treated as known, although a handler might have changed it.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -23,40 +24,41 @@ use crate::config::{MCodeSettings, Stock, Unhandled};
 use crate::sequence::stock;
 use crate::shared::Shared;
 
-/// Blocks that are interpreted to come to a line. Reason: a loop may never end.
+/// Maximum number of blocks interpreted to reach a line. Reason: a loop may never end.
 const BLOCKS_MAX: u64 = 10_000_000;
 
-/// What a run from a line begins with.
+/// State with which a run from a line begins.
 #[derive(Debug)]
 pub(crate) struct LineEntry {
-    /// Before the block.
+    /// State before the block.
     pub interpreter: Interpreter,
     pub arrival: LineArrival,
 }
 
-/// How a run from a line comes there.
+/// Arrival of a run at its line: approach, outputs and variables.
 #[derive(Debug)]
 pub(crate) struct LineArrival {
-    /// At rest where the block begins.
+    /// At rest at the start of the block.
     pub path: PathStage,
-    /// At right angles to the plane in force.
+    /// Axis at right angles to the plane in force.
     infeed: Axis,
     /// The block.
     pub target: Origin,
     pub occurrence: u32,
-    /// Number of the tool that is in the spindle then; `None`: nobody knows.
+    /// Number of the tool in the spindle at the line; `None` if it is unknown.
     pub tool: Option<u16>,
-    /// Put out before the approach, in order.
+    /// Outputs issued before the approach, in order.
     pub restore: VecDeque<Output>,
-    /// The newest of each other M code before.
+    /// The last output of each other M code before the line.
     pub not_restored: Vec<Output>,
-    /// What the program sets on its way.
+    /// Variables that the program sets before the line.
     pub variables: Vec<(VariableKind, usize, f64)>,
     pub approach: Approach,
 }
 
 impl LineArrival {
-    /// Machine positions to which the axes go from `from`, one after another; none where they stand there.
+    /// Returns the machine positions to which the axes move from `from`, in sequence; none if they are already at the
+    /// start of the block.
     pub fn approach_from(&self, from: MachinePosition) -> Vec<MachinePosition> {
         let to = self.path.position().0;
         let infeed = self.infeed;
@@ -84,7 +86,7 @@ impl LineArrival {
     }
 }
 
-/// The state at the line, as operators see it.
+/// Returns the state at the line for display to operators.
 pub(crate) fn line_state(
     LineEntry { interpreter, arrival }: &LineEntry,
     conditions: &Conditions,
@@ -133,11 +135,11 @@ pub(crate) fn line_state(
     }
 }
 
-/// Interprets the loaded program as far as a line.
+/// Interprets the loaded program up to a line.
 ///
 /// # Errors
-/// The program does not come there, or comes there several times and `occurrence` is not named; it stops before by an alarm; the
-/// state there cannot be known, or no run can begin in it.
+/// Returns an error if the program does not reach the line, reaches it several times without a given `occurrence`, or
+/// stops before it by an alarm; also if the state there cannot be known, or no run can begin in it.
 pub(crate) fn search(
     shared: &Shared,
     conditions: &Conditions,
@@ -168,7 +170,7 @@ pub(crate) fn search(
     search.into_entry(from, occurrence)
 }
 
-/// The first block of a line.
+/// Returns the first block of a line.
 fn index_of(conditions: &Conditions, program: u16, line: u32) -> Result<usize, Refusal> {
     let Some(tree) = conditions.programs.get(&program) else {
         let main = conditions.main.number;
@@ -191,13 +193,13 @@ fn refused(text: impl Into<String>) -> Refusal {
     Refusal::new(RefusalCode::LineRefused, text)
 }
 
-/// Why a search ends before its line.
+/// Reason why a search ends before its line.
 enum Why {
     /// The program ends.
     Ended,
     /// An alarm stops it.
     Alarm(Alarm),
-    /// What decides is not known.
+    /// A value that determines the path of the program is unknown.
     Unknown(String),
 }
 
@@ -226,7 +228,7 @@ struct Search<'a> {
     conditions: &'a Conditions,
     /// Program and index of the block.
     target: (u16, usize),
-    /// How often the program has come there.
+    /// How many times the program has reached the block.
     times: u32,
     interpreter: Interpreter,
     path: PathStage,
@@ -234,7 +236,7 @@ struct Search<'a> {
     variables: Variables,
     work_offsets: WorkOffsets,
     tool: Option<u16>,
-    /// Every M code that was put out, in order; the newest of each number.
+    /// Every issued M code in order; the last one of each number.
     outputs: Vec<Output>,
     /// The first M code whose handler may have set variables.
     handled: Option<Output>,
@@ -266,7 +268,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// How often the program comes to the line, as far as that can be known; at least once.
+    /// Returns how many times the program reaches the line, as far as that can be known; at least once.
     fn count(&mut self, line: u32) -> Result<u32, Refusal> {
         let Err(why) = self.run_to(u32::MAX) else {
             return Ok(u32::MAX);
@@ -277,7 +279,7 @@ impl<'a> Search<'a> {
         Err(why.refusal(line))
     }
 
-    /// Comes to the line for the so-manyth time.
+    /// Runs to the given occurrence of the line.
     fn run_to(&mut self, occurrence: u32) -> Result<(), Why> {
         while self.interpreter.steps() < BLOCKS_MAX {
             let item = self.next(occurrence).map_err(|alarm| self.why(alarm))?;
@@ -328,7 +330,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// A variable that is lost since a handler may have set it is not known.
+    /// Converts an alarm into the reason. A variable that a handler may have set is unknown.
     fn why(&self, alarm: Alarm) -> Why {
         let name = alarm.text.split(' ').next().unwrap_or_default();
         match &self.handled {
@@ -342,7 +344,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The block interpreted last.
+    /// Returns the block interpreted last.
     fn place(&self) -> Origin {
         self.interpreter.call_stack().last().unwrap_or_default()
     }
@@ -372,7 +374,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// True where somebody else than the runtime answers an M code.
+    /// Returns true if a client other than the runtime answers an M code.
     fn is_handled(&self, m: u16, settings: &MCodeSettings) -> bool {
         let system = &self.conditions.configured.settings;
         if self.shared.is_handled(system.number, m) {
@@ -383,7 +385,7 @@ impl<'a> Search<'a> {
         !is_stock && unhandled == Unhandled::Wait
     }
 
-    /// Comes to rest, which cutter compensation refuses.
+    /// Stops at rest, which cutter compensation refuses.
     fn rest(&mut self, item: &Item) -> Result<(), Alarm> {
         let is_compensating =
             self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
@@ -441,7 +443,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// The newest of each group in the order of the settings, and those that have none.
+    /// Returns the last output of each group in the order of the settings, and the outputs without a group.
     fn restored(&self) -> (VecDeque<Output>, Vec<Output>) {
         let mut groups: Vec<(String, u16, Output)> = Vec::new();
         let mut others = Vec::new();
@@ -459,7 +461,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The group of which a start from a line puts out the newest, and its place in their order; `None`: it is not put out.
+/// Returns the group of an M code and the position of the group in the order, if a start from a line issues the last
+/// output of that group; otherwise `None`.
 fn restore(settings: &MCodeSettings, m: u16) -> Option<(&str, u16)> {
     let group = match &settings.restore_group {
         Some(group) => group.as_str(),

@@ -1,8 +1,9 @@
 //! The request queues of a coordinate system, and the coordinate system itself.
 //!
-//! If no other thread is working on the coordinate system, a caller carries out its own request at once, in its own thread: the answer
-//! needs no second thread, and an in-process handler no wake-up. Otherwise it queues the request for the task. The task does everything
-//! else: commands, which may take long because a load checks whole programs; events of the servo; deadlines; and further preparation.
+//! If no other thread is working on the coordinate system, a caller executes its own request at once, in its own
+//! thread: the answer needs no second thread, and an in-process handler no wake-up. Otherwise it queues the request for
+//! the task. The task does everything else: commands, which may take long because a load checks whole programs; events
+//! of the servo; deadlines; and further preparation.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -22,18 +23,19 @@ use super::preparation::Share;
 use super::{CoordinateSystem, View};
 use crate::shared::Shared;
 
-/// Requests that wait for one coordinate system; a sender waits for room. Hold, stop and abort have as much of their own.
+/// Maximum number of requests that wait for one coordinate system; a sender waits for room. Hold, stop and abort have a
+/// queue of the same size.
 const REQUESTS_MAX: usize = 256;
 
-/// Time after which a control is handed over again that the servo had no room for, s.
+/// Time after which a control that found no room in the servo is handed over again, s.
 const RETRY_S: f64 = 0.001;
 
-/// A request on its way, and where its answer goes.
+/// Queued request, and the destination of its answer.
 pub(super) struct Envelope {
-    /// Larger than that of every envelope put there before.
+    /// Larger than that of every envelope queued before.
     pub order: u64,
     pub request: CoordinateSystemRequest,
-    /// Its age limit; that of a command is in its meta data.
+    /// Its age limit; a command has its limit in its meta data.
     pub not_after: Option<NotAfter>,
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
 }
@@ -51,12 +53,12 @@ impl Envelope {
     }
 }
 
-/// A coordinate system and what it is asked for.
+/// A coordinate system and its request queues.
 pub(crate) struct Mailbox {
     pub number: CoordinateSystemNumber,
     pub view: Arc<View>,
     shared: Arc<Shared>,
-    /// Hold, stop and abort, which pass all others; and these.
+    /// The queue of hold, stop and abort, which pass all others, and the queue of all other requests.
     queues: [Queue; 2],
     count: AtomicU64,
     work: Mutex<Work>,
@@ -67,20 +69,20 @@ pub(crate) struct Mailbox {
 }
 
 struct Work {
-    /// `None` when it has ended.
+    /// `None` after its end.
     system: Option<CoordinateSystem>,
     condition: Condition,
-    /// When the task wakes by itself, seconds since the start.
+    /// Time at which the task next wakes without a request, seconds since the start.
     task_wakes_at_s: Option<f64>,
 }
 
-/// Whether an internal fault has occurred.
+/// Condition of the coordinate system after internal faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Condition {
     Sound,
-    /// One has occurred, and a reset is still to come.
+    /// A fault has occurred, and a reset is still pending.
     Recovered,
-    /// Another one has: it stays stopped until the runtime is restarted.
+    /// Another fault has occurred: it stays stopped until the runtime is restarted.
     GivenUp,
 }
 
@@ -115,19 +117,19 @@ impl Mailbox {
         }
     }
 
-    /// Asks the coordinate system; an urgent request passes those that wait, and is asked again if an internal fault occurs
-    /// while it is carried out.
+    /// Sends a request to the coordinate system and returns its answer. An urgent request passes the waiting ones, and
+    /// is repeated if an internal fault occurs during its execution.
     ///
     /// # Errors
-    /// What it refuses; that the runtime is stopping, or that an internal fault occurred.
+    /// Returns the refusal of the request, or an error if the runtime is stopping or an internal fault occurred.
     pub async fn ask(&self, request: CoordinateSystemRequest, urgent: bool) -> Result<Answer, Refusal> {
         self.put_and_wait(request, None, urgent).await
     }
 
-    /// The same for a request with an age limit, which counts when its turn comes.
+    /// Sends a request with an age limit, which is checked when its turn comes.
     ///
     /// # Errors
-    /// As [`Mailbox::ask`].
+    /// Returns an error in the cases of [`Mailbox::ask`].
     pub async fn ask_not_after(
         &self,
         request: CoordinateSystemRequest,
@@ -150,7 +152,7 @@ impl Mailbox {
         answer.unwrap_or_else(|| Err(self.unanswered()))
     }
 
-    /// `None`: an internal fault occurred, or the runtime is stopping.
+    /// Returns `None` if an internal fault occurred, or if the runtime is stopping.
     async fn ask_once(
         &self,
         request: CoordinateSystemRequest,
@@ -186,8 +188,8 @@ impl Mailbox {
         Refusal::new(RefusalCode::Unavailable, text)
     }
 
-    /// Publishes the spindle's state where it has changed: its speed follows the command in its own time. Left to the
-    /// next call while another thread is at work.
+    /// Publishes the spindle's state if it has changed: its speed follows the command with a delay. While another
+    /// thread is at work, this is left to the next call.
     pub fn publish_spindle(&self) {
         if let Some(work) = self.work.try_lock()
             && work.condition != Condition::GivenUp
@@ -197,19 +199,20 @@ impl Mailbox {
         }
     }
 
-    /// Gives the task a turn.
+    /// Wakes the task for a turn.
     pub fn wake_task(&self) {
         self.wake.notify_one();
     }
 
-    /// A turn of simulated time, while every task waits. True when no other task has to run before time advances.
+    /// Executes a turn of simulated time while every task waits. Returns true if no other task has to run before time
+    /// advances.
     pub fn turn_alone(&self) -> bool {
         let sent = self.shared.sent();
         self.work_if_free(Share::OF_TASK) && self.shared.sent() == sent
     }
 
-    /// Wakes the task when it has something to do, and gives false then. The thread at work may just have looked for
-    /// requests for the last time, so the task is woken for this one.
+    /// Works if no other thread is at work. If work remains, wakes the task and returns false: another thread may
+    /// already have looked for requests for the last time.
     fn work_if_free(&self, share: Share) -> bool {
         let work = self.work.try_lock();
         let is_done = work.is_some_and(|work| self.work_beside_task(work, share));
@@ -219,7 +222,7 @@ impl Mailbox {
         is_done
     }
 
-    /// False when something is left to the task.
+    /// Works in place of the task. Returns false if work is left to the task.
     fn work_beside_task(&self, mut work: MutexGuard<'_, Work>, share: Share) -> bool {
         if self.queues.iter().any(Queue::begins_with_command) {
             return false;
@@ -229,9 +232,9 @@ impl Mailbox {
         !left.busy && !left.due_s.is_some_and(is_sooner)
     }
 
-    /// The task of the coordinate system, until the runtime closes.
+    /// Runs the task of the coordinate system until the runtime closes.
     pub async fn run(&self) {
-        // also when the task is dropped: nobody looks after the coordinate system then
+        // also when the task is dropped: no other task serves the coordinate system
         let _ended = Ended(self);
         let clock = &self.shared.clock;
         loop {
@@ -246,7 +249,7 @@ impl Mailbox {
         }
         let system = self.work.lock().system.take();
         if let Some(system) = system {
-            // whatever fails in it, the runtime closes
+            // the runtime closes even if this fails
             let _ = catch_unwind(AssertUnwindSafe(|| system.end()));
         }
     }
@@ -258,8 +261,8 @@ impl Mailbox {
         left
     }
 
-    /// The next request, and a turn. A panic of one coordinate system must stop neither the others nor the caller: it
-    /// becomes an alarm.
+    /// Executes the next request and a turn. A panic of one coordinate system must stop neither the others nor the
+    /// caller: it becomes an alarm.
     fn work(&self, work: &mut Work, share: Share) -> Left {
         let Some(system) = &mut work.system else {
             return Left::default();
@@ -312,7 +315,7 @@ impl Mailbox {
         });
     }
 
-    /// Requests to a coordinate system that stays stopped.
+    /// Answers requests to a coordinate system that stays stopped.
     fn work_given_up(&self, system: &mut CoordinateSystem, share: Share) -> Left {
         let worked = catch_unwind(AssertUnwindSafe(|| {
             if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take(share)) {
@@ -332,7 +335,7 @@ impl Mailbox {
     }
 }
 
-/// After a panic: motion brakes, then the coordinate system is made whole, or given up if that fails too.
+/// Recovers after a panic: motion brakes, then the coordinate system is rebuilt, or given up if that fails too.
 fn contain(system: &mut CoordinateSystem, before: Condition, aborts: bool, why: &str) -> Condition {
     system.brake_at_once(aborts);
     if before == Condition::Sound && catch_unwind(AssertUnwindSafe(|| system.recover(why))).is_ok() {
@@ -342,7 +345,7 @@ fn contain(system: &mut CoordinateSystem, before: Condition, aborts: bool, why: 
     Condition::GivenUp
 }
 
-/// Throws away the coordinate system and what it is asked for.
+/// Discards the coordinate system and its pending requests.
 struct Ended<'a>(&'a Mailbox);
 
 impl Drop for Ended<'_> {
@@ -352,16 +355,16 @@ impl Drop for Ended<'_> {
     }
 }
 
-/// What is left after some work.
+/// Work that is left.
 #[derive(Debug, Clone, Copy, Default)]
 struct Left {
-    /// There is more to do at once.
+    /// True if there is more to do at once.
     busy: bool,
-    /// When there is something to do next, seconds since the start.
+    /// Time of the next work, seconds since the start.
     due_s: Option<f64>,
 }
 
-/// Requests in the order in which they came.
+/// Requests in the order of their arrival.
 struct Queue {
     envelopes: Mutex<VecDeque<Envelope>>,
     room: Semaphore,
@@ -375,9 +378,9 @@ impl Queue {
         }
     }
 
-    /// Waits for room. An envelope that comes after the end is thrown away, as those that wait then are.
+    /// Waits for room. An envelope that arrives after the end is discarded, as the waiting ones are.
     async fn put(&self, envelope: Envelope) {
-        // tried first: a task that has used up its budget would wait, and its next request come before this one
+        // tried first: a task that has used up its budget would wait, and its next request would overtake this one
         let room = match self.room.try_acquire() {
             Err(TryAcquireError::NoPermits) => self.room.acquire().await.ok(),
             room => room.ok(),
@@ -391,7 +394,7 @@ impl Queue {
         }
     }
 
-    /// The first request, unless it is a command that is left to the task.
+    /// Takes the first request, unless it is a command that is left to the task.
     fn take(&self, share: Share) -> Option<Envelope> {
         if self.is_empty() {
             return None;
@@ -406,7 +409,7 @@ impl Queue {
         !self.is_empty() && self.envelopes.lock().front().is_some_and(Envelope::is_command)
     }
 
-    /// Each envelope has taken its room before it is put there, so this needs no lock.
+    /// Returns true if no envelope is queued. Each envelope takes its room before it is queued, so this needs no lock.
     fn is_empty(&self) -> bool {
         self.room.available_permits() == REQUESTS_MAX
     }

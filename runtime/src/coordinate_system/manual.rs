@@ -1,9 +1,9 @@
 //! Manual data input and homing: short programs of the language, without a number, that lead back to READY.
 //!
-//! Each input is a run of its own, checked first. The modal state of one stays for the next one, until a program, homing,
-//! a stop, an alarm or a reset comes between; else an input begins in the start-up modal state. An input that is a macro
-//! reads its numbers in the unit of the settings and as positions, whatever inputs before it have left in force. At its end,
-//! however it ends, the runtime restores what was in force before.
+//! Each input is a separate run, checked first. Its modal state stays for the next one, unless a program, homing, a
+//! stop, an alarm or a reset comes between; then an input begins in the start-up modal state. An input that is a macro
+//! reads its numbers in the unit of the settings and as positions, whatever state earlier inputs have left in force.
+//! However the macro ends, the runtime then restores the state that was in force before.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,7 +18,8 @@ use super::run::{AtRest, Kind, Restores, Run, Steps};
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
-    /// A run of manual data input; one or several lines. At the end of a macro everything that is in force now is restored.
+    /// Prepares a run of manual data input with one or several lines. At the end of a macro the present state is
+    /// restored.
     pub(super) fn prepare_manual(
         &self,
         text: &str,
@@ -35,7 +36,7 @@ impl CoordinateSystem {
             );
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
-        // An input needs no end of its own.
+        // An input needs no M02 or M30.
         let (note, mut run) = self.prepare_text(Kind::Manual, text, self.past.manual_goes_on)?;
         if let Some(run) = run.as_mut().filter(|_| is_macro) {
             run.restores = Some(Box::new(Restores {
@@ -46,7 +47,7 @@ impl CoordinateSystem {
         Ok((note, run))
     }
 
-    /// Restores what was in force before a macro that has ended, and publishes it.
+    /// Restores the state in force before a macro that has ended, and publishes it.
     pub(super) fn restore_after_macro(&mut self, restores: Restores) {
         self.pipeline.restore(restores.in_force, self.servo.epoch());
         self.past.manual_goes_on = restores.manual_goes_on;
@@ -55,7 +56,7 @@ impl CoordinateSystem {
         self.publish_modal(&self.pipeline.in_force.modal);
     }
 
-    /// A run of a text, to which the end of the program is added.
+    /// Prepares a run of a text, to which the end of the program is added.
     fn prepare_text(&self, kind: Kind, text: &str, in_modal: bool) -> Result<(String, Option<Run>), Refusal> {
         let end = self.context.configured.dialect.m_code(Role::End);
         let text = format!("{text}\n{}\n", end.map_or("", |code| code.code));
@@ -68,7 +69,7 @@ impl CoordinateSystem {
         ))
     }
 
-    /// A run that takes motors to their first reference points: all motors at once, each alone.
+    /// Prepares a run that moves motors to their first reference points: all at once, each independently.
     pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Option<Run>), Refusal> {
         let dialect = self.context.configured.dialect;
         let named = axes.iter().map(|axis| self.axis_of(*axis));
@@ -84,7 +85,7 @@ impl CoordinateSystem {
                 return Err(Refusal::new(RefusalCode::Invalid, text));
             }
         }
-        // The middle point is where the machine is: 0 further.
+        // The middle point is the present position: distance 0.
         let words: Vec<String> = axes.iter().map(|axis| format!("{}0", axis.letter())).collect();
         let text = format!("{} {}", dialect.home, words.join(" "));
         self.prepare_text(Kind::Home, &text, false)
@@ -100,7 +101,7 @@ impl CoordinateSystem {
             })
     }
 
-    /// A run of a program, with all that it may call as they are now.
+    /// Creates a run of a program, with the present texts of all programs that it may call.
     pub(super) fn new_run(
         &self,
         kind: Kind,
@@ -115,7 +116,7 @@ impl CoordinateSystem {
             }
         }
         if main.number != 0 {
-            // what was judged, though the store has another one since
+            // the validated text, even if the store has another one since
             programs.insert(main.number, Arc::clone(&main.tree));
         }
         Run {

@@ -1,9 +1,9 @@
 //! One CNC coordinate system.
 //!
-//! It pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of outputs and resets
-//! (`outputs`), carries out commands one after another (`commands`) and publishes what changed (`publish`). What its run
-//! does next follows from one state (`run_state`). The servo answers by events only; nothing calls back into a stage. One
-//! thread at a time works on it: its task's, or a caller's (`mailbox`).
+//! It pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of outputs and
+//! resets (`outputs`), executes commands one after another (`commands`) and publishes changes (`publish`). The next
+//! step of its run follows from one state (`run_state`). The servo answers by events only; it never calls back into a
+//! stage. Only one thread at a time works on it: its task's, or a caller's (`mailbox`).
 
 mod bus;
 mod commands;
@@ -74,21 +74,21 @@ use servo_link::ServoLink;
 pub(crate) use view::{Prediction, View};
 use watched_clients::WatchedClients;
 
-/// Its whole state.
+/// Complete state of a coordinate system.
 pub(crate) struct CoordinateSystem {
     context: Context,
     servo: ServoLink,
     pipeline: Pipeline,
     replanning: Replanning,
     state: RunState,
-    /// The run that the state is of.
+    /// The run to which the state belongs.
     run: Option<Run>,
-    /// A run by hand that was ended before its end, until the machine rests.
+    /// A run by hand that was ended early, until the machine rests.
     cut_short: Option<CutShort>,
-    /// What is restored when the machine rests after a macro.
+    /// State to restore when the machine rests after a macro.
     restores: Option<Box<Restores>>,
     past: PastRuns,
-    /// Where the axes rest.
+    /// Rest position of the axes.
     rest: WrittenRest,
     inputs: InputValues,
     outputs: Outputs,
@@ -97,13 +97,13 @@ pub(crate) struct CoordinateSystem {
     lease: ControlLease,
 }
 
-/// What comes from outside.
+/// Input values from outside the coordinate system.
 #[derive(Debug, Default)]
 struct InputValues {
     bus: Bus,
     clients: WatchedClients,
     optional_skip: u32,
-    /// What the interpreter has read last, and the first line read with it.
+    /// The skip inputs read last by the interpreter, and the first line to which they apply.
     effective_skip: u32,
     effective_from_line: u32,
     optional_stop: bool,
@@ -112,16 +112,17 @@ struct InputValues {
     start_lock: LockInput,
     overrides: Overrides,
     spindle: (SpindleDirection, f64),
-    /// It turns by M03 or M04 of the stock sequence program: a change of S from this segment on is newer than that.
+    /// Set while the spindle turns by M03 or M04 of the stock sequence program: a change of S from this segment on is
+    /// newer than that.
     spindle_at_s_from: Option<u64>,
-    /// Waits for the speed of the spindle that were begun.
+    /// Number of waits for the spindle speed that were begun.
     spindle_waits: u64,
-    /// Number of the tool in the spindle; `None`: what was kept of it is lost.
+    /// Number of the tool in the spindle; `None` if the stored number is lost.
     tool: Option<u16>,
 }
 
 impl InputValues {
-    /// The interpreter reads the optional skip inputs from this line on.
+    /// Makes the interpreter read the optional skip inputs from this line on.
     fn take_over_skip(&mut self, line: u32) {
         self.effective_skip = self.optional_skip;
         self.effective_from_line = line;
@@ -182,7 +183,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The runtime closes.
+    /// Ends the coordinate system when the runtime closes.
     fn end(mut self) {
         self.outputs
             .ledger
@@ -191,7 +192,7 @@ impl CoordinateSystem {
         self.note_published();
     }
 
-    /// One turn: what the servo reported, what is due, what can be prepared. True when there is more to prepare.
+    /// Executes one turn: servo reports, due times, preparation. Returns true if there is more to prepare.
     fn turn(&mut self, share: Share) -> bool {
         while let Some(event) = self.servo.next_event() {
             self.on_servo_event(event);
@@ -299,7 +300,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// What was in force ahead of the motion is in force now.
+    /// Puts the changes noted ahead of the motion into force.
     fn follow_changes(&mut self, segment: u64) {
         let mut speed = self.pipeline.in_force.modal.spindle_speed_r_min;
         while let Some(change) = self.pipeline.changed_before(segment) {
@@ -315,7 +316,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// An event changes the state of the run, and what follows from that is done.
+    /// Applies an event to the state of the run and performs the resulting actions.
     fn drive(&mut self, event: RunEvent) {
         for action in self.change_state(event) {
             self.act(action);
@@ -346,14 +347,14 @@ impl CoordinateSystem {
         }
     }
 
-    /// Ends the run, if there is one. True when there is nothing to wait for.
+    /// Ends the run, if any. Returns true if there is nothing to wait for.
     fn end_run(&mut self, why: End) -> bool {
         let epoch = self.servo.epoch() + 1;
         self.drive(RunEvent::End { why, epoch });
         self.state.is_idle()
     }
 
-    /// Outputs are cancelled at once, the state follows when the machine rests.
+    /// Cancels outputs at once; the state follows when the machine rests.
     fn on_run_end(&mut self, why: End, epoch: u32) {
         self.outputs.cancel_all(self.context.now(), why.cancel_reason());
         self.servo.stop(epoch, why.is_abort());
@@ -390,7 +391,7 @@ impl CoordinateSystem {
         self.drive(RunEvent::AtRest { epoch });
     }
 
-    /// The machine rests after a run was ended.
+    /// Completes the end of a run when the machine rests.
     fn on_rest_after_end(&mut self, why: End) {
         let restores = self.restores.take();
         if matches!(why, End::Reset { .. }) {
@@ -424,7 +425,7 @@ impl CoordinateSystem {
         self.stop_by_alarm(RaisedAlarm::OfThis(Box::new(record)));
     }
 
-    /// A sequence program raises an alarm; one of all is raised already.
+    /// Handles an alarm of a sequence program; one of the whole machine is already raised.
     fn raise_asked(&mut self, raise: &AlarmRaise) -> Result<Answer, Refusal> {
         let alarm = raise.alarm()?;
         if raise.cs.is_some() {
@@ -450,7 +451,7 @@ impl CoordinateSystem {
             reply,
         } = envelope;
         if let Err(refusal) = self.context.shared.check_not_after(not_after.as_ref()) {
-            // The caller may have gone; nothing was done.
+            // The caller may have left; nothing was done.
             let _ = reply.send(Err(refusal));
             return;
         }
@@ -505,7 +506,7 @@ impl CoordinateSystem {
         self.carry_out_effects();
         self.publish_changes();
         self.publish_start_conditions();
-        // The caller may have gone; the request is carried out all the same.
+        // The caller may have left; the request is executed regardless.
         let _ = reply.send(answer);
     }
 

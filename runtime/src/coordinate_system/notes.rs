@@ -1,5 +1,5 @@
-//! What changes, and which blocks begin, ahead of the motion: noted with the motion that it comes with, and told when the
-//! segments of that motion run. Cutter compensation decides only later how many segments a motion has.
+//! Changes and block starts ahead of the motion: noted with their motion, and reported when the segments of that motion
+//! run. Cutter compensation decides only later how many segments a motion has.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use plc_api::types::state::CallSite;
 use tandem_interp::Modal;
 use tandem_model::flow::Transform;
 
-/// What is in force from the segment after `after_segment` on.
+/// State in force after segment `after_segment`.
 #[derive(Debug, Clone)]
 pub(crate) struct Change {
     pub after_segment: u64,
@@ -20,24 +20,24 @@ pub(crate) struct Change {
 /// Notes of one coordinate system, in the order of the program.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
-    /// With the numbers of motions of which nothing is planned yet.
+    /// Changes with the numbers of motions that are not planned yet.
     ahead: VecDeque<(u64, Change)>,
     changes: VecDeque<Change>,
-    /// The first motions of programmed blocks of which nothing is planned yet.
+    /// The first motions of programmed blocks that are not planned yet.
     blocks_ahead: VecDeque<u64>,
-    /// The first segments of those that have not begun.
+    /// The first segments of planned blocks that have not begun.
     blocks: VecDeque<u64>,
 }
 
 impl Notes {
-    /// Notes what changes with a motion. What is changed again before the same motion is never in force: there is one change
-    /// for each.
+    /// Notes a change with a motion. There is one change per motion: one that is replaced before the same motion never
+    /// comes into force.
     pub fn change(&mut self, motion: u64, change: Change) {
         self.ahead.pop_back_if(|(of, _)| *of == motion);
         self.ahead.push_back((motion, change));
     }
 
-    /// Notes that a programmed block begins with a motion; blocks without one go to the next one that has.
+    /// Notes that a programmed block begins with a motion; a block without motion is assigned to the next motion.
     pub fn block(&mut self, motion: u64) {
         if self.blocks_ahead.back() != Some(&motion) {
             self.blocks_ahead.push_back(motion);
@@ -49,7 +49,7 @@ impl Notes {
         self.blocks.push_back(segment);
     }
 
-    /// This segment is planned next, and is of this motion.
+    /// Assigns the segment that is planned next to its motion.
     pub fn settle(&mut self, motion: u64, segment: u64) {
         while let Some((_, change)) = self.ahead.pop_front_if(|(of, _)| *of <= motion) {
             let after_segment = segment - 1;
@@ -65,7 +65,7 @@ impl Notes {
         }
     }
 
-    /// True when a programmed block begins with this segment, which begins to run.
+    /// Returns true if a programmed block begins with this segment, which begins to run.
     pub fn begins_block(&mut self, segment: u64) -> bool {
         let mut begins = false;
         while self.blocks.pop_front_if(|first| *first <= segment).is_some() {
@@ -74,7 +74,8 @@ impl Notes {
         begins
     }
 
-    /// What changes before a segment begins to run, in order; with the highest number all that is noted.
+    /// Takes the next change that applies before a segment begins to run, in order; with the highest number, every
+    /// noted change.
     pub fn changed_before(&mut self, segment: u64) -> Option<Change> {
         let planned = self.changes.pop_front_if(|change| change.after_segment < segment);
         planned.or_else(|| {
@@ -83,14 +84,14 @@ impl Notes {
         })
     }
 
-    /// All changes that are not told.
+    /// Returns all changes that are not reported yet.
     pub fn changes(&self) -> impl Iterator<Item = &Change> {
         self.changes
             .iter()
             .chain(self.ahead.iter().map(|(_, change)| change))
     }
 
-    /// Nothing that is noted will be.
+    /// Discards all notes.
     pub fn clear(&mut self) {
         *self = Self::default();
     }

@@ -1,4 +1,4 @@
-//! Open outputs, and requests about them: claim, reset, progress, questions, redelivery.
+//! Pending outputs, and requests about them: claim, reset, progress, questions, redelivery.
 
 use std::collections::BTreeMap;
 
@@ -18,22 +18,22 @@ use crate::journal::{Event, ResetOutcome};
 #[derive(Debug)]
 pub(super) struct Outputs {
     pub ledger: Ledger,
-    /// M number and block of each open output that was made, by `seq`, for alarms and the journal.
+    /// M number and block of each pending output that was issued, by `seq`, for alarms and the journal.
     pub made: BTreeMap<u64, (u16, Origin)>,
-    /// When each open output was made, seconds since the start.
+    /// Time at which each pending output was issued, seconds since the start.
     pub since_s: BTreeMap<u64, f64>,
-    /// What the stock sequence program works on.
+    /// Outputs that the stock sequence program works on.
     pub stock: Vec<StockWork>,
-    /// Outputs whose handler has left and comes back, with the time until which they wait for it, seconds since the start.
+    /// Outputs whose handler is expected back, with the end of the wait, seconds since the start.
     pub away: Vec<(u64, f64)>,
-    /// Outputs whose owner was lost, of which nothing is reported yet.
+    /// Outputs whose loss of the owner is not reported yet.
     losses: BTreeMap<u64, Loss>,
 }
 
-/// The loss of the owner of an output.
+/// Loss of the owner of an output.
 #[derive(Debug, Clone, PartialEq)]
 struct Loss {
-    /// When it is reported, unless the output is claimed before; seconds since the start.
+    /// Time at which it is reported, unless the output is claimed before; seconds since the start.
     report_s: f64,
     handler_id: String,
 }
@@ -42,18 +42,18 @@ struct Loss {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StockWork {
     pub seq: u64,
-    /// When its time is over, seconds since the start.
+    /// Time at which its work is due, seconds since the start.
     pub due_s: f64,
-    /// What the spindle has to reach before it resets.
+    /// Spindle state that is required before the reset.
     pub awaits: Option<SpindleGoal>,
 }
 
-/// What an output waits for that commands the spindle.
+/// Spindle state that a spindle output waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SpindleGoal {
     /// M19: the orientation position.
     Orientation,
-    /// M03, M04: the speed; M05: rest. `id`: of the wait of the servo.
+    /// M03, M04: the speed; M05: rest. `id` identifies the servo's wait.
     Speed { id: u64 },
 }
 
@@ -69,7 +69,7 @@ impl Outputs {
         }
     }
 
-    /// The output that a phase of the run waits for; `is_at_rest`: all motion before it has ended.
+    /// Returns the output that a phase of the run waits for. `is_at_rest` is true if all motion before it has ended.
     pub fn awaited(&self, phase: &Phase, is_at_rest: bool) -> Option<Awaited> {
         let open = self.ledger.open();
         let awaited = match phase {
@@ -87,14 +87,14 @@ impl Outputs {
         })
     }
 
-    /// The outputs that a hold kept back.
+    /// Returns the outputs that a hold has delayed.
     pub fn queued(&self) -> Vec<u64> {
         let open = self.ledger.open().iter();
         let queued = open.filter(|open| open.state == OutputState::Queued);
         queued.map(|open| open.notice.seq).collect()
     }
 
-    /// When the ledger or the stock sequence program has something to do, seconds since the start.
+    /// Returns the next deadline of the ledger or the stock sequence program, seconds since the start.
     pub fn next_deadline_s(&self) -> Option<f64> {
         let timed = self.stock.iter().filter(|work| work.awaits.is_none());
         let stock = timed.map(|work| work.due_s);
@@ -110,7 +110,7 @@ impl Outputs {
         self.stock.extract_if(.., |work| is_done(work)).collect()
     }
 
-    /// Sequence and M numbers of unclaimed outputs whose handler has not come back in its time.
+    /// Takes the sequence and M numbers of unclaimed outputs whose handler has not returned within its time limit.
     pub fn take_overdue(&mut self, now_s: f64) -> Vec<(u64, u16)> {
         let over = self.away.extract_if(.., |(_, until_s)| *until_s <= now_s + 1e-9);
         let open = over.filter_map(|(seq, _)| self.ledger.get(seq));
@@ -118,7 +118,7 @@ impl Outputs {
         unclaimed.map(|open| (open.notice.seq, open.notice.m)).collect()
     }
 
-    /// All are cancelled.
+    /// Cancels all outputs.
     pub fn cancel_all(&mut self, now: Now, reason: CancelReason) {
         self.ledger.cancel_all(now, reason);
         self.stock.clear();
@@ -126,7 +126,7 @@ impl Outputs {
         self.losses.clear();
     }
 
-    /// Carries out what is said of an output; what counts is written to the journal.
+    /// Executes a request about an output; an accepted change is written to the journal.
     pub fn carry_out(
         &mut self,
         context: &Context,
@@ -142,7 +142,7 @@ impl Outputs {
         Ok(result)
     }
 
-    /// What the journal keeps of a request that has been accepted.
+    /// Returns the journal event for an accepted request.
     fn event(&self, request: OutputRequest) -> Option<Event> {
         Some(match request {
             OutputRequest::Claim(claim) => Event::Claim {
@@ -176,8 +176,8 @@ impl Outputs {
         })
     }
 
-    /// An instance of a handler has left. The loss of an output that another instance may claim is reported when the time of the handler
-    /// has ended; one that waits for a decision of an operator, after the grace time.
+    /// Processes the loss of a handler instance. The loss of an output that another instance may claim is reported when
+    /// the time of the handler has expired; one that waits for a decision of an operator, after the grace time.
     pub fn on_handler_left(
         &mut self,
         now: Now,
@@ -204,7 +204,7 @@ impl Outputs {
         }
     }
 
-    /// Takes the losses that are due; of those whose output is still lost, the block and the text of the warning.
+    /// Takes the losses that are due; for outputs that are still lost, returns the block and the text of the warning.
     pub fn take_losses(&mut self, now_s: f64) -> Vec<(Origin, String)> {
         let due = self
             .losses
@@ -244,7 +244,7 @@ mod tests {
         }
     }
 
-    /// Outputs of these M numbers, made in this order.
+    /// Returns pending outputs with these M numbers, issued in this order.
     fn open(m_codes: &[u16]) -> Outputs {
         let mut outputs = Outputs::new(Ledger::new(BootId("b1".to_owned()), 1, 8));
         for m in m_codes {

@@ -18,7 +18,7 @@ use crate::config::Unhandled;
 use crate::journal::Event;
 use crate::sequence::stock::{self, StockAction};
 
-/// The handler id of the stock sequence program.
+/// Handler id of the stock sequence program.
 const STOCK_HANDLER: &str = "stock";
 
 impl CoordinateSystem {
@@ -28,14 +28,14 @@ impl CoordinateSystem {
             .timing(output, self.context.m_code(output.m))
     }
 
-    /// True for an output that is made when its block is interpreted.
+    /// Returns true for an output that is issued when its block is interpreted.
     pub(super) fn is_put_out_at_once(&self, output: &Output) -> bool {
         let settings = self.context.m_code(output.m);
         let is_compensating = self.pipeline.is_compensating();
         (self.context.configured).is_put_out_at_once(output, settings, is_compensating)
     }
 
-    /// Puts out at a standstill, and goes on with or without the reset.
+    /// Issues an output at a standstill, and continues with or without the reset.
     pub(super) fn put_out_at_standstill(&mut self, output: Output) -> bool {
         match self.timing(&output) {
             Timing::AfterMotion => self.put_out_after_motion(output),
@@ -43,7 +43,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Puts out at a standstill; false when it has to wait for the reset of the same M number (D32), or for room.
+    /// Issues an output at a standstill; returns false if it must wait for the reset of the same M number (D32), or for
+    /// room.
     pub(super) fn put_out_after_motion(&mut self, output: Output) -> bool {
         let since_s = self.context.now_s();
         self.context.view.update(|place| {
@@ -60,10 +61,10 @@ impl CoordinateSystem {
         true
     }
 
-    /// Puts out while motion goes on; false when it has to wait (D32).
+    /// Issues an output while motion continues; returns false if it must wait (D32).
     pub(super) fn put_out_with_motion(&mut self, output: Output) -> bool {
         let Some(seq) = self.enqueue(output, Timing::WithMotion) else {
-            // Nothing follows soon: what is held back comes to rest here.
+            // No motion follows soon: the withheld motion stops here.
             let phase = match self.pipeline.flush() {
                 Ok(()) => Phase::Room(output),
                 Err(alarm) => Phase::Standstill(Then::Alarm(alarm)),
@@ -71,7 +72,7 @@ impl CoordinateSystem {
             self.drive(RunEvent::Phase(phase));
             return false;
         };
-        // D18: while held no output is made; it stays QUEUED until the resume.
+        // D18: while held no output is issued; it stays QUEUED until the resume.
         if self.state.is_running() || self.leaves_thread() {
             self.outputs.ledger.put_out(self.context.now(), seq);
         }
@@ -79,7 +80,7 @@ impl CoordinateSystem {
         true
     }
 
-    /// Puts out what had to wait; false when it still has to.
+    /// Issues an output that had to wait; returns false if it must still wait.
     pub(super) fn put_out_if_room(&mut self, output: Output, held: bool) -> bool {
         if self.timing(&output) == Timing::WithMotion {
             self.drive(RunEvent::Phase(Phase::Interpret));
@@ -88,7 +89,7 @@ impl CoordinateSystem {
         !held && self.put_out_after_motion(output)
     }
 
-    /// Makes the outputs that a hold kept back.
+    /// Issues the outputs that a hold has delayed.
     pub(super) fn put_out_queued(&mut self) {
         for seq in self.outputs.queued() {
             self.outputs.ledger.put_out(self.context.now(), seq);
@@ -96,7 +97,7 @@ impl CoordinateSystem {
         self.carry_out_effects();
     }
 
-    /// Updates which output the run waits for, by the ledger.
+    /// Updates from the ledger which output the run waits for.
     pub(super) fn look_at_outputs(&mut self) {
         let is_at_rest = self.servo.finished_segment >= self.pipeline.planner.last_segment();
         let phase = self.state.phase();
@@ -106,7 +107,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// `None` while an output of the same M number is open (D32), and while there is no room.
+    /// Returns `None` while an output of the same M number is pending (D32), and while there is no room.
     fn enqueue(&mut self, output: Output, timing: Timing) -> Option<u64> {
         if self.outputs.ledger.is_open(output.m) {
             return None;
@@ -130,7 +131,7 @@ impl CoordinateSystem {
         self.outputs.ledger.enqueue(self.context.now(), spec).ok()
     }
 
-    /// Publishes and does what the ledger's last changes ask for, until nothing is left.
+    /// Publishes and executes the effects of the ledger's last changes, until none is left.
     pub(super) fn carry_out_effects(&mut self) {
         loop {
             self.look_at_outputs();
@@ -146,8 +147,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Whatever is published may reach a handler: what the journal must know of it stands there before. A handler for which an
-    /// output was claimed begins as soon as it hears of it, and finds the state that goes with it.
+    /// Writes the journal before any publication, because each message may reach a handler. If an output was claimed
+    /// for a handler, the handler begins when it receives the message, and must find the matching state.
     fn before_effects(&mut self, effects: &[Effect]) {
         let mut is_claimed = false;
         for effect in effects {
@@ -196,7 +197,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// An output that no handler serves waits for one that comes back.
+    /// Handles an output that no handler serves. If its handler is expected back, the output waits for it.
     fn look_for_handler(&mut self, seq: u64, m: u16) {
         let (shared, cs) = (&self.context.shared, self.context.number);
         if shared.is_handled(cs, m) {
@@ -210,11 +211,11 @@ impl CoordinateSystem {
         }
     }
 
-    /// A handler has left: what it did not begin with waits for it where it comes back.
+    /// Keeps the outputs that a lost handler has not begun with, until the handler returns.
     pub(super) fn await_handler(&mut self) {
         let (shared, cs) = (&self.context.shared, self.context.number);
         let open = self.outputs.ledger.open().iter();
-        // one that its owner lost waits for a claim or an operator
+        // after the loss of its owner, an output waits for a claim or an operator
         let unclaimed = open.filter(|open| {
             open.state == OutputState::Output && !open.lost && !shared.is_handled(cs, open.notice.m)
         });
@@ -223,14 +224,14 @@ impl CoordinateSystem {
         self.outputs.away = away.collect();
     }
 
-    /// Handlers that have not come back in their time are no longer waited for.
+    /// Ends the wait for handlers that have not returned within their time limit.
     pub(super) fn look_at_away(&mut self, now: Now) {
         for (seq, m) in self.outputs.take_overdue(now.monotonic_s) {
             self.look_for_handler(seq, m);
         }
     }
 
-    /// No handler is registered: the stock sequence program, or the M code's policy.
+    /// Handles an output without a registered handler: by the stock sequence program, or by the M code's policy.
     fn without_handler(&mut self, notice: &OutputNotice) {
         let settings = self.context.m_code(notice.m).cloned().unwrap_or_default();
         let has_spindle = self.context.configured.settings.spindle.is_some();
@@ -298,7 +299,7 @@ impl CoordinateSystem {
         self.end_waits_for_spindle(|goal| goal == SpindleGoal::Orientation);
     }
 
-    /// The spindle has reached what was commanded before the wait of this id began.
+    /// Processes that the spindle has reached the speed commanded before the wait with this id began.
     pub(super) fn on_spindle_reached(&mut self, id: u64) {
         self.publish_spindle();
         self.end_waits_for_spindle(|goal| matches!(goal, SpindleGoal::Speed { id: of } if of <= id));
@@ -313,8 +314,8 @@ impl CoordinateSystem {
         self.do_stock_work(self.context.now());
     }
 
-    /// Outputs that wait for the speed of the spindle wait for the speed that is commanded now. At override 0 percent they wait
-    /// for a higher one: a spindle that rests would be at its commanded speed.
+    /// Makes the outputs that wait for the speed of the spindle wait for the speed commanded now. At override 0 percent
+    /// they wait for a higher one, because a spindle at rest would already be at its commanded speed.
     fn await_spindle(&mut self) {
         let Some(spindle) = &self.context.configured.settings.spindle else {
             return;
@@ -353,7 +354,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Speed with the override, r/min.
+    /// Returns the speed with the override, r/min.
     fn commanded_rpm(&self) -> f64 {
         let (_, rpm) = self.inputs.spindle;
         let wanted = rpm * self.inputs.overrides.spindle / 100.0;
@@ -377,7 +378,7 @@ impl CoordinateSystem {
                 force: None,
                 instance: None,
             };
-            // an output whose reset does not count has been closed meanwhile
+            // an output whose reset is rejected has been closed meanwhile
             let _ = self
                 .outputs
                 .carry_out(&self.context, None, OutputRequest::Reset(reset));
@@ -429,8 +430,9 @@ impl CoordinateSystem {
         self.send_spindle();
     }
 
-    /// The segment begins, and the block before it has changed S: a spindle that the stock sequence program turns by M03
-    /// or M04 takes that speed at once (manual, S function). Any other sequence program does so itself (D35).
+    /// Applies a changed S at the start of the segment after the change: a spindle that the stock sequence program
+    /// turns by M03 or M04 takes that speed at once (manual, S function). Any other sequence program does so itself
+    /// (D35).
     pub(super) fn follow_spindle_speed(&mut self, segment: u64, rpm: f64) {
         if self.inputs.spindle_at_s_from.is_some_and(|from| segment >= from) {
             self.inputs.spindle.1 = rpm;

@@ -1,4 +1,4 @@
-//! The parts of an ordered run that are still to be made. Each begins only after `PROGRAM_COMPLETED`, under the lease of the order; an
+//! The remaining parts of an ordered run. Each begins only after `PROGRAM_COMPLETED`, under the lease of the order; an
 //! alarm, a stop, a reset or another command ends the order. The interlock and the start lock only delay the next part.
 
 use std::collections::BTreeMap;
@@ -15,24 +15,25 @@ use crate::journal::Event;
 use crate::order_key::OrderKey;
 use crate::program_store::shown_to_be_called_by;
 
-/// A part waits so long while a program that it may call is being stored, s.
+/// Delay of a part while a program that it may call is being stored, s.
 const STORING_S: f64 = 0.01;
 
-/// What was ordered, and how far it is.
+/// Ordered parts and their progress.
 #[derive(Debug)]
 pub(super) struct Parts {
-    /// All parts are one run.
+    /// Run to which all parts belong.
     pub run_id: String,
-    /// Who has ordered, and under which lease.
+    /// Client and lease of the order.
     meta: CommandMeta,
     pub ordered: u32,
     order: OrderKey,
     done: u32,
-    /// Why the next one does not begin yet.
+    /// Reason why the next part does not begin yet.
     waits_for: Option<String>,
-    /// When the next one is tried again, seconds since the start.
+    /// Time of the next attempt to begin it, seconds since the start.
     again_s: Option<f64>,
-    /// Hashes of the programs that all parts have: the main program, those that its text calls, and those that it has called.
+    /// Hashes of the programs that all parts share: the main program, those that its text calls, and those that it has
+    /// called.
     hashes: BTreeMap<u16, String>,
 }
 
@@ -59,14 +60,15 @@ impl Parts {
 }
 
 impl Parts {
-    /// The order that begins this run with its first part.
+    /// Returns the order that starts this run with its first part.
     pub fn order_of(&self, run_id: &str) -> Option<OrderKey> {
         (self.done == 0 && self.run_id == run_id).then(|| self.order.clone())
     }
 }
 
 impl CoordinateSystem {
-    /// A part of a run is completed, or the only one. Until the run has ended, the programs of its parts stay as they are.
+    /// Counts a completed part of a run, or the only one. Until the run has ended, the programs of its parts are not
+    /// changed.
     pub(super) fn count_part(&mut self, run: &Run) {
         let (cs, store) = (self.context.number, &self.context.shared.store);
         if let Some(parts) = &mut self.commands.parts {
@@ -86,7 +88,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Refuses a part whose programs are not those of the parts before it.
+    /// Refuses a part whose programs differ from those of the parts before it.
     fn judge_hashes(&self, parts: &Parts) -> Result<(), Refusal> {
         for (number, hash) in &parts.hashes {
             let now = self.context.shared.store.get(*number);
@@ -100,19 +102,19 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// True when the next part may begin, as far as is known.
+    /// Returns true if no known condition delays the next part.
     pub(super) fn part_is_due(&self) -> bool {
         let parts = self.commands.parts.as_ref();
         let is_due = |parts: &Parts| parts.waits_for.is_none() && parts.again_s.is_none();
         self.state.is_idle() && parts.is_some_and(is_due)
     }
 
-    /// When the next part is tried again.
+    /// Returns the time of the next attempt to begin a part.
     pub(super) fn parts_again_s(&self) -> Option<f64> {
         self.commands.parts.as_ref()?.again_s
     }
 
-    /// Begins the next part, holds it back, or gives the rest up.
+    /// Begins the next part, delays it, or drops the remaining parts.
     pub(super) fn begin_next_part(&mut self) {
         if !self.state.is_idle() || self.is_in_transition() {
             return;
@@ -155,7 +157,7 @@ impl CoordinateSystem {
                 parts.waits_for = Some(refusal.text.clone());
                 self.context.record(Event::PartsWait { text: refusal.text });
             }
-            // a program that the next part may call, and none before it has called
+            // a program that the next part may call, and no part before it has called
             RefusalCode::Unavailable if self.context.shared.store.is_storing() => {
                 let again_s = self.context.now_s() + STORING_S;
                 if let Some(parts) = &mut self.commands.parts {
@@ -169,7 +171,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// A command was accepted: most take the place of parts that have not begun.
+    /// Processes an accepted command: most commands drop the parts that have not begun.
     pub(super) fn give_up_parts(&mut self, verb: Verb) {
         let how = match verb {
             Verb::Hold | Verb::Resume | Verb::BackTrace | Verb::AlarmAcknowledge => return,
@@ -185,7 +187,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The run is ended before its end, or what was still to come of it.
+    /// Ends the order because its run, or the remaining parts, were ended early.
     pub(super) fn end_parts_by(&mut self, why: End) {
         let how = match why {
             End::Stop => RunEndedHow::Stopped,

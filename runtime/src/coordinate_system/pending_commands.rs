@@ -1,4 +1,4 @@
-//! Pending commands: those to be judged, those whose parameters handlers check, and those whose effect is awaited.
+//! Pending commands: those to be validated, those whose parameters handlers check, and those whose effect is awaited.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -16,20 +16,20 @@ use super::parts::Parts;
 use super::programs::{Texts, place_of};
 use crate::program_store::StoredProgram;
 
-/// Commands that wait for a transition to end. A further one is refused.
+/// Maximum number of commands that wait for a transition to end. A further one is refused.
 const DEFERRED_MAX: usize = 256;
 
-/// How long handlers may take to answer; then the program is loaded with a warning.
+/// Time limit for the answers of handlers; after it the program is loaded with a warning.
 pub(super) const PATIENCE_S: f64 = 2.0;
 
-/// Characters of a handler's refusal; a longer one is cut.
+/// Maximum length of a handler's refusal, in characters; a longer one is cut.
 const TEXT_MAX: usize = 200;
 
 pub(super) type Reply = oneshot::Sender<Result<Answer, Refusal>>;
 
-/// A command that is to be judged.
+/// Command that is still to be validated.
 pub(super) struct Deferred {
-    /// When it came, among all that is asked of this coordinate system.
+    /// Sequence number among all requests to this coordinate system.
     pub order: u64,
     pub command: Command,
     pub meta: CommandMeta,
@@ -38,57 +38,58 @@ pub(super) struct Deferred {
 }
 
 impl Deferred {
-    /// Refuses it.
+    /// Refuses the command.
     pub fn refuse(self, context: &Context, refusal: Refusal) {
-        // The caller may be gone; the reply is published, too.
+        // The caller may have left; the reply is published, too.
         let _ = self.reply.send(Err(context.reject(&self.meta, refusal)));
     }
 }
 
-/// A command that was accepted and whose effect is still to come.
+/// Accepted command whose effect is still pending.
 pub(super) struct Awaiting {
     pub meta: CommandMeta,
     pub verb: Verb,
-    /// It is the end of a jog.
+    /// True if it ends a jog.
     pub ends_jog: bool,
-    /// What was worth knowing when it was accepted.
+    /// Note from its acceptance.
     pub note: String,
-    /// What is loaded or started.
+    /// The program loaded or started.
     pub program: Option<Arc<StoredProgram>>,
-    /// The run that is begun.
+    /// The run that it starts.
     pub run_id: Option<String>,
     pub reply: Option<Reply>,
 }
 
 impl Awaiting {
-    /// Done when the machine rests under feed hold.
+    /// Returns true if it is done when the machine rests under feed hold.
     pub fn is_hold(&self) -> bool {
         self.verb == Verb::Hold
     }
 
-    /// Done when a run has been ended and the machine rests. A hold that an end overtook is done then, too.
+    /// Returns true if it is done when a run has ended and the machine rests. A hold overtaken by such an end is done
+    /// then, too.
     pub fn is_end(&self) -> bool {
         self.ends_jog || matches!(self.verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset)
     }
 
-    /// Done when the run that it began has ended by itself.
+    /// Returns true if it is done when the run that it started has completed.
     pub fn is_of_run(&self) -> bool {
         !self.ends_jog && matches!(self.verb, Verb::Mdi | Verb::Home | Verb::Jog)
     }
 }
 
-/// What prevented the effect of a command that was accepted.
+/// Failure that prevented the effect of an accepted command.
 #[derive(Debug)]
 pub(super) struct Failure {
-    /// Of the reply.
+    /// Code in the reply.
     pub code: &'static str,
-    /// For people.
+    /// Text for the operator.
     pub text: String,
     /// Distance covered by axis letter, mm or degrees.
     pub moved: BTreeMap<char, f64>,
 }
 
-/// A load or start that waits for the answers of handlers.
+/// Load or start that waits for the answers of handlers.
 pub(super) struct Validation {
     pub command: Deferred,
     pub main: u16,
@@ -104,12 +105,12 @@ pub(super) struct Validation {
 pub(super) struct Asked {
     pub m: u16,
     pub request: Validate,
-    /// Handlers that have not answered.
+    /// Handlers whose answer is pending.
     pub by: BTreeSet<String>,
 }
 
 impl Validation {
-    /// A handler has answered.
+    /// Processes the answer of a handler.
     pub fn take(&mut self, result: &ValidateResult) {
         let mut asked = self.asked.iter_mut();
         let Some(asked) = asked.find(|asked| asked.request.request_id == result.request_id) else {
@@ -141,7 +142,8 @@ impl Validation {
         self.asked.iter().all(|asked| asked.by.is_empty())
     }
 
-    /// Who has not answered, at the first line of each, and how many codes were not asked about.
+    /// Returns the handlers that have not answered, at the first line of each, and the number of codes that were not
+    /// checked.
     pub fn notes(&self) -> Vec<(Origin, String)> {
         let at = |program, line| Origin {
             program,
@@ -172,20 +174,20 @@ impl Validation {
 /// Commands to one coordinate system, and the program that they have loaded.
 #[derive(Default)]
 pub(super) struct Commands {
-    /// To be judged, in order.
+    /// Commands to be validated, in order.
     pub deferred: VecDeque<Deferred>,
     pub awaiting: Vec<Awaiting>,
-    /// Order of the last stop or abort, which has passed those that wait.
+    /// Order of the last stop or abort, which has overtaken the waiting commands.
     pub stopped_at: u64,
     /// A load or start whose parameters handlers check.
     pub validation: Option<Validation>,
-    /// What handlers were asked so far.
+    /// Number of validation requests to handlers so far.
     pub validations: u64,
     /// The command that was accepted last.
     pub last_id: Option<String>,
     /// The program loaded.
     pub program: Option<u16>,
-    /// It and those that it calls, as they were when it was loaded.
+    /// The program and those that it calls, with their text at the load.
     pub texts: Texts,
     /// Parts of the run that are still to be made.
     pub parts: Option<Parts>,
@@ -195,7 +197,7 @@ impl Commands {
     /// Keeps a command until those before it have had their effect.
     ///
     /// # Errors
-    /// Too many wait; the command is given back.
+    /// Returns the command as an error if too many commands wait.
     pub fn defer(&mut self, command: Deferred) -> Result<(), Box<Deferred>> {
         if self.deferred.len() >= DEFERRED_MAX {
             return Err(Box::new(command));
@@ -204,7 +206,7 @@ impl Commands {
         Ok(())
     }
 
-    /// Refuses what was to move before a stop or abort that has passed it.
+    /// Refuses a motion command that was sent before a stop or abort and overtaken by it.
     pub fn judge_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
         if verb.moves() && order < self.stopped_at {
             let text = "a stop or abort that came after it has been carried out before it; command it again";
@@ -213,13 +215,13 @@ impl Commands {
         Ok(())
     }
 
-    /// True when the effect of a command of this id is still to come.
+    /// Returns true if the effect of the command with this id is still pending.
     pub fn awaits(&self, command_id: &str) -> bool {
         let mut awaiting = self.awaiting.iter();
         awaiting.any(|awaiting| awaiting.meta.command_id == command_id)
     }
 
-    /// Answers those commands: `done`, each with its own note, or `failed` with what prevented their effect.
+    /// Answers those commands: `done`, each with its own note, or `failed` with the reason that prevented their effect.
     pub fn answer(
         &mut self,
         context: &Context,
@@ -243,7 +245,7 @@ impl Commands {
                 awaiting.run_id.as_deref(),
             );
             if let Some(reply) = awaiting.reply {
-                // The caller may be gone; the reply is published, too.
+                // The caller may have left; the reply is published, too.
                 let _ = reply.send(Ok(Answer::Command(said)));
             }
         }

@@ -1,4 +1,4 @@
-//! The stages of one coordinate system in a row: interpreter, path, motion. Pure; the task pulls it.
+//! The stages of one coordinate system in sequence: interpreter, path, motion. Pure; the task pulls items from it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use super::line_search::{LineArrival, LineEntry};
 use super::notes::{Change, Notes};
 use crate::planned::{OnPlan, Planned};
 
-/// The stages and what they have ready for the servo.
+/// Stages of a coordinate system, and the profiles that are ready for the servo.
 #[derive(Debug)]
 pub(crate) struct Pipeline {
     pub interpreter: Interpreter,
@@ -30,21 +30,21 @@ pub(crate) struct Pipeline {
     segments: Vec<Segment>,
     /// Planned, and not yet in the servo's queue.
     pub ready: VecDeque<Profile>,
-    /// What changes, and which blocks begin, ahead of the motion.
+    /// Changes and block starts ahead of the motion.
     notes: Notes,
-    /// What was noted last.
+    /// The change noted last.
     last: Change,
-    /// In force for the motion that runs.
+    /// State in force for the running motion.
     pub in_force: Change,
     /// The programmed block noted last, by the interpreter's count.
     noted_step: Option<u64>,
-    /// The tool is in a thread when all that has been given out so far has run.
+    /// True if the tool is in a thread after all profiles handed out so far have run.
     pub in_thread: bool,
-    /// Called with what is planned, and the settings of the coordinate system.
+    /// Called with each plan and the settings of the coordinate system.
     watched: Option<(OnPlan, Box<CoordinateSystemSettings>)>,
 }
 
-/// What is in force between two runs: the modal state, the transform and what is published of them.
+/// State in force between two runs: the modal state, the transform and the values published of them.
 #[derive(Debug)]
 pub(crate) struct InForce {
     modal: ModalState,
@@ -52,7 +52,7 @@ pub(crate) struct InForce {
     change: Change,
 }
 
-/// An item that the path stage has not been given yet.
+/// Item that was not yet passed to the path stage.
 #[derive(Debug)]
 pub(crate) struct SetAside {
     block: Option<Block>,
@@ -62,7 +62,7 @@ pub(crate) struct SetAside {
 }
 
 impl Pipeline {
-    /// With the machine at rest at this position.
+    /// Creates a pipeline with the machine at rest at this position.
     pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect, at: MachinePosition) -> Self {
         let interpreter = Interpreter::new(settings, dialect);
         let path = PathStage::new(settings, at);
@@ -88,8 +88,8 @@ impl Pipeline {
         }
     }
 
-    /// Replaces all stages by new ones, after a fault in one of them, with the machine at this position. Segment numbers
-    /// and the operator's dry run continue.
+    /// Replaces all stages after a fault in one of them, with the machine at this position. Segment numbers and the
+    /// operator's dry run continue.
     pub fn renew(
         &mut self,
         settings: &CoordinateSystemSettings,
@@ -108,13 +108,13 @@ impl Pipeline {
         *self = new;
     }
 
-    /// Tells what it plans from now on.
+    /// Calls `on_plan` with every plan from now on.
     pub fn watch(&mut self, on_plan: OnPlan, settings: &CoordinateSystemSettings) {
         self.watched = Some((on_plan, Box::new(settings.clone())));
     }
 
-    /// The interpreter's next item. A block has gone on to the planner when this returns; behind a G31 it is set aside,
-    /// since it begins where that ends.
+    /// Returns the interpreter's next item. Its block has been passed to the planner on return; after a G31 it is set
+    /// aside instead, because it starts where the G31 ends.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         let item = self.interpreter.next(inputs);
         if let Ok(item) = &item {
@@ -139,7 +139,8 @@ impl Pipeline {
         Ok(())
     }
 
-    /// True while the start point of the next block is unknown: a G31 runs, or blocks behind it are not planned yet.
+    /// Returns true while the start point of the next block is unknown: a G31 runs, or blocks after it are not planned
+    /// yet.
     pub fn is_behind_skip(&self) -> bool {
         self.path.is_skipping() || !self.set_aside.is_empty()
     }
@@ -163,8 +164,8 @@ impl Pipeline {
         });
     }
 
-    /// Once the G31 has ended, takes the first item that was set aside and hands its block to the planner. An alarm
-    /// discards the items behind it. `None`: there is none, or the G31 still runs.
+    /// After the G31 has ended, takes the first item that was set aside and passes its block to the planner. An alarm
+    /// discards the items after it. Returns `None` if there is no item, or if the G31 still runs.
     pub fn next_set_aside(&mut self) -> Option<Result<(), Alarm>> {
         if self.path.is_skipping() {
             return None;
@@ -191,7 +192,7 @@ impl Pipeline {
         self.plan(result)
     }
 
-    /// Hands out what is certain, ending at rest: the program waits, and continues later.
+    /// Hands out all motion that is certain, ending at rest: the program waits, and continues later.
     pub fn flush(&mut self) -> Result<(), Alarm> {
         self.path.flush(&mut self.segments);
         self.plan(Ok(()))?;
@@ -199,7 +200,7 @@ impl Pipeline {
         Ok(())
     }
 
-    /// The same where the program ends; what cutter compensation keeps back is discarded.
+    /// Does the same at the end of the program; blocks withheld by cutter compensation are discarded.
     pub fn finish(&mut self) -> Result<(), Alarm> {
         let result = self.path.finish(&mut self.segments);
         let planned = self.plan(result);
@@ -207,13 +208,13 @@ impl Pipeline {
         planned
     }
 
-    /// True while the program may neither wait nor end: from G41 or G42 to the lead-out behind G40.
+    /// Returns true while the program may neither wait nor end: from G41 or G42 to the lead-out after G40.
     pub fn is_compensating(&self) -> bool {
         self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off
     }
 
-    // What came before a refused block is planned all the same: it runs to its end before the alarm. Nothing moves
-    // behind a segment that cannot be planned.
+    // Blocks before a refused block are still planned: their motion runs to its end before the alarm. Nothing moves
+    // after a segment that cannot be planned.
     fn plan(&mut self, result: Result<(), Alarm>) -> Result<(), Alarm> {
         let planned = self.segments.iter().try_for_each(|segment| {
             let known = self.ready.len();
@@ -267,17 +268,17 @@ impl Pipeline {
         self.notes.change(self.next_motion(), self.last.clone());
     }
 
-    /// The number of the next block's motion in the path stage.
+    /// Returns the number of the next block's motion in the path stage.
     fn next_motion(&self) -> u64 {
         self.path.last_serial() + 1
     }
 
-    /// The segment that the next block will have; with cutter compensation about that one.
+    /// Returns the segment that the next block will have; with cutter compensation it is approximate.
     pub fn next_segment(&self) -> u64 {
         self.planner.last_segment() + self.path.held_back() as u64 + 1
     }
 
-    /// A fixed cycle gives several blocks of one step.
+    /// Notes the start of a programmed block. A fixed cycle produces several blocks of one step.
     fn note_block(&mut self, step: u64) {
         if self.noted_step != Some(step) {
             self.notes.block(self.next_motion());
@@ -285,19 +286,19 @@ impl Pipeline {
         self.noted_step = Some(step);
     }
 
-    /// True when a programmed block begins with this segment, which begins to run.
+    /// Returns true if a programmed block begins with this segment, which begins to run.
     pub fn begins_block(&mut self, segment: u64) -> bool {
         self.notes.begins_block(segment)
     }
 
-    /// What changes before a segment begins to run, in order.
+    /// Returns the next change that applies before a segment begins to run, in order.
     pub fn changed_before(&mut self, segment: u64) -> Option<Change> {
         let change = self.notes.changed_before(segment)?;
         self.in_force = change.clone();
         Some(change)
     }
 
-    /// The first match in the modal states of the running motion, the next block and all that is prepared.
+    /// Returns the first match in the modal states of the running motion, the next block and all prepared blocks.
     pub fn anywhere<T>(&self, pick: impl Fn(&Modal) -> Option<T>) -> Option<T> {
         let near = [&self.in_force.modal, self.interpreter.modal()].into_iter();
         let ahead = self.notes.changes().map(|change| &change.modal);
@@ -305,13 +306,12 @@ impl Pipeline {
         near.chain(ahead).chain(aside).find_map(pick)
     }
 
-    /// Where the next block starts from; `None` while that is unknown.
+    /// Returns the start position of the next block; `None` while it is unknown.
     pub fn counts_from(&self) -> Option<MachinePosition> {
         (!self.is_behind_skip()).then(|| self.path.counts_from())
     }
 
-    /// Begins a program at its head, where the machine rests: in the start-up modal state, or in the one that is in
-    /// force.
+    /// Begins a program at line 1, where the machine rests: in the start-up modal state, or in the one in force.
     pub fn start(&mut self, program: Arc<NcProgram>, number: u16, epoch: u32, goes_on: bool) {
         self.restart(epoch, self.path.position(), goes_on);
         if goes_on {
@@ -323,14 +323,14 @@ impl Pipeline {
         self.last = self.in_force.clone();
     }
 
-    /// Lets the text that has begun read its numbers as at start-up: in the unit of the settings, and as positions.
+    /// Makes the program text read its numbers as at start-up: in the unit of the settings, and as positions.
     pub fn read_as_at_start_up(&mut self) {
         self.interpreter.read_as_at_start_up();
         self.in_force.modal = self.interpreter.modal().clone();
         self.last = self.in_force.clone();
     }
 
-    /// Returns what is in force between two runs.
+    /// Returns the state in force between two runs.
     pub fn in_force_at_rest(&self) -> InForce {
         InForce {
             modal: self.interpreter.modal_state(),
@@ -339,7 +339,7 @@ impl Pipeline {
         }
     }
 
-    /// Restores what was in force before, with the machine at rest where it is.
+    /// Restores the former state in force, with the machine at rest at its current position.
     pub fn restore(&mut self, before: InForce, epoch: u32) {
         let at = self.path.position();
         self.restart(epoch, at, true);
@@ -352,7 +352,7 @@ impl Pipeline {
         self.last = self.in_force.clone();
     }
 
-    /// Begins in the state of a line; [`Pipeline::enter`] comes before its first block.
+    /// Begins in the state of a line; [`Pipeline::enter`] must be called before its first block.
     pub fn start_from(&mut self, entry: LineEntry, epoch: u32) -> LineArrival {
         let LineEntry { interpreter, arrival } = entry;
         self.restart(epoch, self.path.position(), false);
@@ -367,10 +367,10 @@ impl Pipeline {
         arrival
     }
 
-    /// Plans the approach to where the line begins, and goes on from there.
+    /// Plans the approach to the start of the line, and continues from there.
     ///
     /// # Errors
-    /// The approach cannot be planned.
+    /// Returns an error if the approach cannot be planned.
     pub fn enter(&mut self, arrival: LineArrival) -> Result<(), Alarm> {
         let mut from = self.path.position();
         let is_dry_run = self.path.is_dry_run();
@@ -395,8 +395,8 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
-    /// ends, or is kept.
+    /// Discards all prepared motion: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
+    /// ends, or is kept if `goes_on`.
     pub fn restart(&mut self, epoch: u32, at: MachinePosition, goes_on: bool) {
         self.ready.clear();
         self.set_aside.clear();
@@ -413,13 +413,14 @@ impl Pipeline {
         }
     }
 
-    /// Goes on from a new plan; nothing may have been given out since it was made.
+    /// Continues from a new plan; no motion may have been handed out since it was made.
     pub fn adopt(&mut self, mut new: Replan) {
         self.ready = std::mem::take(&mut new.profiles);
         self.planner.adopt(new);
     }
 
-    /// A motion by hand: each motor alone to a machine position, with the rapid limits of these settings.
+    /// Plans a motion by hand: each motor moves independently to a machine position, with the rapid limits of these
+    /// settings.
     pub fn jog(&mut self, settings: &CoordinateSystemSettings, to: AxisVector) -> Result<(), Alarm> {
         let from = self.path.position().0;
         let segment = Segment {
@@ -439,7 +440,7 @@ impl Pipeline {
     }
 }
 
-/// The calls of the nesting: in which program and line each was made.
+/// Returns the nested calls: the program and line of each.
 pub(crate) fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSite> {
     let depth = interpreter.call_stack().count();
     interpreter
@@ -486,7 +487,7 @@ mod tests {
     use super::*;
     use crate::Config;
 
-    /// A pipeline of the demo's mill at rest at zero, before the first block of a program.
+    /// Runs a test with a pipeline of the demo's mill, at rest at zero, before the first block of a program.
     fn with_program(text: &str, test: impl FnOnce(&mut Pipeline, &Inputs<'_>)) {
         let machine = Config::demo().resolve().unwrap();
         let system = &machine.coordinate_systems[0];
@@ -509,7 +510,7 @@ mod tests {
 
     #[test]
     fn nothing_moves_behind_a_segment_that_cannot_be_planned() {
-        // the second line would take more than 1e9 s, and is known to end in no stop when the third one comes
+        // the second line would take more than 1e9 s; the third line shows that it does not end in a stop
         let text = "G90 G01 X10 F3000\nX100 F0.0000001\nX150 F3000\nM30\n";
         with_program(text, |pipeline, inputs| {
             let alarm = loop {
@@ -526,7 +527,8 @@ mod tests {
         });
     }
 
-    /// From which segment on it is so, as those who watch are told once the whole program is planned.
+    /// Returns the first segment for which the condition holds, as reported to watchers after the whole program is
+    /// planned.
     fn in_force_from(text: &str, is_it: impl Fn(&Change) -> bool) -> Option<u64> {
         let mut found = None;
         with_program(text, |pipeline, inputs| {

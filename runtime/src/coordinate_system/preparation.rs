@@ -17,23 +17,24 @@ use crate::journal::{Event, RunEnd};
 /// Limits of the work done in one turn.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Share {
-    /// Commands are carried out. Reason: a load checks whole programs, and a caller must not wait for that.
+    /// True if commands are executed. Reason: a load checks whole programs, and a caller must not wait for that.
     pub commands: bool,
-    /// Steps of the run: items taken from the interpreter, and what follows from each.
+    /// Maximum number of steps of the run: items taken from the interpreter, and their consequences.
     items: usize,
     /// Approximate number of blocks interpreted; a calculation may add up to [`STEPS_IN_CHAIN_MAX`].
     blocks: u64,
 }
 
 impl Share {
-    /// So that a command never waits long for the task.
+    /// Limits for the task, so that a command never waits long for it.
     pub const OF_TASK: Share = Share {
         commands: true,
         items: 256,
         blocks: 2 * STEPS_IN_CHAIN_MAX as u64,
     };
 
-    /// For the immediate consequences of a request, since the caller has other work to do. Reason: an output takes 4 items.
+    /// Limits for the immediate consequences of a request, since the caller has other work to do. Reason: an output
+    /// takes 4 items.
     pub const OF_CALLER: Share = Share {
         commands: false,
         items: 16,
@@ -41,8 +42,8 @@ impl Share {
     };
 }
 
-/// The alarm of a wait, stop or end within cutter compensation: there the next block decides where a block ends, so the
-/// machine cannot come to rest at its end (manual, restrictions of G41).
+/// Returns the alarm of a wait, stop or end within cutter compensation: the end point of a block depends on the next
+/// block, so the machine cannot stop there (manual, restrictions of G41).
 pub(crate) fn rest_refused(item: &Item) -> Option<Alarm> {
     let (origin, text) = match item {
         Item::Block(_) | Item::NeedsStandstill(_) | Item::Warning(..) => return None,
@@ -71,7 +72,7 @@ impl Then {
 }
 
 impl CoordinateSystem {
-    /// Prepares as much as possible, within the limits of `share`. True if more can be done at once.
+    /// Prepares as much as possible, within the limits of `share`. Returns true if more can be done at once.
     pub(super) fn prepare(&mut self, share: Share) -> bool {
         if self.is_replanning() {
             self.hand_over();
@@ -90,13 +91,13 @@ impl CoordinateSystem {
         true
     }
 
-    /// True while a thread is cut and no hold acts in it: the operator's waits for the end of the thread, so what leads out of it
-    /// is still prepared and put out.
+    /// Returns true while a thread is cut and no hold acts in it. The operator's hold waits for the end of the thread,
+    /// so motion and outputs up to there are still prepared.
     pub(super) fn leaves_thread(&self) -> bool {
         self.pipeline.in_thread && !self.state.holds_in_thread()
     }
 
-    /// One step of the run. False when it has to wait.
+    /// Executes one step of the run. Returns false if it must wait.
     fn advance(&mut self) -> bool {
         if self.plan_set_aside() {
             return true;
@@ -151,7 +152,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Plans what was interpreted while the end point of a G31 was unknown. False when there is nothing, or it has to wait.
+    /// Plans items interpreted while the end point of a G31 was unknown. Returns false if there are none, or if it must
+    /// wait.
     fn plan_set_aside(&mut self) -> bool {
         if self.run.is_none() || !self.pipeline.ready.is_empty() {
             return false;
@@ -165,7 +167,7 @@ impl CoordinateSystem {
         } else if !self.pipeline.is_behind_skip()
             && let Some(then) = self.state.take_then()
         {
-            // The end of the last block is only known when the next block is.
+            // The end of the last block is known only with the next block.
             self.stand_still_then(then);
         }
         self.look_at_outputs();
@@ -211,7 +213,7 @@ impl CoordinateSystem {
             Ok(Item::Stop(stop)) => self.stand_still_then(Then::Stop(stop)),
             Ok(Item::NeedsStandstill(_)) => self.stand_still_then(Then::Interpret),
             Ok(Item::End(origin)) => self.stand_still_then(Then::End(origin)),
-            // Motion before the refused block is carried out; then the alarm is raised.
+            // Motion before the refused block is executed; then the alarm is raised.
             Err(alarm) => {
                 let alarm = match &self.run {
                     Some(run) => run.refusal_of_call(alarm),
@@ -222,7 +224,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Refuses an output with a computed parameter that a declaration does not take.
+    /// Refuses an output with a computed parameter that a declaration does not accept.
     fn take_output(&self, item: Item) -> Result<Item, Alarm> {
         let Item::Output(output) = &item else {
             return Ok(item);
@@ -260,7 +262,7 @@ impl CoordinateSystem {
         self.drive(RunEvent::Phase(Phase::Standstill(then)));
     }
 
-    /// False when it has to wait.
+    /// Executes the action of a standstill. Returns false if it must wait.
     fn at_standstill(&mut self, then: Then) -> bool {
         self.follow_changes(u64::MAX);
         match then {
@@ -294,7 +296,7 @@ impl CoordinateSystem {
         true
     }
 
-    /// The first word that an alarm blames, or its block.
+    /// Returns the first word that caused an alarm, else its block.
     fn word_to_blame(&self, alarm: &Alarm, block: Origin) -> Origin {
         let program = self.run.as_ref().and_then(|run| {
             let called = run.programs.get(&block.program);

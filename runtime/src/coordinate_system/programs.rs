@@ -1,4 +1,4 @@
-//! The programs of the store, as a coordinate system may run them.
+//! The programs of the store, from the view of a coordinate system that runs them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -25,7 +25,8 @@ impl Context {
         })
     }
 
-    /// Refuses a program that has errors, its subprograms included; otherwise gives what the operator should know, or nothing.
+    /// Refuses a program that has errors, its subprograms included; otherwise returns a note for the operator, which
+    /// may be empty.
     pub fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
         let all = self.shared.store.all();
         let number = main.number;
@@ -84,7 +85,8 @@ impl Context {
         }
     }
 
-    /// Parameters in a program that its M codes do not take here, as handlers that are there and the configuration declare them.
+    /// Returns the parameters in a program that its M codes do not accept here, as declared by online handlers and the
+    /// configuration.
     fn wrong_params(&self, program: &StoredProgram, m_codes: &[u16]) -> Vec<ProgramDiagnostic> {
         let each = m_codes.iter();
         let declared: Vec<Declared> = each
@@ -94,7 +96,7 @@ impl Context {
         locate(program.tree.source(), &found)
     }
 
-    /// Why a program does not run here, if it does not. A text without a number is no program of the store.
+    /// Returns the reason why a program does not run here, if any. A text without a number is no program of the store.
     pub fn refuses(&self, program: &StoredProgram) -> Option<Refusal> {
         if program.number == 0 {
             return None;
@@ -111,7 +113,7 @@ impl Context {
         Some(Refusal::new(RefusalCode::NotSigned, why))
     }
 
-    /// True when a handler that is there or the stock sequence program resets this M code.
+    /// Returns true if an online handler or the stock sequence program resets this M code.
     pub fn is_served(&self, m: u16) -> bool {
         let stock = self.m_code(m).and_then(|settings| settings.stock);
         let has_spindle = self.configured.settings.spindle.is_some();
@@ -121,7 +123,7 @@ impl Context {
             || self.shared.handler_back_s(self.number, m).is_some()
     }
 
-    /// A program and those that it calls, as the store has them.
+    /// Returns a program and those that it calls from the store.
     pub fn texts_of(&self, main: u16) -> Texts {
         let all = self.shared.store.all();
         let called = called_by(&all, main).into_iter();
@@ -130,7 +132,7 @@ impl Context {
             .collect()
     }
 
-    /// Refuses to start a program of which something was changed outside of the runtime since it was loaded.
+    /// Refuses to start a program if it, or a program that it calls, was changed outside of the runtime since the load.
     pub fn check_loaded(&self, main: u16, loaded: &Texts) -> Result<(), Refusal> {
         for (number, program) in self.texts_of(main) {
             let is_loaded = loaded
@@ -146,7 +148,7 @@ impl Context {
         Ok(())
     }
 
-    /// True when nobody has written the program, or one that it calls, since these were read.
+    /// Returns true if the program and those that it calls were not written since these texts were read.
     pub fn stand_as(&self, main: u16, then: &Texts) -> bool {
         let now = self.texts_of(main);
         now.len() == then.len()
@@ -157,7 +159,7 @@ impl Context {
     }
 }
 
-/// Where something is, to the reader of a main program: said of the programs that it calls.
+/// Returns the prefix of a message about a program: for a called program, the program's number.
 pub(super) fn place_of(number: u16, main: u16) -> String {
     if number == main {
         return String::new();

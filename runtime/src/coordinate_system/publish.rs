@@ -20,16 +20,16 @@ use crate::config::CoordinateSystem as Configured;
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 
-/// What was published last.
+/// The values published last.
 #[derive(Debug, Default)]
 pub(super) struct Published {
     pub state: Option<Arc<Message>>,
     pub start: PublishedStart,
-    /// Since when the output that it waits for is in its state.
+    /// Start of the present state of the output that the run waits for.
     waiting_since: Option<SystemTime>,
-    /// How often programs had changed when it was made.
+    /// Number of program changes at its publication.
     changes: u64,
-    /// Codes other than those at start-up in which the next manual data input begins.
+    /// Codes in force at the next manual data input that differ from those at start-up.
     carried: Vec<String>,
     /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
     /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
@@ -81,7 +81,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The state word, with the reason for which a motion stands that nothing holds.
+    /// Returns the state word, and the reason for which an unheld motion stands still.
     fn published_word(&self) -> (Execution, Option<Reason>) {
         let word = self.state.state_word();
         let overrides = &self.inputs.overrides;
@@ -98,7 +98,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The program that runs, else the one that a start would run.
+    /// Returns the running program, else the one that a start would run.
     pub(super) fn main_program(&self) -> Option<Arc<StoredProgram>> {
         let number = self.commands.program?;
         let running = self.run.as_ref().map(|run| &run.main);
@@ -106,12 +106,12 @@ impl CoordinateSystem {
         running.or_else(|| self.context.shared.store.get(number))
     }
 
-    /// The output that the run waits for.
+    /// Returns the output that the run waits for.
     fn awaited_output(&self) -> Option<&OpenOutput> {
         self.outputs.ledger.get(self.state.awaited()?.seq)
     }
 
-    /// True when this is still what the run waits for.
+    /// Returns true if the run still waits for this.
     fn is_waiting_on(&self, waiting_on: Option<&WaitingOn>) -> bool {
         match (self.awaited_output(), waiting_on) {
             (None, None) => true,
@@ -125,7 +125,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// True when this is still the state. Compared before a state is made: most turns change nothing.
+    /// Returns true if the state is unchanged. Compared before a state is built: most turns change nothing.
     fn is_in(&self, state: &State) -> bool {
         let State {
             execution,
@@ -133,7 +133,7 @@ impl CoordinateSystem {
             reason,
             waiting_on,
             program,
-            // these follow from the M code, the program, the run, and what has changed in the store
+            // these follow from the M code, the program, the run, and the changes of the store
             wait_state: _,
             hash: _,
             o_number: _,
@@ -193,13 +193,13 @@ impl CoordinateSystem {
         self.note_published();
     }
 
-    /// Notes that all has been published that the journal tells of this coordinate system.
+    /// Notes that all journal events of this coordinate system have been published.
     pub(super) fn note_published(&self) {
         let line = self.context.shared.journal.last_number();
         self.context.view.set_published_line(line);
     }
 
-    /// A G31 has ended: where its motors rest, and which of them captured that position (D41).
+    /// Publishes the rest position of the motors after a G31, and which of them captured that position (D41).
     pub(super) fn publish_captured(&mut self, position: MachinePosition, captured: AxisSet) {
         let captured = Captured {
             run_id: self.run.as_ref().map(|run| run.id.clone()),
@@ -214,7 +214,7 @@ impl CoordinateSystem {
             .publish(CsTopic::Captured, Payload::Captured(captured));
     }
 
-    /// By motor number, ascending.
+    /// Returns the captured positions, ascending by motor number.
     fn captured_of(&self, position: MachinePosition, captured: AxisSet) -> Captured {
         let motors = &self.context.configured.settings.motors;
         let mut each: Vec<(u16, Axis)> = Axis::ALL
@@ -272,7 +272,7 @@ impl CoordinateSystem {
     pub(super) fn publish_tool(&self) {
         let tables = &self.context.shared.tables;
         tables.note_spindle(self.context.number, self.inputs.tool.is_some());
-        // A tool that nobody knows is not published.
+        // An unknown tool is not published.
         if let Some(id) = self.inputs.tool {
             self.context.publish(CsTopic::Tool, Payload::Tool(Tool { id }));
         }
@@ -286,7 +286,7 @@ impl CoordinateSystem {
         self.context.publish(CsTopic::Modal, Payload::Modal(modal));
     }
 
-    /// Publishes in which codes the next manual data input begins, if that has changed.
+    /// Publishes the codes in force at the next manual data input, if they have changed.
     pub(super) fn publish_carried(&mut self) {
         let codes = self.pipeline.interpreter.codes_unlike_start_up();
         let codes = codes.filter(|_| self.past.manual_goes_on).map(str::to_owned);
@@ -303,7 +303,7 @@ impl CoordinateSystem {
     }
 }
 
-/// A modal state, with the tool in the spindle, as it is published.
+/// Returns a modal state, with the tool in the spindle, in its published form.
 pub(crate) fn published_modal(
     modal: &tandem_interp::Modal,
     configured: &Configured,
@@ -325,7 +325,7 @@ pub(crate) fn published_modal(
     }
 }
 
-/// The question of an output, while nobody has answered it.
+/// Returns the question of an output while it has no answer.
 fn unanswered(open: &OpenOutput) -> Option<&Question> {
     open.question
         .as_ref()

@@ -1,7 +1,7 @@
 //! Replans motion while it runs: for a feed override above 100 percent (G500), and for back trace.
 //!
-//! The servo changes to the new plan at a place ahead of the motion, or where it rests. Until it has reported whether it
-//! did, nothing more is prepared: both plans must continue with the same block.
+//! The servo changes to the new plan at a point ahead of the motion, or at rest. Until it has reported the result, no
+//! further motion is prepared, because both plans must continue with the same block.
 
 use std::collections::VecDeque;
 
@@ -13,23 +13,24 @@ use super::CoordinateSystem;
 use super::run_state::RunEvent;
 use crate::journal::Event;
 
-/// How far ahead of the motion a new plan begins: the time that planning takes, with a reserve. Doubled after a refusal.
+/// Distance in time at which a new plan begins ahead of the motion: the duration of planning, with a reserve. Doubled
+/// after a refusal.
 const AHEAD_S: f64 = 0.1;
 
-/// Upper limit of that.
+/// Upper limit of this distance.
 const AHEAD_MAX_S: f64 = 5.0;
 
-/// The plan that runs, and those that are to follow it.
+/// The active plan, and those that will follow it.
 #[derive(Debug)]
 pub(super) struct Replanning {
-    /// The feed override that the plan is for, as a factor from 1 on.
+    /// The feed override of the plan, as a factor of at least 1.
     planned_for: f64,
     ahead_s: f64,
     /// Requests that the servo has not answered, in order.
     splices: VecDeque<Splicing>,
-    /// Where feed hold has come to rest.
+    /// Position on the path at which feed hold has stopped the motion.
     held_at: Option<PathPlace>,
-    /// Single block was switched on meanwhile.
+    /// True if single block was switched on meanwhile.
     single_block: bool,
 }
 
@@ -52,12 +53,12 @@ impl Default for Replanning {
 }
 
 impl CoordinateSystem {
-    /// The feed override as a factor, from 1 on: below, the servo scales the time of the plan.
+    /// Returns the feed override as a factor of at least 1; below 1, the servo scales the time of the plan.
     fn planned_override(&self) -> f64 {
         (self.inputs.overrides.feed / 100.0).max(1.0)
     }
 
-    /// Plans what has been put out for the feed override in force, from a place ahead of the motion on.
+    /// Plans the motion handed out again for the feed override in force, from a point ahead of the motion on.
     pub(super) fn follow_override(&mut self) {
         let factor = self.planned_override();
         let before = self.replanning.planned_for;
@@ -77,12 +78,12 @@ impl CoordinateSystem {
                     .splices
                     .push_back(Splicing::Override { new, factor });
             }
-            // What is left of the old plan is short.
+            // The rest of the old plan is short.
             None => self.replanning.planned_for = factor,
         }
     }
 
-    /// True while nothing may be prepared: both plans must continue with the same block.
+    /// Returns true while no motion may be prepared, because both plans must continue with the same block.
     pub(super) fn is_replanning(&self) -> bool {
         !self.replanning.splices.is_empty() || self.state.retraces() || self.state.is_ending()
     }
@@ -95,7 +96,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// The servo has changed to another plan, or refused it.
+    /// Processes the servo's report that it has changed to another plan, or refused it.
     pub(super) fn on_spliced(&mut self, taken: bool) {
         self.servo.on_spliced(taken);
         match self.replanning.splices.pop_front() {
@@ -117,7 +118,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Single block ends what is planned, which waits for the plan.
+    /// Ends the planned motion for single block, which then waits for the plan.
     pub(super) fn single_block_waits(&mut self) -> bool {
         self.replanning.single_block = self.is_replanning();
         self.replanning.single_block
@@ -162,7 +163,7 @@ impl CoordinateSystem {
         self.context.record(Event::BackTrace { on: true });
     }
 
-    /// After a back trace: the program continues from where the motion is.
+    /// Continues the program from the current position after a back trace.
     pub(super) fn go_forward(&mut self) {
         let Some(at) = self.replanning.held_at else { return };
         self.pipeline.planner.set_feed_override(self.planned_override());

@@ -1,4 +1,4 @@
-//! Where the axes rest: written before anybody can hear that they have come to rest.
+//! Rest positions of the axes: written to disk before any client can learn that the axes rest.
 
 use plc_api::types::state::Execution;
 use tandem_model::MachinePosition;
@@ -6,13 +6,12 @@ use tandem_model::MachinePosition;
 use super::CoordinateSystem;
 use crate::persistence::positions::positions;
 
-/// What was written last: where the axes rest, or `None`: they move, or a motor is not homed.
+/// The rest position written last; `None` if the axes move, or if a motor is not homed.
 #[derive(Debug, Default)]
 pub(super) struct WrittenRest(Option<MachinePosition>);
 
 impl CoordinateSystem {
-    /// Writes where the axes rest, if they have come to rest or have been placed elsewhere, and that they move when they begin
-    /// to.
+    /// Writes the rest position of the axes when they stop or are placed elsewhere, and the start of their motion.
     pub(super) fn note_rest(&mut self) {
         let journal = &self.context.shared.journal;
         if !journal.is_on_disk() {
@@ -28,7 +27,7 @@ impl CoordinateSystem {
         journal.note_rest(self.context.number, positions.as_ref());
     }
 
-    /// True while no axis moves and none is about to.
+    /// Returns true while no axis moves or is about to move.
     fn rests(&self) -> bool {
         let is_held = || {
             let (execution, _) = self.state.state_word();

@@ -1,4 +1,4 @@
-//! A run's programs and counters; its state is in `run_state`.
+//! Programs and counters of a run; its state is in `run_state`.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -17,36 +17,36 @@ use crate::clock::Clock;
 use crate::command_memory::COMMAND_MEMORY;
 use crate::program_store::StoredProgram;
 
-/// A run of the loaded program, of manual data input, or of a motion by hand.
+/// Run of the loaded program, of manual data input, or of a motion by hand.
 pub(super) struct Run {
     pub id: String,
     pub kind: Kind,
-    /// What it begins with; number 0: without one.
+    /// The main program; number 0 if there is none.
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
-    /// With which it begins; `None`: it is no run of a program.
+    /// Conditions at its start; `None` if it is not the run of a program.
     pub conditions: Option<Arc<Conditions>>,
-    /// Programs that it may not call, and why.
+    /// Programs that it may not call, each with the reason.
     pub refused: BTreeMap<u16, String>,
     /// The number of its first segment.
     pub first_segment: u64,
-    /// Where the machine rested when it began.
+    /// Rest position of the machine at its start.
     pub from: AxisVector,
-    /// Of a macro: what is restored at its end.
+    /// For a macro: the state restored at its end.
     pub restores: Option<Box<Restores>>,
     /// The first G31 that ended without a touch.
     pub missed_touch: Option<Origin>,
     pub steps: Steps,
     pub at_rest: AtRest,
-    /// It begins at a line, and has not come there yet.
+    /// Set until a run that begins at a line has arrived there.
     pub arrival: Option<Box<LineArrival>>,
 }
 
-/// What was in force when a macro began.
+/// State in force when a macro began.
 #[derive(Debug)]
 pub(super) struct Restores {
     pub in_force: InForce,
-    /// The next manual data input continues in it.
+    /// True if the next manual data input continues in this state.
     pub manual_goes_on: bool,
 }
 
@@ -57,14 +57,14 @@ impl Run {
         matches!(self.kind, Kind::Jog(_))
     }
 
-    /// The program that runs and those that it may call; none of a run by hand.
+    /// Returns the program of the run and those that it may call; empty for a run by hand.
     pub fn texts(&self) -> &BTreeMap<u16, Arc<StoredProgram>> {
         self.conditions
             .as_ref()
             .map_or(&NO_TEXTS, |conditions| &conditions.texts)
     }
 
-    /// The alarm of a call: of one that the program computes, nobody could say before that it may not be made.
+    /// Returns the alarm of a call. Whether a computed program number may be called is known only at the call.
     pub fn refusal_of_call(&self, alarm: Alarm) -> Alarm {
         if alarm.entry != &PROGRAM_NOT_FOUND {
             return alarm;
@@ -81,35 +81,35 @@ impl Run {
     }
 }
 
-/// What is remembered of runs.
+/// Data kept of past runs.
 #[derive(Debug, Default)]
 pub(super) struct PastRuns {
     /// Runs that were started.
     pub count: u64,
     /// The one started last.
     pub last_id: Option<String>,
-    /// The next manual data input continues in the modal state of the last one.
+    /// True if the next manual data input continues in the modal state of the last one.
     pub manual_goes_on: bool,
     /// Number and text of the alarm that was raised last.
     pub alarm: String,
     pub jogs: Jogs,
 }
 
-/// Ends of jogs that have not begun, for each user; the user's oldest is forgotten. Reason: such an end overtakes its begin by
-/// a moment only, and needs no answer from memory.
+/// Maximum number of early jog ends (ends that arrived before their begin) per user; the user's oldest is dropped.
+/// Reason: such an end overtakes its begin by a moment only.
 const ENDS_MAX: usize = 16;
 
-/// Jogs that have ended, the oldest first: for as long as commands are remembered. Each began with a command that had room in
-/// that memory, which bounds their number.
+/// Jogs that have ended, the oldest first, kept as long as commands are remembered. Each began with a command that had
+/// room in that memory, which bounds their number.
 #[derive(Debug, Default)]
 pub(super) struct Jogs {
     ended: VecDeque<(String, f64)>,
-    /// Of jogs that have not begun: user, name and time.
+    /// Ends of jogs that have not begun: user, name and time.
     ends: VecDeque<(String, String, f64)>,
 }
 
 impl Jogs {
-    /// A jog that has ended is not begun again by a refresh that comes late.
+    /// Remembers an ended jog, so that a late refresh does not start it again.
     pub fn remember(&mut self, ended: &Kind, now_s: f64) {
         if let Kind::Jog(jog) = ended {
             self.forget(now_s);
@@ -117,7 +117,7 @@ impl Jogs {
         }
     }
 
-    /// From now on the jog of this name has ended, although it has not begun.
+    /// Marks the jog with this name as ended, although it has not begun.
     pub fn end(&mut self, user: &str, refresh_id: &str, now_s: f64) {
         self.forget(now_s);
         if self.has_ended(refresh_id, now_s) {
@@ -158,7 +158,7 @@ fn is_remembered(at_s: f64, now_s: f64) -> bool {
     now_s - at_s <= COMMAND_MEMORY.as_secs_f64()
 }
 
-/// What a run runs.
+/// Kind of a run.
 #[derive(Debug)]
 pub(super) enum Kind {
     /// The loaded program.
@@ -170,7 +170,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// As the state says it.
+    /// Returns the kind as published in the state.
     pub fn run_kind(&self) -> RunKind {
         match self {
             Kind::Program => RunKind::Program,
@@ -181,44 +181,44 @@ impl Kind {
     }
 }
 
-/// A jog that runs.
+/// Active jog.
 #[derive(Debug)]
 pub(super) struct Jog {
     pub refresh_id: String,
     pub axis: Axis,
-    /// The distance that was commanded, mm or degrees; `None`: to the soft limit.
+    /// The commanded distance, mm or degrees; `None` for a jog to the soft limit.
     pub distance: Option<f64>,
-    /// When it stops, unless it is refreshed; `None`: it is a step, which needs no refresh.
+    /// Time at which it stops unless it is refreshed; `None` for a step, which needs no refresh.
     pub until_s: Option<f64>,
-    /// Where it ends: at the distance, or before it at the soft limit.
+    /// End position: at the distance, or before it at the soft limit.
     pub to: AxisVector,
-    /// With the jog's velocity as rapid velocity.
+    /// Settings with the jog's velocity as rapid velocity.
     pub settings: Arc<CoordinateSystemSettings>,
 }
 
 /// Single block of one run.
 #[derive(Debug, Default)]
 pub(super) struct Steps {
-    /// Items of a block have been taken, and the block has not ended.
+    /// True if items of a block have been taken, and the block has not ended.
     pub in_block: bool,
     /// Segments up to this one were planned before single block was switched on.
     pub planned_ahead: u64,
-    /// The servo has been told to hold behind the running block, and does not hold yet.
+    /// True if the servo has been commanded to hold after the running block, and does not hold yet.
     pub armed: bool,
 }
 
-/// Items interpreted within one servo period that give the servo no motion. Reason: computing takes no simulated time, and a
-/// loop that moves nothing would let none go by.
+/// Maximum number of items interpreted within one servo period that produce no motion. Reason: computing takes no
+/// simulated time, so a loop without motion would stop that time.
 const ITEMS_AT_REST_MAX: u32 = 100;
 
-/// What has been interpreted since the servo was last given motion.
+/// Items interpreted since the servo last received motion.
 #[derive(Debug, Default)]
 pub(super) struct AtRest {
     last_segment: u64,
     items: u32,
     /// When the first of them was interpreted, seconds since the start.
     since_s: f64,
-    /// The run waits until then, seconds since the start.
+    /// Time until which the run waits, seconds since the start.
     until_s: Option<f64>,
 }
 
@@ -241,13 +241,13 @@ impl AtRest {
         }
     }
 
-    /// The run waits no longer once its time has come.
+    /// Ends the wait of the run if its time has come.
     pub fn on_time(&mut self, now_s: f64) {
         self.until_s = self.until_s.filter(|until_s| *until_s > now_s + 1e-9);
     }
 
-    /// When the run continues, until [`AtRest::on_time`] finds that it has come: who waits by it also wakes by it, however
-    /// late the clock is by then.
+    /// Returns the time at which the run continues, until [`AtRest::on_time`] ends the wait. A waiter woken by this
+    /// time thus also continues, however late the clock is.
     pub fn until_s(&self) -> Option<f64> {
         self.until_s
     }
@@ -306,7 +306,7 @@ mod tests {
         }
         assert_eq!(at_rest.until_s(), Some(0.001));
         clock.set_ns(2_000_000);
-        // a turn that began before goes on: what waits in it must still be woken
+        // a turn that began before this time still sees it: its wait must be woken
         assert_eq!(at_rest.until_s(), Some(0.001));
         at_rest.on_time(clock.now_s());
         assert_eq!(at_rest.until_s(), None);

@@ -1,5 +1,5 @@
-//! The state of a run, pure: events come in, the next state and what is to be done come out. State word, reason and
-//! transition are functions of the state alone.
+//! State machine of a run, pure: it takes events and returns the next state and the actions to take. State word, reason
+//! and transition are functions of the state alone.
 
 use plc_api::types::output::CancelReason;
 use plc_api::types::state::{Execution, Reason, Transition};
@@ -9,19 +9,19 @@ use tandem_model::{Alarm, Origin};
 /// State word and reason.
 pub(super) type StateWord = (Execution, Option<Reason>);
 
-/// Where a coordinate system is between one run and the next.
+/// Progress of a coordinate system from one run to the next.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum RunState {
     /// There is no run.
     Idle(StateWord),
-    /// There is one.
+    /// A run is active.
     Run(Hold, Progress),
-    /// A run has been ended, and the machine comes to rest.
+    /// A run was ended, and the machine is stopping.
     Ending {
         /// The servo's epoch that begins at rest.
         epoch: u32,
         why: End,
-        /// State word and reason until then.
+        /// State word and reason until the machine rests.
         from: StateWord,
     },
 }
@@ -29,7 +29,7 @@ pub(super) enum RunState {
 /// Whether something holds a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Hold {
-    /// The run proceeds by itself, or waits for an output or at a program stop.
+    /// The run proceeds, or waits for an output or at a program stop.
     Off,
     /// The motion decelerates on the path.
     Begun(Cause),
@@ -37,13 +37,13 @@ pub(super) enum Hold {
     AtRest(Cause),
 }
 
-/// How far a run is.
+/// Progress of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Progress {
     phase: Phase,
     /// The output whose reset the program needs before anything else happens.
     awaited: Option<Awaited>,
-    /// On the way back of a back trace: the segment that it ends with.
+    /// During a back trace: the segment with which it ends.
     back_to: Option<u64>,
 }
 
@@ -51,28 +51,28 @@ pub(super) struct Progress {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Awaited {
     pub seq: u64,
-    /// The handler that had claimed it has gone.
+    /// The handler that had claimed it is lost.
     pub is_lost: bool,
 }
 
-/// What a run does, or waits for, next.
+/// Next step of a run, or the event that it waits for.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Phase {
     /// The interpreter is asked for the next item.
     Interpret,
-    /// All motion so far must be finished, in position, and not held; then this.
+    /// All motion so far must be finished, in position, and not held; then this action follows.
     Standstill(Then),
-    /// An `after_motion` output was made, and is to be reset.
+    /// An `after_motion` output was issued and waits for its reset.
     Reset { seq: u64 },
-    /// An output whose M number is still open (D32), or for which the ledger has no room.
+    /// An output whose M number is still pending (D32), or for which the ledger has no room.
     Room(Output),
     /// M00, or M01 with the optional stop on.
     Paused(ProgramStop),
-    /// M02, M30: outputs of the run may still be open.
+    /// M02, M30: outputs of the run may still be pending.
     LastOutputs,
 }
 
-/// What is done at a standstill.
+/// Action at a standstill.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Then {
     Interpret,
@@ -84,7 +84,7 @@ pub(super) enum Then {
     End(Origin),
 }
 
-/// What holds a run.
+/// Cause of a hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cause {
     /// The hold command.
@@ -95,13 +95,13 @@ pub(super) enum Cause {
     BusLoss,
     /// The servo was late in motion.
     ServoLate,
-    /// A client that is watched is not heard any more.
+    /// No heartbeat of a watched client arrived within its interval.
     ClientLost,
-    /// Back trace has come to its end.
+    /// Back trace has reached its end.
     WayBackEnded,
 }
 
-/// Why a run is ended before its end.
+/// Cause that ends a run early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
     /// The stop command.
@@ -123,14 +123,14 @@ pub(super) enum End {
 pub(super) enum JogStop {
     /// Its end was commanded.
     Commanded,
-    /// No refresh arrived in time.
+    /// No refresh arrived within its time limit.
     NotRefreshed,
     /// A cause that holds other runs. A jog is ended instead: it never continues without a new command.
     Held(Cause),
 }
 
 impl End {
-    /// Why its outputs are cancelled.
+    /// Returns the reason with which its outputs are cancelled.
     pub fn cancel_reason(self) -> CancelReason {
         match self {
             End::Stop => CancelReason::Stop,
@@ -140,7 +140,7 @@ impl End {
         }
     }
 
-    /// State word and reason at rest.
+    /// Returns the state word and reason at rest.
     pub fn at_rest(self) -> StateWord {
         match self {
             End::Stop => (Execution::Stopped, Some(Reason::Stop)),
@@ -151,7 +151,7 @@ impl End {
         }
     }
 
-    /// True: each motor brakes at its maximum acceleration; false: the motion comes to rest on its path.
+    /// Returns true if each motor brakes at its maximum acceleration, false if the motion stops on its path.
     pub fn is_abort(self) -> bool {
         self.cancel_reason() == CancelReason::Abort
     }
@@ -164,59 +164,59 @@ impl End {
     }
 }
 
-/// What changes the state.
+/// Event that changes the state.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum RunEvent {
     /// A program was loaded.
     Loaded,
     /// A run begins.
     Started(Phase),
-    /// The motion is to come to rest.
+    /// The motion must stop.
     Hold(Cause),
     /// The resume command, or the end of back trace by command.
     Resume,
-    /// Back along the path, to the end of this segment.
+    /// The motion goes back along the path, to the end of this segment.
     BackTrace { to: u64 },
-    /// It is to be ended before its end; the servo rests with this epoch.
+    /// The run must end early; the servo rests with this epoch.
     End { why: End, epoch: u32 },
-    /// Preparation has come to this.
+    /// Preparation has reached this phase.
     Phase(Phase),
-    /// This is the output that the phase waits for.
+    /// The phase waits for this output.
     Awaited(Option<Awaited>),
     /// The servo has passed the end of a segment.
     Passed { segment: u64 },
-    /// The servo rests under a hold; `behind_block`: one that was armed for the end of a block, for single block.
+    /// The servo rests under a hold. `behind_block` is true for a hold at the end of a block, armed by single block.
     ServoHeld { behind_block: bool },
     /// Single block: a block has ended at rest.
     BlockEnded,
     /// The servo rests after a stop.
     AtRest { epoch: u32 },
-    /// The run has come to its end.
+    /// The run has reached its end.
     Completed(Execution),
 }
 
-/// What is to be done, in order.
+/// Actions to take, in order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum RunAction {
     /// The servo holds on the path; `in_phase`: also in a thread.
     HoldServo { in_phase: bool },
     /// The servo continues.
     ResumeServo,
-    /// The motion turns round: forward again, from where it is.
+    /// The motion reverses and goes forward again from its current position.
     GoForward,
-    /// What the hold kept back is done.
+    /// Performs the actions that the hold has delayed.
     GoOn,
-    /// Single block counts from the next block on.
+    /// Single block applies from the next block on.
     BeginBlock,
-    /// Outputs are cancelled, the machine comes to rest with this epoch.
+    /// Outputs are cancelled, and the machine stops with this epoch.
     End { why: End, epoch: u32 },
-    /// The machine rests after that.
+    /// The machine rests after the end of the run.
     Ended(End),
 }
 
 impl Cause {
-    /// True when the motion comes to rest at once in a thread, too. The operator's hold waits until the tool is out, as the
-    /// manual demands.
+    /// Returns true if the motion stops at once even in a thread. The operator's hold waits until the tool has left the
+    /// thread, as the manual demands.
     pub fn acts_in_thread(self) -> bool {
         matches!(
             self,
@@ -224,7 +224,7 @@ impl Cause {
         )
     }
 
-    /// State word and reason at rest.
+    /// Returns the state word and reason at rest.
     fn state_word(self) -> StateWord {
         match self {
             Cause::Operator => (Execution::FeedHold, None),
@@ -247,7 +247,7 @@ impl Progress {
         }
     }
 
-    /// The reason while it goes back.
+    /// Returns the reason during a back trace.
     fn back(&self) -> Option<Reason> {
         self.back_to.map(|_| Reason::BackTrace)
     }
@@ -256,7 +256,7 @@ impl Progress {
         matches!(self.phase, Phase::Paused(_))
     }
 
-    /// State word and reason while the run is not at rest under a hold.
+    /// Returns the state word and reason while the run does not rest under a hold.
     fn state_word(&self) -> StateWord {
         match (&self.phase, self.awaited) {
             (Phase::Paused(stop), _) if stop.optional => (Execution::OptionalStop, None),
@@ -268,14 +268,14 @@ impl Progress {
 }
 
 impl Default for RunState {
-    /// Without a program.
+    /// Returns the state without a program.
     fn default() -> Self {
         Self::Idle((Execution::Stopped, Some(Reason::NoProgram)))
     }
 }
 
 impl RunState {
-    /// State word and reason.
+    /// Returns the state word and reason.
     pub fn state_word(&self) -> StateWord {
         match self {
             RunState::Idle(word) => *word,
@@ -288,7 +288,7 @@ impl RunState {
         }
     }
 
-    /// State word and reason by which commands are judged: of a run that is being ended those at rest.
+    /// Returns the state word and reason against which commands are validated: for a run that is ending, those at rest.
     pub fn state_word_at_rest(&self) -> StateWord {
         match self {
             RunState::Ending { why, .. } => why.at_rest(),
@@ -296,7 +296,7 @@ impl RunState {
         }
     }
 
-    /// The transition under way, if there is one.
+    /// Returns the current transition, if any.
     pub fn transition(&self) -> Option<Transition> {
         match self {
             RunState::Run(Hold::Begun(_), _) => Some(Transition::Holding),
@@ -312,37 +312,37 @@ impl RunState {
         }
     }
 
-    /// What the run does next; `None`: there is none.
+    /// Returns the next step of the run; `None` if no run is active.
     pub fn phase(&self) -> Option<&Phase> {
         self.progress().map(|progress| &progress.phase)
     }
 
-    /// The output whose reset the program needs before anything else happens.
+    /// Returns the output whose reset the program needs before anything else happens.
     pub fn awaited(&self) -> Option<Awaited> {
         self.progress()?.awaited
     }
 
-    /// True from the begin of a back trace until the motion goes forward again.
+    /// Returns true from the start of a back trace until the motion goes forward again.
     pub fn retraces(&self) -> bool {
         self.progress().is_some_and(|progress| progress.back_to.is_some())
     }
 
-    /// True when there is no run, and none is being ended.
+    /// Returns true if no run is active or ending.
     pub fn is_idle(&self) -> bool {
         matches!(self, RunState::Idle(_))
     }
 
-    /// True while a run is being ended.
+    /// Returns true while a run is ending.
     pub fn is_ending(&self) -> bool {
         matches!(self, RunState::Ending { .. })
     }
 
-    /// True while nothing keeps the run from going on by itself.
+    /// Returns true while no hold or stop prevents the run from proceeding.
     pub fn is_running(&self) -> bool {
         matches!(self, RunState::Run(Hold::Off, _))
     }
 
-    /// True while a hold acts that brings the motion to rest in a thread, too.
+    /// Returns true while a hold is active that stops the motion even in a thread.
     pub fn holds_in_thread(&self) -> bool {
         let Self::Run(Hold::Begun(cause) | Hold::AtRest(cause), _) = self else {
             return false;
@@ -350,7 +350,7 @@ impl RunState {
         cause.acts_in_thread()
     }
 
-    /// Takes what follows a standstill that the run has reached; after that it interprets.
+    /// Takes the action that follows the standstill reached by the run; afterwards the run interprets.
     pub fn take_then(&mut self) -> Option<Then> {
         let RunState::Run(_, Progress { phase, .. }) = self else {
             return None;
@@ -364,7 +364,7 @@ impl RunState {
         }
     }
 
-    /// The state after an event, and what is to be done.
+    /// Returns the state after an event, and the actions to take.
     pub fn on(self, event: RunEvent) -> (Self, Vec<RunAction>) {
         let state = match (self, event) {
             (RunState::Idle(_), RunEvent::Loaded) => RunState::Idle((Execution::Ready, None)),
@@ -372,7 +372,7 @@ impl RunState {
             (RunState::Ending { epoch, why, .. }, RunEvent::AtRest { epoch: at }) if epoch == at => {
                 return (RunState::Idle(why.at_rest()), vec![RunAction::Ended(why)]);
             }
-            // without a run there is nothing to stop; a stop under way is not begun anew
+            // without a run there is nothing to stop; a stop in progress is not started again
             (
                 state @ RunState::Idle(_),
                 RunEvent::End {
@@ -409,7 +409,7 @@ impl Progress {
                 actions.push(RunAction::HoldServo { in_phase });
                 Hold::Begun(cause)
             }
-            // a hold that waits for the end of a thread waits no longer
+            // a hold that waits for the end of a thread now acts at once
             (Hold::Begun(before), RunEvent::Hold(cause))
                 if cause.acts_in_thread() && !before.acts_in_thread() =>
             {
@@ -423,7 +423,7 @@ impl Progress {
             (Hold::Off, RunEvent::ServoHeld { behind_block: true } | RunEvent::BlockEnded) if !is_paused => {
                 Hold::AtRest(Cause::SingleBlock)
             }
-            // Single block was switched off when the hold behind the block had begun.
+            // Single block was switched off after the hold at the end of the block had begun.
             (Hold::Off, RunEvent::ServoHeld { .. }) => {
                 actions.push(RunAction::ResumeServo);
                 Hold::Off

@@ -8,7 +8,7 @@ use tandem_servo::{ChannelHandle, Control, Event, ProfileProducer, Splice, profi
 
 use super::pipeline::Pipeline;
 
-/// The channel handle, and what could not be handed over yet.
+/// Channel handle, and the data that could not be handed over yet.
 #[derive(Debug)]
 pub(super) struct ServoLink {
     handle: ChannelHandle,
@@ -16,11 +16,11 @@ pub(super) struct ServoLink {
     /// Profiles of plans that the servo has not answered yet.
     spliced: VecDeque<ProfileProducer>,
     epoch: u32,
-    /// Which override scales the motion that began last.
+    /// The override that scales the motion begun last.
     pub started: Option<TimeBase>,
-    /// The servo has failed: nothing is sent any more, and nothing comes.
+    /// True after a failure of the servo: no control is sent, and no event arrives.
     has_failed: bool,
-    /// The segment whose end the servo reported last.
+    /// The last segment whose end the servo has reported.
     pub finished_segment: u64,
 }
 
@@ -42,7 +42,7 @@ impl ServoLink {
         self.handle.events.pop().ok().filter(|_| !self.has_failed)
     }
 
-    /// The servo has failed; true the first time.
+    /// Notes a failure of the servo; returns true the first time.
     pub fn fail(&mut self) -> bool {
         self.backlog.clear();
         !std::mem::replace(&mut self.has_failed, true)
@@ -56,21 +56,21 @@ impl ServoLink {
         self.hand_over();
     }
 
-    /// Overrides: only the latest counts, so a flood of them takes one place.
+    /// Sends the overrides: only the latest values matter, so many changes need only one slot.
     pub fn set_override(&mut self, feed: f64, rapid: f64) {
         self.backlog
             .retain(|control| !matches!(control, Control::Override { .. }));
         self.control(Control::Override { feed, rapid });
     }
 
-    /// A motor's skip input: only the latest value counts, too.
+    /// Sends a motor's skip input: here too, only the latest value matters.
     pub fn set_skip_input(&mut self, motor: u16, on: bool) {
         self.backlog
             .retain(|control| !matches!(control, Control::SkipInput { motor: other, .. } if *other == motor));
         self.control(Control::SkipInput { motor, on });
     }
 
-    /// Brings the machine to rest, on the path or by the shortest way, and starts a new epoch.
+    /// Stops the machine, on the path or by the shortest way, and starts a new epoch.
     pub fn stop(&mut self, epoch: u32, abort: bool) {
         self.epoch = epoch;
         self.control(if abort {
@@ -80,14 +80,14 @@ impl ServoLink {
         });
     }
 
-    /// As [`ServoLink::stop`], before every control that waits: those are dropped. Needs nothing that a fault could have left
-    /// undone.
+    /// Works as [`ServoLink::stop`], but before all waiting controls, which are dropped. Relies on no state that a
+    /// fault could have left incomplete.
     pub fn stop_at_once(&mut self, abort: bool) {
         self.backlog.clear();
         self.stop(self.epoch.saturating_add(1), abort);
     }
 
-    /// The commanded position of the last servo cycle.
+    /// Returns the commanded position of the last servo cycle.
     pub fn commanded(&self) -> MachinePosition {
         self.handle.readings.read().commanded
     }
@@ -96,17 +96,17 @@ impl ServoLink {
         self.epoch
     }
 
-    /// True while the servo's queue of controls is full.
+    /// Returns true while the servo's queue of controls is full.
     pub fn is_backlogged(&self) -> bool {
         !self.backlog.is_empty()
     }
 
-    /// Moves as many profiles as there is room for.
+    /// Hands over as many profiles as there is room for.
     pub fn hand_over_profiles(&mut self, ready: &mut VecDeque<Profile>) {
         fill(&mut self.handle.profiles, ready);
     }
 
-    /// A place within the planned motion, at least `ahead_s` of plan time ahead of the current position.
+    /// Returns a point of the planned motion, at least `ahead_s` of plan time ahead of the current position.
     pub fn place(&self, ahead_s: f64, pipeline: &Pipeline) -> Option<PathPlace> {
         let reading = self.handle.readings.read();
         let from = PathPlace {
@@ -116,8 +116,8 @@ impl ServoLink {
         pipeline.planner.place_ahead(from, ahead_s)
     }
 
-    /// Profiles that are to run in place of those handed over, from a place on, or where the machine rests: as many as
-    /// there is room for. [`Event::Spliced`] answers.
+    /// Replaces the profiles handed over, from a point on or from the rest position, by these: as many as there is room
+    /// for. [`Event::Spliced`] is the answer.
     pub fn splice(&mut self, at: Option<PathPlace>, profiles: &mut VecDeque<Profile>) {
         let (mut producer, consumer) = profile_queue(self.handle.profiles.capacity());
         fill(&mut producer, profiles);
@@ -125,13 +125,13 @@ impl ServoLink {
             at,
             profiles: consumer,
         };
-        // There is room: a second one is given only at rest, and none before both are answered.
+        // There is room: a second splice is sent only at rest, and no third one before both are answered.
         let _ = self.handle.splices.push(splice);
         self.spliced.push_back(producer);
         self.control(Control::Splice);
     }
 
-    /// The servo reads the new profiles from now on, or never.
+    /// Processes the answer to a splice: the servo reads the new profiles from now on, or discards them.
     pub fn on_spliced(&mut self, taken: bool) {
         if let Some(producer) = self.spliced.pop_front()
             && taken
@@ -152,7 +152,7 @@ impl ServoLink {
     }
 }
 
-// A profile is large: none is moved while the queue is full.
+// A profile is large, so no profile is moved while the queue is full.
 fn fill(queue: &mut ProfileProducer, profiles: &mut VecDeque<Profile>) {
     let count = queue.slots().min(profiles.len());
     for profile in profiles.drain(..count) {

@@ -1,4 +1,5 @@
-//! What prevents a start, published whenever it has changed: screens, tiles of other machines and Start buttons read the same list.
+//! Conditions that prevent a start, published on each change: screens, tiles of other machines and Start buttons read
+//! the same list.
 
 use std::sync::Arc;
 
@@ -14,16 +15,16 @@ use super::view::Prediction;
 use crate::config::Unhandled;
 use crate::program_store::StoredProgram;
 
-/// What was published last, and of what.
+/// The conditions published last, with the inputs from which they were computed.
 #[derive(Debug, Default)]
 pub(super) struct PublishedStart {
     inputs: Option<StartInputs>,
     conditions: Option<StartConditions>,
-    /// The program checked last, how often programs had changed then, and why it is refused.
+    /// The program checked last, the number of program changes at that time, and the reason for its refusal.
     checked: Option<(u16, u64, Option<String>)>,
 }
 
-/// What the conditions of a start are made of: with the same, they are the same.
+/// Inputs of the conditions of a start: equal inputs give equal conditions.
 #[derive(Debug)]
 struct StartInputs {
     state: Option<Arc<Message>>,
@@ -47,13 +48,13 @@ impl StartInputs {
 }
 
 impl CoordinateSystem {
-    /// Handlers have come or gone: M codes may be served now, or not any more.
+    /// Discards the result after handlers came online or were lost, because the served M codes may have changed.
     pub(super) fn forget_start_conditions(&mut self) {
         self.published.start.inputs = None;
         self.published.start.checked = None;
     }
 
-    /// Publishes what prevents a start, if it has changed.
+    /// Publishes the conditions that prevent a start, if they have changed.
     pub(super) fn publish_start_conditions(&mut self) {
         let lock = |lock: &LockInput| lock.is_on().then(|| lock.text());
         let inputs = StartInputs {
@@ -125,7 +126,7 @@ impl CoordinateSystem {
         obstacles
     }
 
-    /// Why the loaded program does not run, if it does not.
+    /// Returns the reason why the loaded program does not run, if any.
     fn refusal_of(&mut self, main: &Arc<StoredProgram>) -> Option<String> {
         let changes = self.context.shared.store.changes();
         let known = self.published.start.checked.as_ref();
@@ -141,7 +142,7 @@ impl CoordinateSystem {
         checked.or_else(|| loaded().err().map(|refusal| refusal.text))
     }
 
-    /// M codes that raise an alarm, since no handler is online for them.
+    /// Returns the M codes that raise an alarm because no handler is online for them.
     fn unhandled(&self, main: &Arc<StoredProgram>) -> Option<StartObstacle> {
         let settings = &self.context.configured.settings;
         let raises = |m: &u16| {
@@ -170,7 +171,7 @@ impl CoordinateSystem {
         })
     }
 
-    /// The alarm in which the rehearsal of this program ends.
+    /// Returns the alarm in which the rehearsal of this program ends.
     fn predicted(&self, main: &StoredProgram) -> Option<StartObstacle> {
         let prediction = self.context.view.prediction()?;
         (prediction.hash == main.sum()).then(|| prediction.obstacle.clone())

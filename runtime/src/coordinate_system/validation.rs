@@ -1,6 +1,6 @@
 //! Validation at a load: before anything moves, the handlers of the program's M codes check their parameters.
 //!
-//! The load waits for their answers, and commands behind it wait with it; hold, stop and abort pass it as always. A start validates
+//! The load and all commands after it wait for the answers; hold, stop and abort pass it as always. A start validates
 //! again if a program has been rewritten since.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,16 +18,17 @@ use super::CoordinateSystem;
 use super::pending_commands::{Asked, Deferred, PATIENCE_S, Validation};
 use super::programs::Texts;
 
-/// M codes with different parameters that one load asks for; the rest is not asked, with a warning. Reason: each asks
-/// every handler of the code, and thousands of messages would outlast the two seconds.
+/// Maximum number of M codes with different parameters validated per load; the others are not validated, with a
+/// warning. Reason: each one is sent to every handler of the code, and thousands of messages would take longer than two
+/// seconds.
 pub(super) const VALIDATED_MAX: usize = 1000;
 
 /// Handlers that check parameters, by M code.
 type Validators = BTreeMap<u16, BTreeSet<String>>;
 
 impl CoordinateSystem {
-    /// Keeps a load back while handlers check the parameters of its M codes, and a start of what was written anew since;
-    /// gives back what nobody has to check.
+    /// Delays a load while handlers check the parameters of its M codes, and a start if a program was rewritten since.
+    /// Returns the command if no handler has to check it.
     pub(super) fn validate_first(&mut self, command: Deferred) -> Option<Deferred> {
         let program = match command.command {
             Command::Load { program } => Some(program),
@@ -62,7 +63,7 @@ impl CoordinateSystem {
         None
     }
 
-    /// True for what is refused whatever handlers say: it is refused at once.
+    /// Returns true for a command that is refused whatever handlers answer: it is refused at once.
     fn is_refused(&self, command: &Deferred, main: u16) -> bool {
         let judged = self.judge(command.command.verb(), &command.meta);
         let main = judged.and_then(|()| self.context.stored(main));
@@ -87,7 +88,7 @@ impl CoordinateSystem {
         validators
     }
 
-    /// Each M code with each set of parameters once, at its first line, and how many were left out.
+    /// Returns each M code with each set of parameters once, at its first line, and the number of those left out.
     fn what_to_ask(&mut self, texts: &Texts, validators: &Validators) -> (Vec<Asked>, usize) {
         let (mut asked, mut known, mut not_asked) = (Vec::new(), BTreeSet::new(), 0);
         for (number, program) in texts {
@@ -119,7 +120,7 @@ impl CoordinateSystem {
         (asked, not_asked)
     }
 
-    /// A handler has answered. An answer to another load, or a second one, changes nothing.
+    /// Processes the answer of a handler. An answer to another load, or a second one, changes nothing.
     pub(super) fn on_validate_result(&mut self, result: &ValidateResult) {
         if let Some(validation) = &mut self.commands.validation {
             validation.take(result);
@@ -127,7 +128,7 @@ impl CoordinateSystem {
         self.end_validation(Validation::is_answered);
     }
 
-    /// Ends the wait for answers whose time is over.
+    /// Ends an overdue wait for answers.
     pub(super) fn expire_validation(&mut self, now_s: f64) {
         self.end_validation(|validation| validation.deadline_s <= now_s + 1e-9);
     }
@@ -149,7 +150,7 @@ impl CoordinateSystem {
             return validation.command.refuse(&self.context, refusal);
         }
         if !self.context.stand_as(validation.main, &validation.texts) {
-            // written anew meanwhile: what was asked is not what would run
+            // rewritten meanwhile: the validated text is not the text that would run
             if let Some(command) = self.validate_first(validation.command) {
                 self.accept_command(command, Vec::new());
             }

@@ -19,7 +19,7 @@ use tandem_servo::{Readings, Trace as ServoTrace, TraceMotion, TraceSample};
 use super::conditions::RunStart;
 use crate::program_store::{ProgramStore, StoredProgram};
 
-/// The servo's readings, and where the program is.
+/// Readings of the servo, and the position in the program.
 #[derive(Debug)]
 pub(crate) struct View {
     axes: AxisSet,
@@ -31,28 +31,28 @@ pub(crate) struct View {
     prediction: Mutex<Option<Arc<Prediction>>>,
 }
 
-/// The alarm in which the rehearsal of a program ends.
+/// Alarm in which the rehearsal of a program ends.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Prediction {
-    /// Of the program.
+    /// Hash of the program.
     pub hash: String,
     pub obstacle: StartObstacle,
 }
 
-/// Where the program is.
+/// Position in the program.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Place {
     pub transform: Transform,
     pub stack: Arc<[CallSite]>,
     pub executing: Origin,
-    /// The segment that runs, by its number in the run.
+    /// Number of the running segment in the run.
     pub segment: u64,
-    /// When the block that is executed began, seconds since the start.
+    /// Time at which the executing block began, seconds since the start.
     pub since_s: f64,
-    /// The run of a program that is under way.
+    /// The active run of a program.
     pub run: Option<Arc<RunStart>>,
     pub interpreted_line: u32,
-    /// What runs or ran last without a number: manual data input.
+    /// The manual data input, which has no number, that runs or ran last.
     pub manual: Option<Arc<StoredProgram>>,
 }
 
@@ -69,12 +69,12 @@ impl View {
         }
     }
 
-    /// What the journal's lines up to this one tell of the coordinate system has been published.
+    /// Notes that everything up to this line of the journal has been published for the coordinate system.
     pub(super) fn set_published_line(&self, line: u64) {
         self.published_line.store(line, Ordering::Release);
     }
 
-    /// Number of the last line of the journal whose contents have been published, as have those of all before it.
+    /// Returns the number of the last journal line that, with all lines before it, has been published.
     pub fn published_line(&self) -> u64 {
         self.published_line.load(Ordering::Acquire)
     }
@@ -87,7 +87,7 @@ impl View {
         self.place.lock().clone()
     }
 
-    /// Nothing has been executed yet of this program, or of none.
+    /// Notes that this program is loaded and not yet started; `None` if no program is loaded.
     pub(super) fn at_head(&self, program: Option<u16>) {
         self.update(|place| {
             place.executing = Origin {
@@ -100,34 +100,35 @@ impl View {
         });
     }
 
-    /// From the programmed point to the machine position.
+    /// Returns the transform from the programmed point to the machine position.
     pub fn transform(&self) -> Transform {
         self.place.lock().transform
     }
 
-    /// The commanded position of the last servo cycle.
+    /// Returns the commanded position of the last servo cycle.
     pub fn commanded(&self) -> MachinePosition {
         self.readings.read().commanded
     }
 
-    /// The commanded position of the last servo cycle; `None` while a motor is not homed.
+    /// Returns the commanded position of the last servo cycle; `None` while a motor is not homed.
     pub fn homed_position(&self) -> Option<MachinePosition> {
         let reading = self.readings.read();
         (reading.homed == self.axes).then_some(reading.commanded)
     }
 
-    /// The segment that runs, by its number in the run, the block that is executed, and since when, seconds since the start.
+    /// Returns the number of the running segment in the run, the executing block, and its start in seconds since the
+    /// start.
     pub fn segment(&self) -> (u64, Origin, f64) {
         let place = self.place.lock();
         (place.segment, place.executing, place.since_s)
     }
 
-    /// The alarm in which the rehearsal of the loaded program ends.
+    /// Returns the alarm in which the rehearsal of the loaded program ends.
     pub fn prediction(&self) -> Option<Arc<Prediction>> {
         self.prediction.lock().clone()
     }
 
-    /// Notes it. True if it was another one.
+    /// Notes the predicted alarm. Returns true if it has changed.
     pub fn predict(&self, prediction: Option<Prediction>) -> bool {
         let mut kept = self.prediction.lock();
         let is_other = kept.as_deref() != prediction.as_ref();
@@ -137,23 +138,23 @@ impl View {
         is_other
     }
 
-    /// The run of a program that is under way, with the conditions with which it began.
+    /// Returns the active run of a program, with its conditions at the start.
     pub fn run(&self) -> Option<Arc<RunStart>> {
         self.place.lock().run.clone()
     }
 
-    /// Place of the block that is executed.
+    /// Returns the position of the executing block.
     pub fn executing(&self) -> Origin {
         self.place.lock().executing
     }
 
-    /// Actual spindle speed, r/min, and whether it is oriented.
+    /// Returns the actual spindle speed, r/min, and whether it is oriented.
     pub fn spindle(&self) -> (f64, bool) {
         let reading = self.readings.read();
         (finite(reading.spindle_rpm), reading.oriented)
     }
 
-    /// How many cycles the servo has computed, in all coordinate systems.
+    /// Returns the number of cycles computed by the servo, the same in all coordinate systems.
     pub fn heartbeat(&self) -> Heartbeat {
         let time = Duration::try_from_secs_f64(self.readings.read().time_s).unwrap_or_default();
         let cycles = (time + self.servo_period / 2).as_nanos() / self.servo_period.as_nanos().max(1);
@@ -162,7 +163,7 @@ impl View {
         }
     }
 
-    /// Positions of the last servo cycle.
+    /// Returns the positions of the last servo cycle.
     pub fn position(&self) -> Position {
         let reading = self.readings.read();
         let work = work_position(&self.place().transform, reading.commanded);
@@ -182,7 +183,7 @@ impl View {
         }
     }
 
-    /// Where the program is.
+    /// Returns the position in the program.
     pub fn program(&self, store: &ProgramStore) -> ProgramPlace {
         let Place {
             stack,
@@ -209,10 +210,10 @@ impl View {
         }
     }
 
-    /// What its axes did lately, without the time of day.
+    /// Returns the recent motion of its axes, without the time of day.
     ///
     /// # Errors
-    /// The letter of an axis that it has not.
+    /// Returns the letter of an axis that does not exist.
     pub fn trace(&self, query: &TraceQuery) -> Result<Trace, char> {
         let axes = self.trace.axes();
         let known = |letter: &char| axes.iter().any(|axis| axis.letter() == *letter);
@@ -261,13 +262,13 @@ impl View {
     }
 }
 
-/// To a millionth: the rest is no use to anybody, and makes JSON long.
+/// Rounds to a millionth: further digits are useless and make JSON long.
 fn rounded(value: f64) -> f64 {
     finite((value * 1e6).round() / 1e6)
 }
 
-// JSON has no word for what is not a number; the stages never give one, and no reader shall fail if they did.
-// The sum takes the sign off a negative zero.
+// JSON cannot represent NaN or infinity. The stages never produce them; if they did, readers must not fail. The
+// addition removes the sign of a negative zero.
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value + 0.0 } else { 0.0 }
 }

@@ -1,8 +1,9 @@
-//! Clients that asked to be watched: the machine holds when one of them falls silent.
+//! Clients that have asked to be watched: the machine holds when one of them is lost.
 //!
-//! A heartbeat names its client and the time within which the next one must come. It is neither a lease (the right to start motion)
-//! nor the presence of a handler (the M codes that it serves); a client may have any of them. There is one hold per loss, so that an
-//! operator may resume without the client; watching begins again with its next heartbeat.
+//! A heartbeat names its client and the interval within which the next one must arrive. It is neither a lease (the
+//! right to start motion) nor the presence of a handler (the M codes that it serves); a client may have any of them.
+//! There is one hold per loss, so that an operator may resume without the client; watching begins again with its next
+//! heartbeat.
 
 use std::collections::BTreeMap;
 
@@ -14,10 +15,10 @@ use tandem_model::alarm::CLIENT_LOST;
 use super::CoordinateSystem;
 use super::run_state::Cause;
 
-/// Clients that one coordinate system watches. A further one is refused.
+/// Maximum number of clients that one coordinate system watches. A further one is refused.
 pub(super) const CLIENTS_MAX: usize = 64;
 
-/// Until when each client must be heard. Pure: the time is a parameter.
+/// Deadlines for the next heartbeat of each client. Pure: the time is a parameter.
 #[derive(Debug, Default)]
 pub(super) struct WatchedClients(BTreeMap<String, Watched>);
 
@@ -28,10 +29,10 @@ struct Watched {
 }
 
 impl WatchedClients {
-    /// A client is heard.
+    /// Notes a heartbeat of a client.
     ///
     /// # Errors
-    /// There are too many.
+    /// Returns an error if there are too many clients.
     fn hear(&mut self, id: String, beat: ClientHeartbeat, now_s: f64) -> Result<(), Refusal> {
         if beat.ttl_ms == 0 {
             self.0.remove(&id);
@@ -48,7 +49,7 @@ impl WatchedClients {
         Ok(())
     }
 
-    /// When the first of them is lost unless it is heard.
+    /// Returns the earliest deadline of all clients.
     pub fn until_s(&self) -> Option<f64> {
         self.0
             .values()
@@ -56,7 +57,7 @@ impl WatchedClients {
             .min_by(f64::total_cmp)
     }
 
-    /// Those that were not heard in time, which are watched no more.
+    /// Removes and returns the clients whose deadline has passed; they are no longer watched.
     fn lost(&mut self, now_s: f64) -> Vec<(String, ClientHeartbeat)> {
         let lost = self
             .0
@@ -64,7 +65,7 @@ impl WatchedClients {
         lost.map(|(id, watched)| (id, watched.beat)).collect()
     }
 
-    /// The runtime itself could hear nobody until now: each client has its time again.
+    /// Restarts all deadlines, because the runtime itself could not receive heartbeats until now.
     pub fn excuse(&mut self, now_s: f64) {
         for watched in self.0.values_mut() {
             watched.until_s = now_s + watched.beat.ttl_ms as f64 / 1000.0;
@@ -77,7 +78,7 @@ impl CoordinateSystem {
         self.inputs.clients.hear(id, beat, self.context.now_s())
     }
 
-    /// Holds the run when a client is not heard any more.
+    /// Holds the run if the heartbeat of a client is overdue.
     pub(super) fn look_at_clients(&mut self, now_s: f64) {
         if self.inputs.clients.0.is_empty() {
             return;

@@ -35,24 +35,24 @@ use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::Inspection;
 use crate::tables::{Tables, value_key};
 
-/// What is kept in the data folder, opened.
+/// Opened contents of the data folder.
 pub(super) struct Data {
     folder: PathBuf,
-    /// `None`: the disk refuses.
+    /// `None` if the disk fails.
     store: Option<Store>,
     image: Image,
-    /// What a person should know of the store.
+    /// Notes for the operator about the store.
     notes: Vec<String>,
     pub journal: JournalThread,
     pub newest: Newest,
     pub health: Arc<Health>,
-    /// What of the folder is held back.
+    /// Parts of the folder that are withheld.
     pub held: HeldBack,
     pub question: OpenQuestion,
     lock: Option<Lock>,
 }
 
-/// What watches over the data folder, and writes into it. Dropping it writes what is left.
+/// Watches the data folder and writes into it. Dropping it writes all pending data.
 #[derive(Debug)]
 pub(super) struct Keepers {
     _watch: DataWatch,
@@ -62,7 +62,7 @@ pub(super) struct Keepers {
 }
 
 impl Data {
-    /// Opens the data folder, which is made if it is missing; no other runtime has it open then.
+    /// Opens the data folder and creates it if it is missing. Afterwards no other runtime can open it.
     pub fn open(machine: &Machine, boot_id: BootId) -> Result<Option<Self>, StartError> {
         let Some(folder) = &machine.data_dir else {
             return Ok(None);
@@ -113,7 +113,7 @@ impl Data {
         }))
     }
 
-    /// What was kept, and what the journal adds to it, which is then kept, too.
+    /// Restores the stored data and the additions from the journal, which are then stored as well.
     pub fn restore(&mut self, tables: &Tables, io: &IoDeclarations) -> Restored {
         let mut restored = restore(tables, &self.image);
         restored.outputs = restore_outputs(io, &self.image);
@@ -151,12 +151,12 @@ impl Data {
         restored
     }
 
-    /// Where the motors stood.
+    /// Returns the stored positions of the motors.
     pub fn positions(&self) -> KeptPositions {
         KeptPositions::new(&self.image, &self.newest.rests)
     }
 
-    /// Begins to keep what changes.
+    /// Starts to store changes.
     pub fn keep(
         self,
         shared: &Arc<Shared>,
@@ -197,7 +197,7 @@ impl Data {
     }
 }
 
-/// The names of all that may have been kept of a machine.
+/// Returns the names of all values that may be stored for a machine.
 pub(crate) fn everything(machine: &Machine) -> Vec<String> {
     let tables = Tables::new(machine);
     let mut names: Vec<String> = (0..pages(&tables.global()))
@@ -218,7 +218,7 @@ pub(crate) fn everything(machine: &Machine) -> Vec<String> {
     names
 }
 
-/// What a person should know of a store that is not whole.
+/// Returns the notes for the operator about an incomplete store.
 fn notes(folder: &Path, judged: &Judged, aside: Option<&Path>) -> Vec<String> {
     let path = folder.join(STORE_FILE);
     let mut notes = Vec::new();
@@ -255,7 +255,7 @@ fn refused(path: &Path, error: io::Error) -> StartError {
     }
 }
 
-/// Simulated drives are where they stood.
+/// Brings up the hardware. Simulated drives start at their stored positions.
 pub(super) fn bring_up(
     factory: HardwareFactory,
     machine: &Machine,
@@ -280,7 +280,7 @@ pub(super) fn new_boot_id() -> BootId {
 }
 
 impl Machine {
-    /// The programs of the configuration that cannot be put into the store, each with why.
+    /// Returns the programs of the configuration that cannot be put into the store, each with the reason.
     pub fn unreadable_programs(&self) -> Vec<StartError> {
         let systems = self.coordinate_systems.iter();
         let programs = systems.flat_map(|system| &system.programs);
@@ -299,17 +299,17 @@ impl Machine {
     }
 }
 
-/// The programs of a machine, opened.
+/// Opened programs of a machine.
 pub(super) struct Programs {
     pub store: ProgramStore,
     pub findings: ProgramFindings,
-    /// The state in which coordinate systems begin.
+    /// The initial state of coordinate systems.
     pub first_state: (Execution, Option<Reason>),
 }
 
 impl Programs {
-    /// Opens the store and puts the configuration's programs into it. A folder that refuses prevents nothing: `health`
-    /// says why.
+    /// Opens the store and puts the configuration's programs into it. A folder that cannot be written prevents nothing:
+    /// `health` shows the reason.
     pub fn open(machine: &Machine, health: &Health, held: &HeldBack) -> Result<Self, StartError> {
         let mut store = machine.new_store();
         let (mut findings, mut reason) = (ProgramFindings::default(), Reason::NoProgram);
@@ -347,7 +347,7 @@ impl Programs {
 }
 
 impl ProgramFindings {
-    /// Tells the operator.
+    /// Reports the result to the operator.
     pub(super) fn report(self, shared: &Shared) {
         if let Some(text) = list(&self.not_read) {
             warn_standing(shared, &NOT_READ, &text);
@@ -379,8 +379,8 @@ impl ProgramFindings {
     }
 }
 
-/// The newer of the two wins: the configuration's file, or what was written to the store since. One that the disk does not
-/// take is there all the same. Gives what has changed.
+/// Puts a program into the store. The newer version wins: the configuration's file, or the one written to the store
+/// since. A program that the disk does not accept is still available. Returns the change.
 fn put_program(
     store: &ProgramStore,
     number: u16,
@@ -420,7 +420,7 @@ fn put_program(
     }))
 }
 
-/// Leaves a mark in the data folder; the reason says whether it was there before.
+/// Leaves a mark in the data folder; the returned reason shows whether the mark already existed.
 fn mark_started(mark: &Path) -> Reason {
     if fs::exists(mark).unwrap_or(false) {
         tighten(mark);

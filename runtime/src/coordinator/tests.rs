@@ -1,4 +1,4 @@
-//! What is written of a run, and when.
+//! Contents and order of the writes for a run.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -15,11 +15,11 @@ use crate::coordinate_system::View;
 use crate::journal::{JournalWriter, Line, WriteAhead};
 use crate::test::Bench;
 
-/// A state writer that looks at a run while a line of it is written ahead, before anybody can have heard of it.
+/// State writer that inspects a run while one of its lines is written ahead, before any client can have received it.
 #[derive(Debug, Default)]
 struct Look {
     view: OnceLock<Arc<View>>,
-    /// Numbers of the lines, and of the last line then whose contents had been published.
+    /// Numbers of the lines, and at each the number of the last published line.
     seen: Mutex<Vec<(u64, u64)>>,
 }
 

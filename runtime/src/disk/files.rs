@@ -1,5 +1,5 @@
-//! Files and folders that the runtime keeps: nobody else may read them, none is written through a link, and what is no
-//! regular file is never waited for.
+//! Files and folders of the runtime: other users cannot read them, none is written through a link, and opening anything
+//! but a regular file never blocks.
 
 use std::io::{self, BufWriter, Read, Write};
 use std::os::unix::fs::PermissionsExt as _;
@@ -10,42 +10,42 @@ use super::fs::{
     Permissions, TryLockError,
 };
 
-/// Mode of what the runtime writes: its user only.
+/// Mode of files that the runtime writes: only its user.
 const FILE_MODE: u32 = 0o600;
 
-/// Mode of its folders.
+/// Mode of folders that the runtime creates.
 const FOLDER_MODE: u32 = 0o700;
 
-/// End of the name of a file that is being written; what a kill leaves of it is removed at the next start.
+/// Suffix of a file that is being written; the next start removes such files left by a kill.
 pub(crate) const UNFINISHED: &str = ".new";
 
-/// Makes a folder, and those above it. Their names are on disk when this returns.
+/// Creates a folder and its parents. Their names are on disk when this returns.
 ///
 /// # Errors
-/// The operating system refuses.
+/// Returns an error if the operating system refuses.
 pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
     DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(path)?;
-    // also of those that were there: a start that was killed may have made them
+    // also for existing folders: a start that was killed may have created them
     for made in path.ancestors().filter(|made| made.file_name().is_some()) {
-        // a folder of somebody else may not be open to us
+        // the runtime may not be allowed to open a folder of another user
         let _ = sync_folder(folder_of(made));
     }
     Ok(())
 }
 
-/// Makes a folder in one that is there. Its name is on disk when this returns.
+/// Creates a folder in an existing one. Its name is on disk when this returns.
 ///
 /// # Errors
-/// The one above it is missing, or the operating system refuses.
+/// Returns an error if the parent is missing, or the operating system refuses.
 pub(crate) fn make_folder_in(path: &Path) -> io::Result<()> {
     match DirBuilder::new().mode(FOLDER_MODE).create(path) {
-        // one that is there may have been made by a start that ended here
+        // a start that ended at this point may have created an existing folder
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
         _ => sync_folder(folder_of(path)),
     }
 }
 
-/// Takes the rights of others to a file or folder away. One that belongs to somebody else stays as it is.
+/// Revokes the rights of other users to a file or folder. If it belongs to another user, it stays unchanged.
 pub(crate) fn tighten(path: &Path) {
     let Ok(metadata) = fs::symlink_metadata(path) else {
         return;
@@ -59,10 +59,10 @@ pub(crate) fn tighten(path: &Path) {
     }
 }
 
-/// Opens a regular file, also through a link. A FIFO or a device is not waited for.
+/// Opens a regular file, also through a link. Does not wait for a FIFO or a device.
 ///
 /// # Errors
-/// There is none, or what is there is no regular file.
+/// Returns an error if the file does not exist or is not a regular file.
 pub(crate) fn open_regular(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
     let flags = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
     let file = options.mode(FILE_MODE).custom_flags(flags).open(path)?;
@@ -75,10 +75,10 @@ pub(crate) fn open_regular(path: &Path, options: &mut OpenOptions) -> io::Result
     ))
 }
 
-/// At most `most` bytes of a regular file.
+/// Reads at most `most` bytes of a regular file.
 ///
 /// # Errors
-/// As those of [`open_regular`], or it has more.
+/// Fails as [`open_regular`], or if the file is longer.
 pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let file = open_regular(path, OpenOptions::new().read(true))?;
@@ -90,37 +90,37 @@ pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Names that are tried for a file that is being written; a start removes what earlier ones have left.
+/// Maximum number of names tried for a file that is being written; a start removes the files left by earlier starts.
 const UNFINISHED_MAX: u32 = 10_000;
 
-/// Bytes of a file that are written at once.
+/// Bytes of a file written in one operation.
 const PIECE_BYTES: usize = 64 << 10;
 
-/// A file that is being written under a name of its own; dropped before [`Unfinished::finish`], it is removed.
+/// A file that is being written under a temporary name. It is removed if dropped before [`Unfinished::finish`].
 #[derive(Debug)]
 pub(crate) struct Unfinished {
     file: File,
-    /// `None` once it has its name.
+    /// `None` after it has received its final name.
     path: Option<PathBuf>,
 }
 
 impl Unfinished {
-    /// Writes a file beside `path`; it is on disk when this returns.
+    /// Writes a file next to `path`; it is on disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses; nothing is left then.
+    /// Returns an error if the disk operation fails; nothing is left in that case.
     pub fn write(path: &Path, bytes: &[u8]) -> io::Result<Self> {
         Self::write_by(path, |out| out.write_all(bytes))
     }
 
-    /// The same with what `write` writes, piece by piece.
+    /// Writes a file next to `path` with the output of `write`, piece by piece.
     fn write_by(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let mut number = 0;
         let mut unfinished = loop {
             let own = folder_of(path).join(format!("{name}.{number}{UNFINISHED}"));
             let options = &mut OpenOptions::new();
-            // made anew: what somebody has put there, such as a link, is not written to
+            // always a new file: a file or link that another user has placed there is not written to
             match open_regular(&own, options.write(true).create_new(true)) {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists && number < UNFINISHED_MAX => {
                     number += 1;
@@ -141,15 +141,15 @@ impl Unfinished {
         Ok(unfinished)
     }
 
-    /// The file, open.
+    /// Returns the open file.
     pub fn as_file(&self) -> &File {
         &self.file
     }
 
-    /// Gives it its name; a link of that name is replaced.
+    /// Renames it to its final name; a link of that name is replaced.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn finish(mut self, path: &Path) -> io::Result<()> {
         if let Some(own) = &self.path {
             fs::rename(own, path)?;
@@ -162,24 +162,24 @@ impl Unfinished {
 impl Drop for Unfinished {
     fn drop(&mut self) {
         if let Some(path) = &self.path {
-            // what cannot be removed is removed at the next start
+            // if it cannot be removed now, the next start removes it
             let _ = fs::remove_file(path);
         }
     }
 }
 
-/// Writes a file as a whole: before or after a kill it is the old one or the new one.
+/// Replaces a file as a whole: after a kill it is either the old one or the new one.
 ///
 /// # Errors
-/// The disk refuses; the old one is there then.
+/// Returns an error if the disk operation fails; the old file then remains.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     Unfinished::write(path, bytes)?.finish(path)
 }
 
-/// The same with what `write` writes, piece by piece.
+/// Replaces a file as a whole with the output of `write`, piece by piece.
 ///
 /// # Errors
-/// As those of [`write_whole`].
+/// Fails as [`write_whole`].
 pub(crate) fn write_whole_by(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -187,10 +187,10 @@ pub(crate) fn write_whole_by(
     Unfinished::write_by(path, write)?.finish(path)
 }
 
-/// Brings the names in a folder to disk.
+/// Writes the names in a folder to disk.
 ///
 /// # Errors
-/// The disk refuses.
+/// Returns an error if the disk operation fails.
 pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
@@ -203,32 +203,32 @@ fn folder_of(path: &Path) -> &Path {
     folder
 }
 
-/// A folder that one process works with. It is free again when this is dropped, or the process ends.
+/// A folder used by one process only. It is released when this is dropped, or when the process ends.
 #[derive(Debug)]
 pub(crate) struct Lock {
-    /// It holds the lock as long as it is open.
+    /// Holds the lock while it is open.
     _file: File,
 }
 
 impl Lock {
-    /// Takes a folder; `None` where the disk takes no file.
+    /// Locks a folder. Returns `None` if the lock file cannot be written to the disk.
     ///
     /// # Errors
-    /// Another process has it.
+    /// Returns an error if another process has locked it.
     pub fn take(folder: &Path) -> io::Result<Option<Self>> {
         let options = &mut OpenOptions::new();
         let opened = open_regular(&folder.join("lock"), options.write(true).create(true));
         let Ok(file) = opened else { return Ok(None) };
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => Err(in_use()),
-            // not every file system knows locks
+            // some file systems do not support locks
             Err(TryLockError::Error(_)) => Ok(None),
             Ok(()) => Ok(Some(Self { _file: file })),
         }
     }
 }
 
-/// The refusal of a folder that another process works with.
+/// Creates the error for a folder that another process uses.
 pub(crate) fn in_use() -> io::Error {
     io::Error::new(
         io::ErrorKind::ResourceBusy,
@@ -236,24 +236,24 @@ pub(crate) fn in_use() -> io::Error {
     )
 }
 
-/// Which file or folder a path leads to, whatever its name is.
+/// Identifies the file or folder of a path, whatever its name is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Identity(u64, u64);
 
 impl Identity {
-    /// What is at a path now.
+    /// Returns the identity of the file or folder at a path.
     ///
     /// # Errors
-    /// Nothing is.
+    /// Returns an error if it does not exist.
     pub fn at(path: &Path) -> io::Result<Self> {
         let metadata = fs::metadata(path)?;
         Ok(Self(metadata.dev(), metadata.ino()))
     }
 
-    /// That of an open file.
+    /// Returns the identity of an open file.
     ///
     /// # Errors
-    /// The operating system refuses.
+    /// Returns an error if the operating system refuses.
     pub fn of(file: &File) -> io::Result<Self> {
         let metadata = file.metadata()?;
         Ok(Self(metadata.dev(), metadata.ino()))
@@ -262,7 +262,7 @@ impl Identity {
     /// Checks that it is still at its path.
     ///
     /// # Errors
-    /// It was removed or replaced.
+    /// Returns an error if it was removed or replaced.
     pub fn check(self, path: &Path) -> io::Result<()> {
         match Self::at(path) {
             Ok(now) if now == self => Ok(()),
@@ -333,7 +333,7 @@ mod tests {
         let disk = std::sync::Arc::new(parking_lot::Mutex::new(disk));
         Mount::mount(&disk);
         let folder = Path::new(ROOT).join("data/of/a/machine");
-        // a start that is killed after it has made them
+        // a start that is killed after creating them
         let made = DirBuilder::new().recursive(true).create(&folder);
         made.unwrap();
         disk.lock().kill();

@@ -1,4 +1,4 @@
-//! Which copy of a stored file is the newest: one sequence of generations for all files of a data folder.
+//! Determines which copy of a stored file is the newest: one sequence of generations for all files of a data folder.
 //!
 //! Each change of a file takes the next generation. A sealed line contains its own generation and, for each part, the
 //! newest generation that was on disk before the line was written. At a start an older copy of a part is recognized by
@@ -34,10 +34,10 @@ impl StoredPart {
     ];
 }
 
-/// Generation of each part; a part that is not named has none.
+/// Generation of each part; a part without an entry has none.
 pub(crate) type PartGenerations = BTreeMap<StoredPart, u64>;
 
-/// What a sealed line belongs to.
+/// Kind of file to which a sealed line belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Kind {
@@ -54,14 +54,14 @@ pub(crate) enum Kind {
     Question,
 }
 
-/// What a sealed line says about itself.
+/// Identification of a sealed line.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Seal {
     pub kind: Kind,
     /// Name of the machine.
     pub machine: String,
     pub generation: u64,
-    /// What was on disk before the line was written.
+    /// Generations on disk before the line was written.
     #[serde(default, skip_serializing_if = "PartGenerations::is_empty")]
     pub known: PartGenerations,
 }
@@ -127,12 +127,12 @@ impl Generations {
         self.last.load(Ordering::Acquire)
     }
 
-    /// Notes that a part of this generation is on disk: later lines of other parts name it.
+    /// Records that a part of this generation is on disk: later lines of other parts name it.
     pub fn note_on_disk(&self, part: StoredPart, generation: u64) {
         self.on_disk[part as usize].fetch_max(generation, Ordering::AcqRel);
     }
 
-    /// What is on disk.
+    /// Returns the generations on disk.
     pub fn on_disk(&self) -> PartGenerations {
         let read = StoredPart::ALL.map(|part| (part, self.on_disk[part as usize].load(Ordering::Acquire)));
         read.into_iter()

@@ -1,4 +1,5 @@
-//! Which part of what is kept cannot be written now: noted by who writes, looked at by the watch over the data folder.
+//! Records which parts of the stored data cannot be written now. Writers record it; the watch over the data folder
+//! reads it.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -7,7 +8,7 @@ use parking_lot::Mutex;
 use plc_api::supervisor::Supervisor;
 use tandem_model::alarm::{AlarmEntry, JOURNAL_FAILED, PROGRAMS_FAILED, STORE_FAILED};
 
-/// What is kept.
+/// Part of the stored data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Part {
     Store,
@@ -18,7 +19,7 @@ pub(crate) enum Part {
 impl Part {
     pub const ALL: [Part; 3] = [Part::Store, Part::Journal, Part::Programs];
 
-    /// The alarm that stands while it cannot be written.
+    /// Returns the alarm that is active while it cannot be written.
     pub fn alarm(self) -> &'static AlarmEntry {
         match self {
             Part::Store => &STORE_FAILED,
@@ -28,16 +29,16 @@ impl Part {
     }
 }
 
-/// Why each part cannot be written, as its last attempt has found.
+/// Reason why each part cannot be written, according to its last attempt.
 #[derive(Debug, Default)]
 pub(crate) struct Health {
     faults: Mutex<BTreeMap<Part, String>>,
-    /// Of the threads that write, and of all others.
+    /// Supervisor of the writing threads and of all others.
     pub supervisor: Supervisor,
 }
 
 impl Health {
-    /// Notes the result of an attempt to write; the log tells of the first that fails and of the first that does not.
+    /// Records the result of an attempt to write; the log reports the first failure and the first success after it.
     pub fn note<T, E: Display>(&self, part: Part, attempt: &Result<T, E>) {
         let mut faults = self.faults.lock();
         match attempt {
@@ -56,7 +57,7 @@ impl Health {
         }
     }
 
-    /// Why a part cannot be written; `None`: its last attempt succeeded.
+    /// Returns why a part cannot be written; `None` if its last attempt succeeded.
     pub fn fault(&self, part: Part) -> Option<String> {
         self.faults.lock().get(&part).cloned()
     }

@@ -1,24 +1,24 @@
-//! A line as text: a JSON object that ends with a check sum of all before it, and the way back.
+//! Writes and parses a line of text: a JSON object that ends with a checksum of everything before it.
 //!
-//! Each line of the journal has a number `n` that rises over all starts of the runtime: it orders lines, whatever the clock of the day
-//! says.
+//! Each line of the journal has a number `n` that increases across all starts of the runtime. It orders lines,
+//! regardless of the wall clock.
 
 use plc_api::execution::wire_name;
 use serde_json::Value;
 
 use super::generations::{Kind, SEAL, Seal};
 
-/// What the check sum stands behind, and ends with.
+/// Text before and after the checksum.
 const SUM: (&str, &str) = (",\"crc\":\"", "\"}");
 
-/// The text of a line with its check sum and its end; `object` is a JSON object with a field.
+/// Returns the text of a line with its checksum and its end; `object` is a JSON object with a field.
 pub(crate) fn seal(object: &str) -> String {
     let open = object.strip_suffix('}').unwrap_or(object);
     let (before, after) = SUM;
     format!("{open}{before}{:08x}{after}\n", crc32fast::hash(open.as_bytes()))
 }
 
-/// Seals a JSON object that stands in a buffer up to `end`; gives the new end. `None`: there is no room.
+/// Seals a JSON object in a buffer up to `end`; returns the new end, or `None` if there is not enough space.
 pub(crate) fn seal_in_place(buffer: &mut [u8], end: usize) -> Option<usize> {
     let open = end.checked_sub(1)?;
     let sum = crc32fast::hash(&buffer[..open]);
@@ -32,16 +32,16 @@ pub(crate) fn seal_in_place(buffer: &mut [u8], end: usize) -> Option<usize> {
     Some(at)
 }
 
-/// What stands in a line.
+/// Content of a line.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Read {
-    /// What was written, without the check sum.
+    /// The written object, without the checksum.
     Whole(Value),
-    /// It is damaged, or was never written by a runtime.
+    /// The line is damaged, or was never written by a runtime.
     Damaged,
 }
 
-/// A line whose check sum matches, without the check sum and its seal; `None`: it is damaged.
+/// Returns a line with a valid checksum, without the checksum and its seal; `None` if it is damaged.
 fn open(line: &[u8]) -> Option<(Value, Option<Seal>)> {
     let mut value = serde_json::from_slice::<Value>(line).ok()?;
     let fields = value.as_object_mut()?;
@@ -56,8 +56,8 @@ fn open(line: &[u8]) -> Option<(Value, Option<Seal>)> {
     Some((value, seal))
 }
 
-/// Reads a line of the journal without its end. Lines of earlier versions have no seal, and those before 0.2
-/// neither number nor check sum.
+/// Reads a line of the journal without its end. Lines of earlier versions have no seal, and those before 0.2 neither
+/// number nor checksum.
 pub(crate) fn read(kind: Kind, line: &[u8]) -> Read {
     match open(line) {
         Some((value, seal)) if seal.as_ref().is_none_or(|seal| seal.kind == kind) => Read::Whole(value),
@@ -69,14 +69,14 @@ pub(crate) fn read(kind: Kind, line: &[u8]) -> Read {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Unusable {
     Damaged,
-    /// It is of another file, or of an earlier version; in words.
+    /// It belongs to another file or an earlier version; contains the description.
     Foreign(String),
 }
 
 /// Reads a sealed line without its end.
 ///
 /// # Errors
-/// It is damaged, or of another kind.
+/// Returns an error if it is damaged, or of another kind.
 pub(crate) fn read_sealed(kind: Kind, line: &[u8]) -> Result<(Value, Seal), Unusable> {
     match open(line) {
         None => Err(Unusable::Damaged),
@@ -91,7 +91,7 @@ pub(crate) fn read_sealed(kind: Kind, line: &[u8]) -> Result<(Value, Seal), Unus
     }
 }
 
-/// The number of a line; 0 for one without.
+/// Returns the number of a line; 0 if it has none.
 pub(crate) fn number(line: &Value) -> u64 {
     line["n"].as_u64().unwrap_or(0)
 }

@@ -1,8 +1,8 @@
-//! What is known to have been kept: a sum for each thing by its name, in a file of lines beside what they vouch for.
+//! Recorded checksums of stored data by name, in a file of lines next to the data.
 //!
-//! Each line has a number, that of the line before it, and its own check sum, and stands there twice: one that is damaged
-//! has its copy. A line adds to those before it; the first stands for all. When a line and its copy are damaged, nobody
-//! knows which names it had: the sums of all earlier lines are unknown then, and the names stay known.
+//! Each line has its number, that of the previous line, and its own checksum, and is written twice: if one is damaged,
+//! its copy is used. A line adds to the earlier ones; the first line contains all checksums. If a line and its copy are
+//! damaged, its names are unknown: all earlier checksums are then unknown, but the names stay known.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -17,22 +17,23 @@ use super::fs::{File, OpenOptions};
 use super::generations::{Generations, Kind, Seal, StoredPart};
 use super::line::{Unusable, number, read_sealed, seal};
 
-/// Bytes up to which lines are always added. A longer file is written again, without what later lines replace, when it is
-/// [`GROWTH_MAX`] times as long as it was then. Reason: without runs, the sums of all that is kept are about 100 KiB with their copy.
+/// Size in bytes up to which lines are always added. A longer file is rewritten without superseded entries when it has
+/// grown to [`GROWTH_MAX`] times its last rewritten size. Reason: without runs, the checksums of all stored data are
+/// about 100 KiB including the copy.
 const BYTES_MAX: u64 = 512 << 10;
 
-/// Reason: the work for a line is in proportion to the line, however many sums there are.
+/// Reason: the work for a line stays proportional to the line, however many checksums there are.
 const GROWTH_MAX: u64 = 2;
 
-/// Bytes that are read at the most.
+/// Maximum bytes read.
 const READ_MAX: u64 = 16 << 20;
 
-/// The sum of some bytes, in hexadecimal digits: SHA-256.
+/// Returns the checksum of some bytes, in hexadecimal digits: SHA-256.
 pub(crate) fn sum_of(bytes: &[u8]) -> String {
     hex::encode(Sha256::digest(bytes))
 }
 
-/// The sum of bytes that come in parts.
+/// Computes the checksum of bytes in parts.
 #[derive(Debug, Default)]
 pub(crate) struct SumOfParts(Sha256);
 
@@ -42,34 +43,34 @@ impl SumOfParts {
         self.0.update(bytes);
     }
 
-    /// The sum of all of them, as [`sum_of`] makes it.
+    /// Returns the checksum of all bytes, in the form of [`sum_of`].
     pub fn finish(self) -> String {
         hex::encode(self.0.finalize())
     }
 }
 
-/// Changes of sums by name; `None`: it is kept no longer.
+/// Changes of checksums by name; `None`: no longer stored.
 pub(crate) type SumChange = BTreeMap<String, Option<String>>;
 
-/// What a file of sums says.
+/// Content of a checksum file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct Sums {
-    /// There is a file, with a line at least.
+    /// The file exists and has at least one line.
     pub is_there: bool,
     /// Number of the newest line.
     pub last: u64,
-    /// Lines are damaged, and their copies.
+    /// At least one line and its copy are damaged.
     pub is_damaged: bool,
-    /// Why lines of it are not those of this file; in words.
+    /// Reason, as text, why some lines belong to another file.
     pub foreign: Option<String>,
-    /// Of the newest line.
+    /// Seal of the newest line.
     pub seal: Option<Seal>,
-    /// By name; `None`: it is kept, and its sum is unknown.
+    /// Checksums by name; `None`: stored, but the checksum is unknown.
     pub by_name: BTreeMap<String, Option<String>>,
 }
 
 impl Sums {
-    /// Reads a file. What cannot be read says nothing.
+    /// Reads a file. Unreadable content is skipped.
     pub fn read(path: &Path, kind: Kind) -> Self {
         let mut sums = Self::default();
         let bytes = match read_regular(path, READ_MAX) {
@@ -80,7 +81,7 @@ impl Sums {
             }
         };
         let mut lines: Vec<&[u8]> = bytes.split(|byte| *byte == b'\n').collect();
-        // behind the last end of a line: nothing, or what a kill has left of a line
+        // after the last line end: nothing, or a fragment of a line left by a kill
         lines.pop();
         let (mut copy_bytes, mut damaged_bytes) = (0, 0);
         for line in lines.into_iter().filter(|line| !line.is_empty()) {
@@ -99,7 +100,7 @@ impl Sums {
             if damaged_bytes > 0 && !is_copy && whole["after"] != sums.last {
                 sums.forget();
             }
-            // what its copy may still take, with a damaged end
+            // maximum size of its copy, including a damaged line end
             copy_bytes = if is_copy { 0 } else { line.len() + 2 };
             damaged_bytes = 0;
             sums.take(&whole);
@@ -111,7 +112,7 @@ impl Sums {
         sums
     }
 
-    /// Why the file cannot be used; `None`: it can.
+    /// Returns why the file cannot be used; `None` if it is usable.
     pub fn fault(&self) -> Option<String> {
         let fault = match (self.is_there, self.is_damaged) {
             (false, _) => "it is missing or damaged",
@@ -137,7 +138,7 @@ impl Sums {
     }
 }
 
-/// The text of a line and its copy. Of two ends of a line one is left when the other is damaged.
+/// Returns the text of a line and its copy. If one of their two line ends is damaged, the other one remains.
 fn twice(number: u64, after: u64, sums: &impl serde::Serialize, of_line: &Seal) -> String {
     let mut line = json!({"n": number, "after": after, "sums": sums});
     of_line.put(&mut line);
@@ -145,23 +146,23 @@ fn twice(number: u64, after: u64, sums: &impl serde::Serialize, of_line: &Seal) 
     format!("{line}\n{line}\n")
 }
 
-/// What seals the lines of a file.
+/// Seals the lines of a file.
 #[derive(Debug, Clone)]
 pub(crate) struct Sealer {
     pub kind: Kind,
-    /// Part that the file belongs to.
+    /// Part to which the file belongs.
     pub part: StoredPart,
     pub generations: Arc<Generations>,
 }
 
 impl Sealer {
-    /// Notes that the file is on disk with this generation.
+    /// Records that the file is on disk with this generation.
     fn note_on_disk(&self, generation: u64) {
         self.generations.note_on_disk(self.part, generation);
     }
 }
 
-/// An open file of sums.
+/// An open checksum file.
 #[derive(Debug)]
 pub(crate) struct SumFile {
     sealer: Sealer,
@@ -169,17 +170,17 @@ pub(crate) struct SumFile {
     file: File,
     identity: Identity,
     bytes: u64,
-    /// Bytes after the whole file was written last.
+    /// Size after the last rewrite, in bytes.
     begun_bytes: u64,
     last: u64,
     by_name: BTreeMap<String, String>,
 }
 
 impl SumFile {
-    /// Writes the file anew, with these sums.
+    /// Rewrites the file with these checksums.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn begin(
         path: &Path,
         sealer: Sealer,
@@ -215,28 +216,28 @@ impl SumFile {
         })
     }
 
-    /// The sum of a name.
+    /// Returns the checksum of a name.
     pub fn get(&self, name: &str) -> Option<&str> {
         self.by_name.get(name).map(String::as_str)
     }
 
-    /// All of them.
+    /// Returns all checksums.
     pub fn all(&self) -> &BTreeMap<String, String> {
         &self.by_name
     }
 
-    /// Checks that the file is where it was opened.
+    /// Checks that the file is still the one that was opened.
     ///
     /// # Errors
-    /// It was removed or replaced.
+    /// Returns an error if it was removed or replaced.
     pub fn check(&self) -> io::Result<()> {
         self.identity.check(&self.path)
     }
 
-    /// Adds a line of the next number, or of `number` where that is higher; it is on disk when this returns.
+    /// Adds a line with the next number, or with `number` if that is higher; it is on disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn add(&mut self, number: u64, change: SumChange) -> io::Result<()> {
         let generation = self.sealer.generations.next();
         self.add_at(number, generation, change)
@@ -245,7 +246,7 @@ impl SumFile {
     /// As [`SumFile::add`], with this generation.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn add_at(&mut self, number: u64, generation: u64, change: SumChange) -> io::Result<()> {
         self.check()?;
         let last = number.max(self.last + 1);
@@ -262,18 +263,18 @@ impl SumFile {
             .write_all(text.as_bytes())
             .and_then(|()| self.file.sync_data());
         if written.is_err() {
-            // The next line must not follow a part of this one.
+            // The next line must not follow a fragment of this one.
             self.file.set_len(self.bytes)?;
         }
         written?;
         self.sealer.note_on_disk(generation);
-        // Sums that are not in the file do not count.
+        // Checksums that are not in the file are ignored.
         apply(&mut self.by_name, change);
         (self.last, self.bytes) = (last, self.bytes + text.len() as u64);
         Ok(())
     }
 
-    /// From now on the disk refuses what is added.
+    /// Makes the disk refuse all further additions.
     #[cfg(test)]
     pub fn refuse_all(&mut self) {
         self.file = File::open(&self.path).unwrap();

@@ -1,4 +1,4 @@
-//! Outputs, levels and M codes of handlers that leave in each of the ways that there are.
+//! Outputs, levels and M codes of handlers that leave, in each possible way.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -155,7 +155,7 @@ fn a_closed_clamp_and_a_run_outlast_an_update_and_a_take_over() {
     }
 }
 
-/// What an instance of `cell` sets: an output, an interlock and a start lock.
+/// Returns the requests of an instance of `cell`: an output, an interlock and a start lock.
 fn sets(instance: Option<&str>) -> [Request; 3] {
     let lock = |source: &str| LockSet {
         source: Some(source.to_owned()),
@@ -283,7 +283,7 @@ async fn run(scene: &Scene, text: &str) {
     scene.cs(1).start().await.unwrap();
 }
 
-/// Starts a program that comes to M77 after a second, and loses the handler of M77 half a second before.
+/// Starts a program that reaches M77 after one second, and loses the handler of M77 half a second before.
 async fn lose_before_m77(scene: &Scene) -> Arc<dyn Port> {
     let port = Arc::clone(scene.plc().port());
     say(&port, presence("a", true)).await;
@@ -314,7 +314,7 @@ fn an_m_code_whose_handler_is_lost_waits_for_the_grace_and_is_then_unhandled() {
     });
 }
 
-/// The output that is open, claimed as `cell`.
+/// Claims the pending output as `cell`.
 async fn claim(scene: &Scene, instance: &str) {
     let pending = scene.cs(1).pending().await.unwrap();
     let claim = Claim {

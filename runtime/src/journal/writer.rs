@@ -1,4 +1,4 @@
-//! The way of lines to the thread that writes them to disk, and of those that must not be lost with the process.
+//! Passes lines to the thread that writes them to disk, and writes ahead the lines that must survive the process.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -11,38 +11,38 @@ use plc_api::types::CoordinateSystemNumber;
 
 use super::Line;
 
-/// What the thread that writes to disk is sent.
+/// Message to the thread that writes to disk.
 #[derive(Debug)]
 pub(crate) enum Message {
     /// A line.
     Line {
-        /// Its number, which rises over all starts of the runtime.
+        /// Its number, which increases across all starts of the runtime.
         n: u64,
         line: Line,
         /// Its time of day.
         time: SystemTime,
         handed_over: Instant,
     },
-    /// Writes what waits, and ends.
+    /// Writes the waiting lines, and ends.
     Close,
 }
 
-/// Where lines are safe from a kill at once.
+/// Storage in which lines immediately survive a kill.
 pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
-    /// Writes a line of this number.
+    /// Writes a line with this number.
     ///
     /// # Errors
-    /// The operating system refuses, or the line has no room.
+    /// Returns an error if the operating system refuses, or if the line is too long.
     fn write(&self, n: u64, line: &Line, time: SystemTime) -> io::Result<()>;
 
-    /// Hears of outputs that are closed, without I/O: the next output's line says which are open.
+    /// Records closed outputs, without I/O: the line of the next output lists the pending ones.
     fn close(&self, line: &Line);
 
-    /// Writes where the axes of a coordinate system rest, by motor number; `None`: they move. `after` is the number of the
-    /// newest line.
+    /// Writes the rest positions of a coordinate system's axes by motor number; `None`: they move. `after` is the
+    /// number of the newest line.
     ///
     /// # Errors
-    /// The operating system refuses.
+    /// Returns an error if the operating system refuses.
     fn rest(
         &self,
         cs: CoordinateSystemNumber,
@@ -51,20 +51,20 @@ pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
     ) -> io::Result<()>;
 }
 
-/// The way to the thread that writes to disk. Cloning gives another handle to the same journal.
+/// Handle of the thread that writes to disk. A clone is another handle of the same journal.
 #[derive(Debug, Clone)]
 pub(crate) struct JournalWriter {
     pub lines: SyncSender<Message>,
-    /// Lines that found no room.
+    /// Number of lines dropped because the queue was full.
     pub lost: Arc<AtomicU64>,
     /// Number of the last line.
     pub last: Arc<AtomicU64>,
-    /// Where lines go that must not be lost with the process; `None`: the disk refuses.
+    /// Storage for lines that must survive the process; `None`: the disk refuses it.
     pub ahead: Option<Arc<dyn WriteAhead>>,
 }
 
 impl JournalWriter {
-    /// The number of the next line.
+    /// Reserves the number of the next line.
     pub fn reserve(&self) -> u64 {
         self.last.fetch_add(1, Ordering::Relaxed) + 1
     }
@@ -75,8 +75,8 @@ impl JournalWriter {
         self.write_as(self.reserve(), line, time);
     }
 
-    /// Hands a line of this number over, without waiting. One that clients learn of earlier is safe from a kill when this
-    /// returns.
+    /// Passes on a line with this number without waiting. A line that clients receive earlier is safe from a kill when
+    /// this returns.
     pub fn write_as(&self, n: u64, line: Line, time: SystemTime) {
         if let Some(ahead) = &self.ahead {
             if line.event.closes_outputs() {

@@ -1,9 +1,9 @@
 //! The chain of the journal: each line ends with the SHA-256 of the hash of the line before it and of its own bytes.
 //!
-//! The first line of each file, and a line where the chain begins, says so: `"event":"chain"`, with the number of the file
-//! and the hash before it, so that it can be verified without what rotation has removed. An anchor beside the files knows
-//! which files must be there and a line that must be among them: so what rotation has removed is told from what somebody has
-//! removed.
+//! The first line of each file, and a line where the chain begins, marks this: `"event":"chain"`, with the number of
+//! the file and the hash before it, so that the chain can be verified without the files removed by rotation. An anchor
+//! in the same folder records which files must exist and one line that they must contain. This distinguishes files
+//! removed by rotation from files removed by a person.
 
 use std::fmt;
 use std::io::{self, BufRead};
@@ -17,40 +17,40 @@ use crate::disk::{
     Generations, Kind, Read, Seal, StoredPart, number, read, read_regular, read_sealed, seal, write_whole,
 };
 
-/// File of the anchor in the journal's folder.
+/// Name of the anchor file in the journal's folder.
 const ANCHOR_FILE: &str = "anchor";
 
-/// Bytes of the anchor that are read at the most.
+/// Maximum bytes read from the anchor.
 const ANCHOR_BYTES_MAX: u64 = 4096;
 
-/// Bytes of a line that are read at the most; what is longer is damaged. Reason: lines are far shorter.
+/// Maximum bytes read of a line; a longer line is damaged. Reason: lines are far shorter.
 const LINE_BYTES_MAX: usize = 1 << 20;
 
-/// What stands before a hash, and behind it.
+/// Text before and after a hash.
 const HASH: (&[u8], &[u8]) = (b",\"hash\":\"", b"\"");
 
-/// Bytes that a check sum takes at the end of a line.
+/// Bytes of a checksum at the end of a line.
 const SUM_BYTES: usize = ",\"crc\":\"00000000\"}".len();
 
-/// Bytes that hash, check sum and end add to an object.
+/// Bytes that hash, checksum and end add to an object.
 pub(super) const LINK_BYTES: u64 = (9 + 64 + 1 + SUM_BYTES) as u64;
 
-/// The hash of a line, which stands for all lines up to it.
+/// The hash of a line, which covers all lines up to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hash([u8; 32]);
 
 impl Hash {
-    /// What stands before the first line.
+    /// Hash before the first line.
     pub(crate) const ORIGIN: Self = Self([0; 32]);
 
-    /// The hash of hexadecimal digits, as it is written.
+    /// Parses hexadecimal digits in the written form.
     pub(crate) fn parse(text: &str) -> Option<Self> {
         let mut bytes = [0; 32];
         hex::decode_to_slice(text, &mut bytes).ok()?;
         Some(Self(bytes)).filter(|hash| hash.to_string() == text)
     }
 
-    /// The hash of a line with these bytes behind one with this hash.
+    /// Returns the hash of a line with these bytes that follows a line with this hash.
     pub(super) fn then(self, bytes: &[u8]) -> Self {
         let digest = Sha256::new().chain_update(self.0).chain_update(bytes);
         Self(digest.finalize().into())
@@ -63,25 +63,26 @@ impl fmt::Display for Hash {
     }
 }
 
-/// The text of a line behind one with this hash, and its own hash; `object` is a JSON object with a field.
+/// Returns the text of a line that follows a line with this hash, and its own hash; `object` is a JSON object with a
+/// field.
 pub(super) fn link(before: Hash, object: &str) -> (String, Hash) {
     let open = object.strip_suffix('}').unwrap_or(object);
     let hash = before.then(open.as_bytes());
     (seal(&format!("{open},\"hash\":\"{hash}\"}}")), hash)
 }
 
-/// A line of a journal, as it is read.
+/// A line of a journal as read.
 #[derive(Debug, PartialEq)]
 pub(super) enum Entry<'a> {
-    /// A line of the chain: its value, the bytes that its hash is of, and the hash.
+    /// A line of the chain: its value, the hashed bytes, and the hash.
     Linked(Value, &'a [u8], Hash),
-    /// A whole line of a version without a chain.
+    /// An intact line of a version without a chain.
     Unlinked(Value),
-    /// It is damaged.
+    /// Damaged.
     Damaged,
 }
 
-/// Reads a line without its end.
+/// Parses a line without its line end.
 pub(super) fn entry(line: &[u8]) -> Entry<'_> {
     let Read::Whole(value) = read(Kind::Journal, line) else {
         return Entry::Damaged;
@@ -99,19 +100,19 @@ pub(super) fn entry(line: &[u8]) -> Entry<'_> {
     }
 }
 
-/// What a line of the chain itself says: that a file begins, or the chain.
+/// Content of a line of the chain itself, which marks the beginning of a file or of the chain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Mark {
     /// Number of the file.
     pub file: u64,
     /// The hash before it; `None`: the chain begins here.
     pub before: Option<Hash>,
-    /// Why it begins anew.
+    /// Reason for a new chain.
     pub why: Option<String>,
 }
 
 impl Mark {
-    /// Its event.
+    /// Returns its event.
     pub fn to_json(&self) -> Value {
         let mut event = json!({"event": "chain", "file": self.file});
         match &self.before {
@@ -124,7 +125,7 @@ impl Mark {
         event
     }
 
-    /// The mark of a line; `None`: it is another line.
+    /// Parses the mark of a line; returns `None` for any other line.
     pub fn of(line: &Value) -> Option<Self> {
         let before = match line["prev"].as_str() {
             Some(text) => Some(Hash::parse(text)?),
@@ -139,26 +140,26 @@ impl Mark {
         })
     }
 
-    /// The hash that it is chained to.
+    /// Returns the hash to which it is chained.
     pub fn base(&self) -> Hash {
         self.before.unwrap_or(Hash::ORIGIN)
     }
 }
 
-/// What is known of a journal beside its files.
+/// State of a journal, recorded outside of its files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Anchor {
-    /// Hash of a line that is there, the newest one when this was written; [`Hash::ORIGIN`]: of none.
+    /// Hash of a line that must exist, the newest one when this was written; [`Hash::ORIGIN`]: none.
     pub hash: Hash,
-    /// Its number.
+    /// Number of that line.
     pub n: u64,
     /// Number of the newest file.
     pub file: u64,
-    /// Number of the oldest file that must be there: rotation has removed those before it.
+    /// Number of the oldest file that must exist: rotation has removed those before it.
     pub first: u64,
 }
 
-/// What is read of an anchor.
+/// Result of reading an anchor.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum AnchorRead {
     There(Anchor),
@@ -167,7 +168,7 @@ pub(super) enum AnchorRead {
 }
 
 impl AnchorRead {
-    /// The anchor, where it is whole.
+    /// Returns the anchor if it is intact.
     pub fn there(&self) -> Option<&Anchor> {
         match self {
             Self::There(anchor) => Some(anchor),
@@ -181,7 +182,7 @@ impl Anchor {
         Self::read_with_seal(folder).0
     }
 
-    /// The anchor, and what its line says about itself.
+    /// Reads the anchor and the seal of its line.
     pub fn read_with_seal(folder: &Path) -> (AnchorRead, Option<Seal>) {
         let bytes = match read_regular(&folder.join(ANCHOR_FILE), ANCHOR_BYTES_MAX) {
             Ok(bytes) => bytes,
@@ -204,7 +205,7 @@ impl Anchor {
         }
     }
 
-    /// On disk when this returns.
+    /// Writes the anchor; it is on disk when this returns.
     pub fn write(&self, folder: &Path, generations: &Generations) -> io::Result<()> {
         let mut line = json!({
             "file": self.file, "first": self.first, "hash": self.hash.to_string(), "n": self.n,
@@ -217,12 +218,12 @@ impl Anchor {
     }
 }
 
-/// What the anchor of a journal says about itself; `None`: there is no anchor that can be used.
+/// Returns the seal of a journal's anchor; `None` if there is no usable anchor.
 pub(crate) fn anchor_seal(folder: &Path) -> Option<Seal> {
     Anchor::read_with_seal(folder).1
 }
 
-/// Removes what a kill has left of an anchor that was being written.
+/// Removes the remains of an anchor whose writing was cut short by a kill.
 pub(super) fn tidy_up(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
@@ -237,15 +238,15 @@ pub(super) fn tidy_up(folder: &Path) -> io::Result<()> {
 /// How a line of a file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Ending {
-    /// As every line does.
+    /// With a line end.
     Whole,
-    /// With the file: it is still being written, or was cut short.
+    /// With the end of the file: the line is still being written, or was cut short.
     Cut,
-    /// It is longer than a line may be; the rest was passed over.
+    /// The line is longer than allowed; the rest was skipped.
     TooLong,
 }
 
-/// Reads the next line into `line`, without its end; `None` at the end of the file.
+/// Reads the next line into `line`, without its line end; returns `None` at the end of the file.
 pub(super) fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Option<Ending>> {
     line.clear();
     let (mut is_too_long, mut has_begun) = (false, false);
@@ -273,7 +274,7 @@ pub(super) fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Re
     }
 }
 
-/// Path of the file of this age in a journal's folder.
+/// Returns the path of the file of this age in a journal's folder.
 pub(crate) fn place(folder: &Path, age: usize) -> PathBuf {
     folder.join(match age {
         0 => "journal.jsonl".to_owned(),

@@ -1,7 +1,7 @@
 //! The journal's files: lines of JSON in files of bounded size.
 //!
-//! `journal.jsonl` is the newest file, `journal.1.jsonl` the one before it, and so on; the oldest is removed. A line
-//! that was cut short by a kill is removed when the journal is opened again, so every line is whole. Lines are chained by
+//! `journal.jsonl` is the newest file, `journal.1.jsonl` the one before it, and so on; the oldest is removed. If a kill
+//! cut a line short, it is removed when the journal is opened again, so every line is complete. Lines are chained by
 //! hashes (`chain`).
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,39 +29,39 @@ use crate::disk::{
 /// The folder of the journal in `data_dir`.
 pub(crate) const JOURNAL_FOLDER: &str = "journal";
 
-/// Bytes of one file of the journal; a new one is begun beyond.
+/// Size at which a new file of the journal is begun, in bytes.
 pub(super) const FILE_BYTES_MAX: u64 = 4 << 20;
 
-/// Stands for the start of the runtime in lines that a command has written.
+/// Replaces the boot identifier in lines that a command has written.
 pub(super) const COMMAND_LINE: &str = "command-line";
 
-/// Files of the journal, the newest included; the oldest is removed.
+/// Maximum number of files of the journal, including the newest; the oldest is removed.
 pub(super) const FILES_MAX: usize = 8;
 
-/// Longest time between two anchors while lines keep coming. Reason: an older copy of a file is recognized by what the
-/// anchor knows of it, and each anchor is another wait for the disk.
+/// Longest time between two anchors while lines are written continuously. Reason: an outdated copy of a file is
+/// recognized by the anchor, and each anchor adds another wait for the disk.
 const ANCHOR_EVERY: Duration = Duration::from_secs(10);
 
-/// Bytes of a file of the journal that are read at the most: one write may go beyond [`FILE_BYTES_MAX`].
+/// Maximum bytes read of a file of the journal: one write may exceed [`FILE_BYTES_MAX`].
 const FILE_READ_MAX: u64 = 64 << 20;
 
 /// The newest lines of a journal.
 #[derive(Debug, Default)]
 pub(crate) struct Newest {
-    /// In the order in which they were written.
+    /// In the order of writing.
     pub lines: Vec<Value>,
-    /// Lines that are damaged, by their file; they are left out.
+    /// Number of damaged lines by file; they are omitted.
     pub damaged: BTreeMap<PathBuf, u64>,
-    /// Files that cannot be read, and why.
+    /// Files that cannot be read, with the reason.
     pub unreadable: BTreeMap<PathBuf, String>,
-    /// Why the chain begins anew at this start although there was one.
+    /// Reason why a new chain begins at this start although a chain exists.
     pub why_anew: Option<String>,
-    /// Where the axes of a coordinate system rested when the last start of the runtime ended, by motor number.
+    /// Rest positions of a coordinate system's axes at the end of the previous start of the runtime, by motor number.
     pub rests: RestPositions,
 }
 
 impl Newest {
-    /// What a person should know of it.
+    /// Returns warnings for a person.
     pub fn warnings(&self) -> impl Iterator<Item = String> {
         let damaged = self.damaged.iter();
         let damaged = damaged.map(|(path, lines)| {
@@ -76,8 +76,8 @@ impl Newest {
         damaged.chain(unreadable).chain(anew)
     }
 
-    /// Those of these lines that it lacks. A line that is older than all that were read is not missing: it may have been
-    /// left out.
+    /// Returns those of `lines` that are missing here. A line older than all lines read does not count as missing,
+    /// because it may have been omitted.
     pub(super) fn missing(&self, mut lines: Vec<Value>) -> Vec<Value> {
         let there: BTreeSet<u64> = self.lines.iter().map(number).collect();
         let first = there.first().copied().unwrap_or(0);
@@ -85,7 +85,8 @@ impl Newest {
         lines
     }
 
-    /// Of what was written about axes at rest, what holds: it is of the last start of the runtime, and no run began since.
+    /// Returns the rest positions that are still valid: written during the last start of the runtime, with no later
+    /// run.
     pub(super) fn hold(&self, rests: Vec<Rest>) -> RestPositions {
         let mut boots = self.lines.iter().rev().map(|line| &line["boot_id"]);
         let last = boots.find(|boot| **boot != COMMAND_LINE);
@@ -104,14 +105,15 @@ impl Newest {
         hold.filter_map(|rest| Some((rest.cs, rest.positions?))).collect()
     }
 
-    /// Time of the newest line.
+    /// Returns the time of the newest line.
     pub fn time(&self) -> Option<Timestamp> {
         let ts = self.lines.iter().rev().find_map(|line| line["ts"].as_str())?;
         Some(Timestamp(ts.to_owned()))
     }
 }
 
-/// The newest `count` lines of the journal of a folder but for the `from` newest. What cannot be read is left out.
+/// Reads the newest `count` lines of the journal of a folder, except for the `from` newest. Unreadable lines are
+/// omitted.
 pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
     let (mut newest, wanted) = (Newest::default(), from.saturating_add(count));
     for age in 0..FILES_MAX {
@@ -128,7 +130,7 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
             }
         };
         let mut lines = bytes.split(|byte| *byte == b'\n').rev();
-        // The last line may not be written in full yet.
+        // The last line may still be incomplete.
         lines.next();
         for line in lines {
             if newest.lines.len() >= wanted {
@@ -153,7 +155,7 @@ pub(super) struct Object {
 }
 
 impl Object {
-    /// Of a JSON object with its number.
+    /// Creates it from a JSON object with its number.
     pub fn of(line: &Value) -> Self {
         Self {
             n: number(line),
@@ -162,11 +164,11 @@ impl Object {
     }
 }
 
-/// What the journal says of itself: lines of its own, with the numbers that come next.
+/// Writer of the journal's own lines, which have the next numbers.
 #[derive(Debug, Clone)]
 pub(super) struct Own {
     pub boot_id: BootId,
-    /// When the writer was started: `t_s` of its lines counts from then.
+    /// Start time of the writer, from which `t_s` of its lines counts.
     pub started: Instant,
     /// Number of the last line.
     pub last: Arc<AtomicU64>,
@@ -174,7 +176,7 @@ pub(super) struct Own {
 }
 
 impl Own {
-    /// A line of now, as a JSON object.
+    /// Creates a line with the current time, as a JSON object.
     pub fn line(&self, mut event: Value) -> Object {
         event["boot_id"] = json!(self.boot_id);
         event["cs"] = json!(0);
@@ -193,19 +195,19 @@ pub(super) struct Files {
     bytes: u64,
     bytes_max: u64,
     head: Head,
-    /// What the anchor says.
+    /// Content of the anchor.
     anchored: Head,
-    /// What was on disk of other parts when the anchor was written.
+    /// Generations of other parts on disk when the anchor was written.
     anchored_known: PartGenerations,
     anchored_at: Instant,
     own: Own,
-    /// Why the chain begins anew although there was one; `None`: it continues.
+    /// Reason why a new chain begins although a chain exists; `None`: the chain continues.
     pub why_anew: Option<String>,
 }
 
 impl Files {
-    /// The folder is made if it is missing, but not those above it: who removes these wants an answer, not new ones. Where
-    /// the chain cannot go on it begins anew, with a line that says why.
+    /// Opens the files. A missing folder is created, but not its parents: if they were removed, an error is more useful
+    /// than new ones. If the chain cannot continue, a new one begins with a line that states the reason.
     pub(super) fn open(folder: &Path, bytes_max: u64, own: Own) -> io::Result<Self> {
         make_folder_in(folder).map_err(|error| of(folder, &error))?;
         for age in 0..FILES_MAX {
@@ -231,7 +233,7 @@ impl Files {
             own,
             why_anew: None,
         };
-        // with a mark, too: whatever is found later was written after it
+        // also with a mark: lines found later were then written after the anchor
         let begun = files.anchor().and_then(|()| match &mark {
             Some(mark) => files.begin(mark),
             None => Ok(()),
@@ -241,7 +243,7 @@ impl Files {
         Ok(files)
     }
 
-    /// A file, or the chain, begins.
+    /// Begins a file or a chain.
     fn begin(&mut self, mark: &Mark) -> io::Result<()> {
         let line = self.own.line(mark.to_json());
         self.write(&[line])
@@ -267,7 +269,7 @@ impl Files {
         self.write(lines)
     }
 
-    /// The seal of a line, as its first field.
+    /// Returns the seal of a line, as its first field.
     fn seal(&self) -> io::Result<String> {
         let seal = self.own.generations.plain_seal(Kind::Journal);
         Ok(format!("\"seal\":{},", serde_json::to_string(&seal)?))
@@ -283,7 +285,7 @@ impl Files {
             (head.hash, head.n) = (hash, line.n);
         }
         if let Err(error) = self.newest.write_all(text.as_bytes()) {
-            // The next line must not follow a part of this one.
+            // The next line must not follow a fragment of this one.
             self.newest.set_len(self.bytes)?;
             return Err(error);
         }
@@ -292,7 +294,7 @@ impl Files {
         self.newest.sync_data()
     }
 
-    /// Notes the newest line beside the files. On disk when this returns.
+    /// Writes the newest line to the anchor. It is on disk when this returns.
     pub(super) fn anchor(&mut self) -> io::Result<()> {
         let known = self.own.generations.on_disk();
         self.head.anchor().write(&self.folder, &self.own.generations)?;
@@ -302,12 +304,12 @@ impl Files {
         Ok(())
     }
 
-    /// True if the anchor is written although lines keep coming.
+    /// Returns true if the anchor must be written although lines are still being written.
     pub(super) fn is_anchor_overdue(&self) -> bool {
         self.anchored_at.elapsed() >= ANCHOR_EVERY
     }
 
-    /// True if the anchor lacks the newest line, or the newest generation of another part.
+    /// Returns true if the anchor lacks the newest line, or the newest generation of another part.
     pub(super) fn is_ahead_of_anchor(&self) -> bool {
         let mut known = self.own.generations.on_disk();
         let mut anchored = self.anchored_known.clone();
@@ -322,7 +324,7 @@ impl Files {
             before: Some(self.head.hash),
             why: None,
         };
-        // before the oldest is removed: what is missing then was removed by rotation
+        // before the oldest file is removed: files missing after a kill were then removed by rotation
         self.head.file = mark.file;
         let kept = FILES_MAX as u64 - 1;
         self.head.first = self.head.first.max(mark.file.saturating_sub(kept));
@@ -340,16 +342,17 @@ impl Files {
     }
 }
 
-/// An error that names its file.
+/// Creates an error that names its file.
 fn of(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
-/// Opens a file to append to, without the part of a line that a kill has left at its end; true: there was one.
+/// Opens a file for appending and removes an incomplete line that a kill has left at its end. The result is true if
+/// such a line existed.
 fn open_whole(path: &Path) -> io::Result<(File, u64, bool)> {
     let mut file = open_regular(path, OpenOptions::new().create(true).read(true).append(true))?;
     let length = file.metadata()?.len();
-    // lines are far shorter than this; what is longer is none
+    // lines are far shorter than this; longer text is not a line
     let tail = length.min(1 << 20);
     file.seek(SeekFrom::Start(length - tail))?;
     let mut text = Vec::new();
@@ -380,7 +383,7 @@ mod tests {
         Object::of(&json!({"n": n, "text": "0123456789"}))
     }
 
-    /// Numbers of the lines but for those of the chain itself.
+    /// Returns the numbers of the lines, except for those of the chain itself.
     fn numbers(lines: &[Value]) -> Vec<u64> {
         let others = lines.iter().filter(|line| line["event"] != "chain");
         others.map(number).collect()
@@ -430,7 +433,7 @@ mod tests {
         let read = |from, count| numbers(&newest(folder.path(), from, count).lines);
         assert_eq!(read(0, 3), [27, 28, 29]);
         assert_eq!(read(2, 4), [24, 25, 26, 27]);
-        // between both files is the line with which the second one begins
+        // the first line of the second file lies between both
         assert_eq!(read(13, 4), [14, 15, 16]);
         assert_eq!(read(29, 100), [0, 1]);
         assert_eq!(read(40, 1), Vec::<u64>::new());

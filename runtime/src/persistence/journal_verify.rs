@@ -1,4 +1,4 @@
-//! Verifies the chain of a journal: each place where a line was changed, removed, inserted or moved is named.
+//! Verifies the chain of a journal, and names each location where a line was changed, removed, inserted or moved.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,51 +8,51 @@ use serde_json::Value;
 use super::chain::{Anchor, AnchorRead, Ending, Entry, Hash, Mark, entry};
 use super::journal_reader::{Opened, Place, TRIES_MAX, open, read_lines};
 
-/// Breaks that are named; further ones are counted.
+/// Maximum number of breaks that are listed; further ones are counted.
 const BREAKS_MAX: usize = 100;
 
-/// What to do about lines that are not what was written.
+/// Advice for lines that differ from those written.
 const COMPARE: &str = "compare with a copy of the journal, and find out who could write here";
 
-/// What a look over the chain of a journal has found.
+/// Result of verifying the chain of a journal.
 #[derive(Debug, Default)]
 pub struct Verified {
     /// Lines of the chain.
     pub chained: u64,
-    /// Lines before it, of versions without a chain.
+    /// Lines before the chain, of versions without a chain.
     pub not_chained: u64,
     /// Time of the first line.
     pub first: Option<String>,
     /// Time of the last line.
     pub last: Option<String>,
-    /// Where the chain is not whole.
+    /// Locations where the chain is broken.
     pub breaks: Vec<Break>,
-    /// Further breaks.
+    /// Number of further breaks.
     pub more: u64,
-    /// What is worth knowing and no break.
+    /// Notes that do not describe a break.
     pub notes: Vec<String>,
-    /// Hash of the newest line, which stands for all.
+    /// Hash of the newest line, which covers all lines.
     pub head: Option<Hash>,
 }
 
-/// A place where a chain is not whole.
+/// A location where a chain is broken.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Break {
-    /// The file, or the folder where no file is meant.
+    /// The file, or the folder if no single file is concerned.
     pub path: PathBuf,
     /// The line, from 1; `None`: the file as a whole.
     pub line: Option<u64>,
-    /// What is wrong.
+    /// The fault.
     pub what: String,
-    /// What to do.
+    /// Action to take.
     pub advice: &'static str,
 }
 
-/// Looks over the chain of the journal in a folder. `noted`: the hash of a line that must be in it, or its first 16 digits
-/// or more.
+/// Verifies the chain of the journal in a folder. `noted`: the hash of a line that must be in it, or at least its first
+/// 16 digits.
 ///
 /// # Errors
-/// There is no such folder.
+/// Returns an error if the folder does not exist.
 pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
     let Snapshot { anchor, first, files } = Snapshot::take(folder)?;
     let mut walk = Walk {
@@ -82,12 +82,12 @@ pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
     Ok(walk.found)
 }
 
-/// The files of a journal and its anchor, while a runtime may write them.
+/// The files of a journal and its anchor; a runtime may be writing them.
 struct Snapshot {
-    /// As it was before the files were opened: its line must be in them.
+    /// Read before the files were opened: they must contain its line.
     anchor: AnchorRead,
-    /// Number of the oldest file that must be there, as it was known after the files were opened: rotation may have removed
-    /// others meanwhile.
+    /// Number of the oldest file that must exist, read after the files were opened: rotation may have removed others in
+    /// the meantime.
     first: Option<u64>,
     files: Vec<Opened>,
 }
@@ -109,7 +109,7 @@ impl Snapshot {
 }
 
 impl Verified {
-    /// True where nothing is wrong, and there is a chain.
+    /// Returns true if there is a chain and it has no break.
     pub fn is_whole(&self) -> bool {
         self.breaks.is_empty() && self.chained > 0
     }
@@ -123,20 +123,20 @@ impl Verified {
     }
 }
 
-/// What the next line must follow.
+/// The expected predecessor of the next line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Before {
-    /// Nothing of the chain has come.
+    /// No line of the chain was read yet.
     Nothing,
     Line(Hash),
-    /// A line that is damaged.
+    /// A damaged line.
     Unknown,
 }
 
-/// The way over all lines.
+/// The pass over all lines.
 struct Walk {
     anchor: Option<Anchor>,
-    /// Number of the oldest file that must be there.
+    /// Number of the oldest file that must exist.
     first: Option<u64>,
     noted: Option<String>,
     before: Before,
@@ -205,7 +205,7 @@ impl Walk {
         self.has_noted |= self.noted.as_ref().is_some_and(is_noted);
     }
 
-    /// A file begins, or the chain.
+    /// Processes the beginning of a file or of the chain.
     fn mark(&mut self, mark: &Mark) {
         let why = mark.why.as_deref().unwrap_or("nothing was there");
         let is_first = self.before == Before::Nothing;

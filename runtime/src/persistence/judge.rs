@@ -1,12 +1,12 @@
-//! What of the kept values can be believed. Looking changes nothing on disk.
+//! Inspects the stored values and decides which are trusted. The inspection changes nothing on disk.
 //!
-//! The store has a sum in each value, and check sums of its own in its structure; beside it stands a file with the number
-//! of the last change and the sum of each value. Three cases:
-//! - The structure is whole and not older than the sums: all of it is believed. If the file of sums cannot be used, a whole
-//!   structure is believed all the same, and reported as not verified.
-//! - Otherwise a value is believed if its sum matches the recorded one, wherever it is in the file: it is then the last
-//!   value written. All others are lost.
-//! - Without recorded sums the last value cannot be told from an older one: then all values are lost.
+//! The store has a checksum in each value, and checksums of its own in its structure. A separate file records the
+//! number of the last change and the checksum of each value. Three cases:
+//! - The structure is intact and not older than the checksums: all values are trusted. If the checksum file cannot be
+//!   used, an intact structure is still trusted, and reported as not verified.
+//! - Otherwise a value is trusted if its checksum matches the recorded one, wherever it is in the file: it is then the
+//!   last value written. All others are lost.
+//! - Without recorded checksums the last value cannot be distinguished from an older one: all values are lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -21,7 +21,7 @@ use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORD
 use crate::disk::fs;
 use crate::disk::{Kind, Seal, Sums, read_regular};
 
-/// Name of the store in the data folder, and of the sums beside it.
+/// Name of the store in the data folder, and of its checksum file.
 pub(crate) const STORE_FILE: &str = "state.redb";
 pub(super) const SUMS_FILE: &str = "state.sums";
 
@@ -31,16 +31,16 @@ pub(crate) const STARTED_FILE: &str = "started";
 /// Maximum size of a store, bytes. Reason: a hundred times the size of all values.
 const STORE_BYTES_MAX: u64 = 256 << 20;
 
-/// In what condition the store is.
+/// Condition of the store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Condition {
-    /// Nothing was ever kept in this folder.
+    /// Nothing was ever stored in this folder.
     New,
-    /// All of it is as it was kept.
+    /// Unchanged since it was stored.
     Whole,
-    /// It is of a version without sums, and cannot be verified.
+    /// Written by a version without checksums; it cannot be verified.
     WithoutSums,
-    /// It is damaged, in this way.
+    /// Damaged; contains the description.
     Damaged(String),
 }
 
@@ -48,28 +48,28 @@ pub(crate) enum Condition {
 #[derive(Debug, Clone)]
 pub(crate) struct Judged {
     pub condition: Condition,
-    /// What is believed; a lost value stands there as lost.
+    /// Trusted values; a lost value is marked as lost.
     pub image: Image,
-    /// Names of the values that are lost by this damage.
+    /// Names of the values lost due to this damage.
     pub lost: BTreeSet<String>,
-    /// The names of the kept values are unknown: every possible value counts as lost.
+    /// The names of the stored values are unknown: every possible value is treated as lost.
     pub is_all_lost: bool,
     /// Number of the last change.
     pub last: u64,
-    /// What is wrong with the file of sums.
+    /// Fault of the checksum file.
     pub sums_fault: Option<String>,
     /// Seal of the newest record in the store.
     pub store_seal: Option<Seal>,
-    /// Seal of the newest line of the sums.
+    /// Seal of the newest line of the checksum file.
     pub sums_seal: Option<Seal>,
 }
 
-/// Looks at the store of a folder.
+/// Inspects the store of a folder.
 pub(crate) fn judge(folder: &Path) -> Judged {
     judge_known(folder, false)
 }
 
-/// The same. `is_known`: other files know a store of this folder.
+/// Inspects the store of a folder. `is_known`: other files show that a store of this folder exists.
 pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
     let bytes = read_regular(&folder.join(STORE_FILE), STORE_BYTES_MAX);
     let content = (bytes.as_ref().ok())
@@ -103,7 +103,7 @@ pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
         judged.lose(named());
     }
     if judged.condition == Condition::Whole {
-        // a kill between the store and its sums leaves one change without sums
+        // a kill between writing the store and its checksums leaves one change without checksums
         let is_older = judged.last > sums.last + 1;
         judged.sums_fault = sums
             .fault()
@@ -115,22 +115,22 @@ pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
 }
 
 impl Judged {
-    /// Generation of the newest change that is in the store.
+    /// Returns the generation of the newest change in the store.
     pub fn generation(&self) -> u64 {
         self.store_seal.as_ref().map_or(0, |seal| seal.generation)
     }
 
-    /// The seal that tells how new the believed values are; `None`: nothing does.
+    /// Returns the seal that dates the trusted values; `None` if there is none.
     pub fn seal(&self) -> Option<&Seal> {
         match self.condition {
-            // of a damaged store only values are believed whose sums are recorded
+            // in a damaged store, only values with recorded checksums are trusted
             Condition::Damaged(_) => self.sums_seal.as_ref().or(self.store_seal.as_ref()),
             _ => self.store_seal.as_ref(),
         }
     }
 
-    /// Loses all values that could be wrong without notice, in addition to those that are lost already: the history of runs
-    /// and the counters stay.
+    /// Marks as lost all values that could be wrong without notice, in addition to those already lost; the history of
+    /// runs and the counters stay.
     pub fn hold_back(&mut self, how: String) {
         let statistics = |name: &String| {
             name.starts_with(RUN_KEYS)
@@ -147,7 +147,7 @@ impl Judged {
         self.sums_fault = None;
     }
 
-    /// Marks values as lost that may have been kept and are missing.
+    /// Marks missing values as lost if they may have been stored.
     pub fn lose(&mut self, names: impl IntoIterator<Item = String>) {
         for name in names {
             if !self.image.has(&name) {
@@ -179,7 +179,7 @@ fn of_nothing(how: &str, sums: &Sums, was_started: bool) -> Judged {
     believed(Condition::New, Image::default(), 0)
 }
 
-/// Sums of another machine than that of a whole store say nothing about it.
+/// Ignores checksums of a different machine than that of an intact store.
 fn of_same_machine(sums: Sums, of_store: Option<&Seal>) -> Sums {
     match (&sums.seal, of_store) {
         (Some(of_sums), Some(of_store)) if of_sums.machine != of_store.machine => Sums {
@@ -197,7 +197,7 @@ fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) ->
     if content.is_without_sums && !sums.is_there {
         return believed(Condition::WithoutSums, content.image, 0);
     }
-    // its first change is that which made it: nothing was kept when the first start was cut short
+    // the first change creates the store: nothing was stored when the first start was cut short
     if content.last <= 1 && !sums.is_there && !was_started {
         return believed(Condition::New, Image::default(), 0);
     }
@@ -218,7 +218,7 @@ fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) ->
     believed(Condition::Whole, content.image, content.last)
 }
 
-/// What is left of a damaged store.
+/// Returns the trusted rest of a damaged store.
 fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
     let mut found: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
     for (name, payload) in record::scan(bytes) {
@@ -228,7 +228,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
     let changes = found.remove(CHANGE).unwrap_or_default();
     found.remove(SEAL);
     let last = changes.iter().filter_map(change).max().unwrap_or(0);
-    // sums are recorded after each change, so at most one change has no recorded sums
+    // checksums are recorded after each change, so at most one change has no recorded checksums
     let is_noted = sums.is_there && last <= sums.last + 1;
     let names: BTreeSet<&str> = found
         .keys()
@@ -240,7 +240,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
     for name in names {
         let noted = sums.by_name.get(name);
         if sums.is_there && !sums.is_damaged && noted.is_none() {
-            // kept no longer, or never acknowledged
+            // no longer stored, or never acknowledged
             continue;
         }
         let noted = noted.and_then(Option::as_deref).filter(|_| is_noted);
@@ -258,15 +258,15 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
     judged
 }
 
-/// What the database itself says.
+/// Content of the database.
 #[derive(Debug, Default)]
 struct Content {
     image: Image,
     last: u64,
     seal: Option<Seal>,
-    /// It has no records: it is of a version without sums.
+    /// It has no records: a version without checksums wrote it.
     is_without_sums: bool,
-    /// The structure needed no repair beyond that of a kill.
+    /// The structure needed no repair except after a kill.
     is_clean: bool,
 }
 
@@ -319,7 +319,7 @@ fn read_tables(database: &Database) -> Result<Content, String> {
     Ok(content)
 }
 
-/// The tables of versions before 0.2. False: there are none.
+/// Reads the tables of versions before 0.2. Returns false if they do not exist.
 fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, String> {
     let text = |error: &dyn std::error::Error| error.to_string();
     let tables = (reading.open_table(OLD_VARIABLES), reading.open_table(OLD_VALUES));
@@ -338,7 +338,7 @@ fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, 
     Ok(true)
 }
 
-/// A file in memory of bounded size, whatever size a damaged structure asks for.
+/// A file in memory of bounded size, regardless of the size that a damaged structure requests.
 #[derive(Debug)]
 struct Memory(redb::backends::InMemoryBackend);
 

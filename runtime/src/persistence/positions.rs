@@ -1,4 +1,4 @@
-//! Where the motors stand, as simulated drives keep it over restarts.
+//! Positions of the motors, which simulated drives keep across restarts.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,13 +9,13 @@ use tandem_model::{Axis, MachinePosition};
 use super::image::Image;
 use crate::tables::{KeptValues, LOST_VALUE, keep, value_key};
 
-/// Name of the kept positions of a coordinate system.
+/// Name of the stored positions of a coordinate system.
 pub(crate) const POSITION: &str = "position";
 
 /// Machine position by motor number.
 pub(crate) type MotorPositions = BTreeMap<u16, f64>;
 
-/// Where the axes of coordinate systems rested.
+/// Rest positions of coordinate systems.
 pub(crate) type RestPositions = BTreeMap<CoordinateSystemNumber, MotorPositions>;
 
 /// Motors of a coordinate system with their axes.
@@ -24,14 +24,14 @@ fn motors(settings: &CoordinateSystemSettings) -> impl Iterator<Item = (Axis, u1
     all.filter_map(|(axis, motor)| Some((axis, motor.as_ref()?.number)))
 }
 
-/// The positions to keep, from one servo cycle.
+/// Returns the positions to store, from one servo cycle.
 pub(crate) fn positions(settings: &CoordinateSystemSettings, at: MachinePosition) -> MotorPositions {
     motors(settings)
         .map(|(axis, motor)| (motor, at.0[axis]))
         .collect()
 }
 
-/// What is known of the positions of a machine.
+/// Known positions of a machine.
 #[derive(Debug, Default)]
 pub(crate) struct KeptPositions {
     by_motor: MotorPositions,
@@ -39,7 +39,7 @@ pub(crate) struct KeptPositions {
 }
 
 impl KeptPositions {
-    /// The positions in what was kept, and those at rest that are newer. A motor may have been in another coordinate system then.
+    /// Combines stored positions with newer rest positions. A motor may have been in another coordinate system then.
     pub fn new(image: &Image, rests: &RestPositions) -> Self {
         let mut kept = Self::default();
         let newer = rest_positions(image, rests);
@@ -55,12 +55,12 @@ impl KeptPositions {
         kept
     }
 
-    /// Coordinate systems whose positions are lost.
+    /// Returns the coordinate systems whose positions are lost.
     pub fn lost(&self) -> impl Iterator<Item = CoordinateSystemNumber> {
         self.lost.iter().copied()
     }
 
-    /// Puts the simulated drives where they stood. A drive whose position is lost is not homed.
+    /// Sets the simulated drives to their last positions. A drive whose position is lost is not homed.
     pub fn apply(&self, settings: &mut CoordinateSystemSettings) {
         let is_lost = self.lost.contains(&settings.number);
         for motor in settings.motors.iter_mut().flatten() {
@@ -72,7 +72,7 @@ impl KeptPositions {
         }
     }
 
-    /// Motors that stand outside their soft limits, in words: the limits have changed since.
+    /// Describes motors outside their soft limits, which have changed since.
     pub fn outside(&self, settings: &CoordinateSystemSettings) -> Vec<String> {
         let motors = motors(settings).zip(settings.motors.iter().flatten());
         let outside = motors.filter_map(|((axis, number), motor)| {
@@ -87,7 +87,7 @@ impl KeptPositions {
     }
 }
 
-/// Where axes rested that the store does not know yet: it lags behind. Lost positions stay lost.
+/// Returns rest positions that the lagging store does not contain yet. Lost positions stay lost.
 pub(crate) fn rest_positions(image: &Image, rests: &RestPositions) -> KeptValues {
     let mut values = KeptValues::new();
     for (cs, positions) in rests {
@@ -99,7 +99,7 @@ pub(crate) fn rest_positions(image: &Image, rests: &RestPositions) -> KeptValues
     values
 }
 
-/// Name of the kept positions of a coordinate system.
+/// Returns the name of the stored positions of a coordinate system.
 pub(super) fn position_key(cs: CoordinateSystemNumber) -> String {
     value_key(POSITION, cs)
 }

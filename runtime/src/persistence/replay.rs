@@ -1,4 +1,4 @@
-//! What the journal says about a run beyond the stored state. The journal lags less than the store.
+//! Completes the stored state of a run from the journal, which lags less than the store.
 //!
 //! The process may be killed after an output was made and before the state writer has stored it. The journal lines since
 //! then report the output, so that the operator learns of every M code on which a handler may have begun to work. Lines
@@ -43,12 +43,12 @@ pub(crate) fn replay_last_runs(
     change
 }
 
-/// The last run of a coordinate system, as kept and as these lines of the journal tell what came after.
+/// Returns the last run of a coordinate system: the stored one, updated by these lines of the journal.
 fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value]) -> Option<LastRun> {
     let mut run = kept.map(|kept| kept.run.clone());
     let kept_line = kept.map_or(0, |kept| kept.line);
     for written in journal.iter().filter(|line| number(line) > kept_line) {
-        // Lines that this version does not know are left out.
+        // Lines unknown to this version are skipped.
         let of_cs = Line::from_json(written).filter(|line| line.cs == cs);
         let ts = Timestamp::deserialize(&written["ts"]);
         let (Some(line), Ok(ts), Ok(boot_id)) = (of_cs, ts, BootId::deserialize(&written["boot_id"])) else {
@@ -76,7 +76,7 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value])
     run.map(waiting)
 }
 
-/// The run, in WAIT where it waits for an output: its state may have been stored a moment before that.
+/// Sets a run that waits for an output to WAIT: its state may have been stored shortly before the wait.
 fn waiting(mut run: LastRun) -> LastRun {
     let awaited = |open: &&PendingOutput| open.output.timing == Timing::AfterMotion;
     if run.execution == Execution::Active
@@ -88,7 +88,7 @@ fn waiting(mut run: LastRun) -> LastRun {
     run
 }
 
-/// A run at its start.
+/// Creates a run at its start.
 fn begun(boot_id: BootId, run_id: String, program: Option<u16>, at: Timestamp) -> LastRun {
     LastRun {
         boot_id,
@@ -181,7 +181,7 @@ mod tests {
         line(second, "output", fields)
     }
 
-    /// The boot and the start of run 1-1 in second 1, and what came after.
+    /// Returns the boot and the start of run 1-1 in second 1, and the lines after them.
     fn journal(after: &[Value]) -> Vec<Value> {
         let begin = [
             line(1, "boot", json!({"boot_id": BOOT, "version": "0.1.0"})),
@@ -190,7 +190,7 @@ mod tests {
         [&begin[..], after].concat()
     }
 
-    /// The run as it was looked at after the line of a second.
+    /// Returns the run as stored after the line of a second.
     fn kept(second: u32) -> KeptRun {
         let run = replay(1, None, &journal(&[])).unwrap();
         KeptRun {

@@ -21,7 +21,7 @@ use crate::tables::{
     Kept, KeptOffset, KeptValues, LOST_VALUE, Tables, keep, tool_key, value_key, work_offset_key,
 };
 
-/// Kept data that belongs to no table.
+/// Stored data that belongs to no table.
 #[derive(Debug, Default)]
 pub(crate) struct Restored {
     /// Tool in the spindle by coordinate system; `None`: it is lost.
@@ -31,14 +31,14 @@ pub(crate) struct Restored {
     /// Coordinate systems whose last run is lost.
     pub lost_runs: BTreeSet<CoordinateSystemNumber>,
     pub runs: KeptRuns,
-    /// Last values of outputs of the plant that begin with them; `None`: it is lost.
+    /// Last values of plant outputs that start with their last value; `None`: the value is lost.
     pub outputs: BTreeMap<IoPoint, Option<IoValue>>,
 }
 
 /// Beginning of the names of last values of outputs.
 const OUTPUT_KEYS: &str = "io/out/";
 
-/// A kept value.
+/// Result of reading a stored value.
 enum Read<T> {
     Never,
     Lost,
@@ -77,7 +77,7 @@ pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
     restored
 }
 
-/// Last values of the outputs that begin with them.
+/// Returns the last values of the outputs that start with their last value.
 pub(crate) fn restore_outputs(io: &IoDeclarations, image: &Image) -> BTreeMap<IoPoint, Option<IoValue>> {
     let points = io.points().map(|(point, _)| point);
     let kept = points.filter(|point| io.keeps_last(point)).filter_map(|point| {
@@ -91,7 +91,8 @@ pub(crate) fn restore_outputs(io: &IoDeclarations, image: &Image) -> BTreeMap<Io
     kept.collect()
 }
 
-/// Forgets the last values of outputs that do not begin with them: a later configuration must not find a value of an earlier time.
+/// Deletes the last values of outputs that do not start with them, so that a later configuration does not find an
+/// outdated value.
 pub(crate) fn forget_outputs(io: &IoDeclarations, image: &Image) -> KeptValues {
     let names = image.values.keys().filter(|name| name.starts_with(OUTPUT_KEYS));
     let kept: BTreeSet<_> = io.points().map(|(point, _)| point).collect();
@@ -105,7 +106,7 @@ pub(crate) fn forget_outputs(io: &IoDeclarations, image: &Image) -> KeptValues {
     forgotten
 }
 
-/// A run that is damaged is missing in the history, and no more.
+/// Restores the runs. A damaged run is only omitted from the history.
 fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
     let value = |key: &str| match read(image, key) {
         Read::Value(kept) => Some(kept),
@@ -126,7 +127,7 @@ fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
     let lines = match read::<LinesIncluded>(image, RUN_LINES_KEY) {
         Read::Value(lines) => lines,
         Read::Never if !image.has(PRODUCTION_KEY) => LinesIncluded::new(),
-        // what is included is unknown: nothing is counted twice
+        // the included lines are unknown: nothing is counted twice
         Read::Never | Read::Lost => tables.coordinate_systems().map(|cs| (cs, u64::MAX)).collect(),
     };
     KeptRuns {
@@ -209,7 +210,7 @@ fn read<T: DeserializeOwned>(image: &Image, key: &str) -> Read<T> {
     }
 }
 
-/// The newer of what was kept and what is configured.
+/// Returns the newer of the stored and the configured value.
 fn newer<V: PartialEq + Copy>(
     configured_then: Option<V>,
     kept: Option<V>,
@@ -346,7 +347,7 @@ mod tests {
         assert!(tables.read_variables(VariableArea::Global, 383, 2).is_err());
         let told = tables.lost().join("; ");
         assert_eq!(told, "P384 to P511; tool 19; G54 X, Y, Z of coordinate system 1");
-        // it is kept as lost, and known once it is written
+        // it is stored as lost, and known once it is written
         let kept = tables.kept(&tables.read().clone());
         assert_eq!(kept["tool_data/19"], LOST_VALUE);
         let change = ToolChange {

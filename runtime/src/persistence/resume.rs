@@ -1,5 +1,5 @@
-//! Where the chain of a journal goes on when the journal is opened, or why it begins anew. Nothing that is found keeps a
-//! machine from starting.
+//! Determines where the chain of a journal continues when the journal is opened, or why a new chain begins. No finding
+//! prevents a machine from starting.
 
 use std::io::{self, BufReader};
 use std::path::Path;
@@ -17,12 +17,12 @@ pub(super) struct Head {
     pub n: u64,
     /// Number of the newest file.
     pub file: u64,
-    /// Number of the oldest file that must be there.
+    /// Number of the oldest file that must exist.
     pub first: u64,
 }
 
 impl Head {
-    /// What is to be known of it beside the files.
+    /// Returns the anchor to record outside of the files.
     pub fn anchor(&self) -> Anchor {
         Anchor {
             hash: self.hash,
@@ -33,13 +33,13 @@ impl Head {
     }
 }
 
-/// How the chain goes on.
+/// Continuation of the chain.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Resumed {
     pub head: Head,
-    /// The line with which the file or the chain begins; `None`: the file goes on.
+    /// The line with which the file or the chain begins; `None`: the file continues.
     pub mark: Option<Mark>,
-    /// Lines may be missing that were there.
+    /// Previously written lines may be missing.
     pub may_lack_lines: bool,
 }
 
@@ -52,12 +52,12 @@ enum Last {
     Damaged,
 }
 
-/// What a file says of the chain.
+/// Chain data of a file.
 struct Scan {
     last: Last,
     /// Number of the file.
     file: Option<u64>,
-    /// The line that is sought is in it.
+    /// The file contains the searched line.
     has_sought: bool,
 }
 
@@ -89,16 +89,16 @@ impl Scan {
     }
 }
 
-/// Looks where the chain of a folder ends; `is_cut`: its last line was cut short, and is removed.
+/// Finds the end of the chain in a folder; `is_cut`: its last line was incomplete, and is removed.
 ///
 /// # Errors
-/// The newest file cannot be read.
+/// Returns an error if the newest file cannot be read.
 pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
     let read = Anchor::read(folder);
     let anchor = read.there();
     let sought = anchor.map(|anchor| anchor.hash);
     let newest = Scan::of(&place(folder, 0), sought)?;
-    // what cannot be read of an older one says nothing
+    // an unreadable older file is ignored
     let older = Scan::of(&place(folder, 1), sought).unwrap_or(Scan {
         last: Last::Damaged,
         file: None,

@@ -30,7 +30,7 @@ use crate::runs::RunBook;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 use crate::threads::{self, Thread};
 
-/// Time between two looks. Reason: half of the 100 ms by which the store may lag; the other half is for the disk.
+/// Time between two checks. Reason: half of the 100 ms by which the store may lag; the other half is for the disk.
 const INTERVAL: Duration = Duration::from_millis(50);
 
 /// Time between two generations. Reason: values restored from one are at most this old, and no disk is strained.
@@ -42,12 +42,12 @@ const BEHIND_MAX_S: f64 = 0.1;
 type Done = oneshot::Sender<Result<(), String>>;
 
 enum Message {
-    /// Values to be written with all that has changed, and the caller that waits for it.
+    /// Values to be written together with all changes, and the waiting caller.
     Write(KeptValues, Done),
     Close,
 }
 
-/// How others reach the thread.
+/// Handle of the thread for its callers.
 #[derive(Debug, Clone)]
 pub(crate) struct StateWriter {
     messages: Sender<Message>,
@@ -60,7 +60,7 @@ impl StateWriter {
     /// Writes values; they are on disk when this returns. It blocks its thread.
     ///
     /// # Errors
-    /// The disk refuses; the error says why.
+    /// Returns an error with the reason if the disk operation fails.
     pub fn write(&self, values: KeptValues) -> Result<(), String> {
         let written = self.send(values);
         #[cfg(test)]
@@ -71,10 +71,10 @@ impl StateWriter {
         written.blocking_recv().unwrap_or_else(stopping)
     }
 
-    /// Waits until all that has changed before is on disk.
+    /// Waits until all earlier changes are on disk.
     ///
     /// # Errors
-    /// The disk refuses, in words.
+    /// Returns an error with a description if the disk operation fails.
     pub async fn flush(&self) -> Result<(), String> {
         self.send(KeptValues::new()).await.unwrap_or_else(stopping)
     }
@@ -95,7 +95,7 @@ fn stopping(_: RecvError) -> Result<(), String> {
     Err("the runtime is stopping".to_owned())
 }
 
-/// The thread. Dropping it writes what is left and ends it.
+/// The thread. Dropping it writes the remaining changes and ends it.
 #[derive(Debug)]
 pub(crate) struct StateWriterThread {
     writer: StateWriter,
@@ -140,7 +140,7 @@ impl StateWriterThread {
 
 impl Drop for StateWriterThread {
     fn drop(&mut self) {
-        // A thread that has ended is joined all the same.
+        // A thread that has already ended is joined, too.
         let _ = self.writer.messages.send(Message::Close);
         if let Some(thread) = self.thread.take() {
             thread.join();
@@ -148,16 +148,16 @@ impl Drop for StateWriterThread {
     }
 }
 
-/// Where the thread looks.
+/// Sources that the thread checks for changes.
 pub(crate) struct Source {
     pub boot_id: BootId,
     pub clock: Clock,
     pub tables: Arc<Tables>,
-    /// What was published last.
+    /// Latest published messages.
     pub hub: Hub,
     pub views: Vec<(CoordinateSystemNumber, Arc<View>)>,
     pub settings: Vec<CoordinateSystemSettings>,
-    /// As they were kept.
+    /// As stored.
     pub last_runs: LastRuns,
     pub health: Arc<Health>,
     pub runs: Arc<Mutex<RunBook>>,
@@ -177,7 +177,7 @@ impl Source {
             }
         }
         for (cs, view) in &self.views {
-            // Before the look: what later lines tell may be missing here, since a line is written before it is published.
+            // Before the check: later lines may be missing here, since a line is written before it is published.
             let line = view.published_line();
             if let Some(run) = self.last_run(*cs, view, last_runs.get(cs).map(|kept| &kept.run)) {
                 let last_run = KeptRun { run, line };
@@ -190,7 +190,7 @@ impl Source {
         }
         for settings in &self.settings {
             let view = self.views.iter().find(|(cs, _)| *cs == settings.number);
-            // of motors that are not homed nothing is known that could be kept
+            // the position of a motor that is not homed is unknown and cannot be stored
             if let Some(at) = view.and_then(|(_, view)| view.homed_position()) {
                 let positions = positions(settings, at);
                 keep(&mut change.values, position_key(settings.number), &positions);
@@ -200,7 +200,7 @@ impl Source {
         change
     }
 
-    /// Runs that go on, and those that have ended since the last look: the newest that are not kept.
+    /// Adds running runs, and runs that have ended since the last check: the newest that are not stored.
     fn changed_runs(&self, kept: &Image, all: &mut Image) {
         let runs = self.runs.lock();
         let mut change = Image::default();
@@ -222,7 +222,7 @@ impl Source {
             keep(&mut change.values, PRODUCTION_KEY.to_owned(), &production);
         }
         let mut change = change.beyond(kept);
-        // in the same change: what of the journal these values include
+        // in the same change: the journal lines that these values include
         if !change.is_empty() {
             keep(&mut change.values, RUN_LINES_KEY.to_owned(), runs.lines());
         }
@@ -234,7 +234,7 @@ impl Source {
         Some(message.payload.clone())
     }
 
-    /// The state of the run of this boot, when it has changed.
+    /// Returns the state of the run of this boot, if it has changed.
     fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
         let at = Timestamp::from_system_time(self.clock.wall());
         let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
@@ -244,7 +244,7 @@ impl Source {
             return before.and_then(|before| taken_over(before, state.reason));
         };
         let outputs = match self.payload(cs, CsTopic::Pending) {
-            // an instance is of a process, and says nothing in another boot
+            // an instance belongs to a process, and is meaningless in another boot
             Some(Payload::Pending(pending)) => (pending.outputs.into_iter())
                 .map(|output| PendingOutput {
                     instance: None,
@@ -347,7 +347,7 @@ impl threads::Work for Work {
 
     fn round(&mut self, mut patience: Duration) -> bool {
         let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
-        // All that has come meanwhile is written by the same commit.
+        // All values received in the meantime are written by the same commit.
         while open {
             match self.inbox.recv_timeout(std::mem::take(&mut patience)) {
                 Ok(Message::Write(more, done)) => {
@@ -361,7 +361,7 @@ impl threads::Work for Work {
         let written = self.turn(values);
         self.keep_generation(!open);
         for done in waiting {
-            // A caller may have gone.
+            // The caller may no longer wait.
             let _ = done.send(written.clone());
         }
         open
@@ -369,7 +369,7 @@ impl threads::Work for Work {
 }
 
 impl Work {
-    /// One look, and the commit of what it found.
+    /// Performs one check, and commits the changes found.
     fn turn(&mut self, values: KeptValues) -> Result<(), String> {
         let looked_s = self.source.clock.now_s();
         let mut last_runs = self.last_runs.clone();
@@ -392,7 +392,7 @@ impl Work {
 
     fn commit(&mut self, change: &Image) -> io::Result<()> {
         let Some(mut store) = self.store.take() else {
-            // What was lost meanwhile is known here.
+            // Damage in the meantime is detected here.
             let judged = judge(&self.folder);
             let (mut store, _) = Store::open(&self.folder, &judged, &self.source.generations)?;
             let mut all = self.kept.clone();

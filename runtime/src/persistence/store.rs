@@ -1,4 +1,4 @@
-//! The embedded store: one file, changed by whole transactions, and a file of sums beside it.
+//! The embedded store: one file, changed by whole transactions, and a separate checksum file.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -19,7 +19,7 @@ use crate::disk::{
 /// Maximum number of damaged stores kept as evidence; the oldest are removed.
 const EVIDENCE_MAX: usize = 8;
 
-/// An open store. No other process can open it as long as it lives.
+/// An open store. No other process can open it in the meantime.
 #[derive(Debug)]
 pub(crate) struct Store {
     database: Database,
@@ -57,12 +57,13 @@ impl<'a> Change<'a> {
 }
 
 impl Store {
-    /// Opens the store of a folder that has been examined (`judged`). A new one has its name when it is complete: a kill
-    /// while it is made leaves no store. A damaged store is moved aside and replaced by a new one with the values that are
-    /// left. Also returns the path of the damaged store.
+    /// Opens the store of a folder that has been inspected (`judged`). A new store receives its name when it is
+    /// complete, so a kill during its creation leaves no store. A damaged store is moved aside and replaced by a new
+    /// one with the remaining values. Also returns the path of the damaged store.
     ///
     /// # Errors
-    /// Another process has it open, or the disk refuses; in both cases nothing more is lost.
+    /// Returns an error if another process has it open, or the disk operation fails; in both cases nothing more is
+    /// lost.
     pub fn open(
         folder: &Path,
         judged: &Judged,
@@ -93,7 +94,7 @@ impl Store {
             part: StoredPart::Store,
             generations: Arc::clone(generations),
         };
-        // of the change that is in the store: what is on disk is not newer yet
+        // generation of the change in the store: the data on disk are not newer yet
         let (sums_path, generation) = (folder.join(SUMS_FILE), judged.generation());
         let sums = SumFile::begin_at(&sums_path, sealer, last, generation, sums_of(&judged.image))?;
         let mut store = Self {
@@ -109,16 +110,16 @@ impl Store {
         Ok((store, aside))
     }
 
-    /// Checks that the file is where it was opened.
+    /// Checks that the file is still the one that was opened.
     ///
     /// # Errors
-    /// It was removed or replaced.
+    /// Returns an error if it was removed or replaced.
     pub fn check(&self) -> io::Result<()> {
         self.identity.check(&self.path)?;
         self.sums.check()
     }
 
-    /// Number of the last change.
+    /// Returns the number of the last change.
     pub fn last(&self) -> u64 {
         self.last
     }
@@ -126,7 +127,7 @@ impl Store {
     /// Writes a change as a whole; it is on disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses; nothing of the change counts, now and after a restart.
+    /// Returns an error if the disk operation fails; the change then has no effect, now and after a restart.
     pub fn commit(&mut self, change: &Image) -> io::Result<()> {
         self.check()?;
         let (number, generations) = (self.last + 1, Arc::clone(&self.generations));
@@ -137,7 +138,7 @@ impl Store {
             .map(|(name, sum)| (name, Some(sum)))
             .collect();
         if let Err(error) = self.sums.add_at(number, of_change.generation, sums) {
-            // undone before the caller is told of the failure: if the process is killed before that, the outcome is unknown
+            // undone before the failure is reported: if the process is killed before that, the outcome is unknown
             put_back(&self.database, &before).map_err(|also| {
                 let text = format!("{error}; and what was written could not be taken back: {also}");
                 io::Error::new(error.kind(), text)
@@ -149,10 +150,10 @@ impl Store {
     }
 }
 
-/// Records as they were before a change, by name.
+/// Records before a change, by name.
 type Before = Vec<(String, Option<Vec<u8>>)>;
 
-/// The sum of each record of an image.
+/// Returns the checksum of each record of an image.
 fn sums_of(image: &Image) -> BTreeMap<String, String> {
     let records = image.records();
     records
@@ -163,7 +164,7 @@ fn sums_of(image: &Image) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Writes an image as one change, and returns the previous content of its names; `None`: there was none.
+/// Writes an image as one change, and returns the previous content of its names; `None`: the name did not exist.
 fn write_all(database: &Database, image: &Image, of_change: &Change<'_>) -> io::Result<Before> {
     let mut before = Before::new();
     let writing = database.begin_write().map_err(io::Error::other)?;
@@ -220,7 +221,7 @@ fn open_database(path: &Path) -> io::Result<Database> {
     })
 }
 
-/// Makes a store of an image, under another name than that of the store.
+/// Creates a store of an image under a temporary name.
 fn unfinished(folder: &Path, image: &Image, of_change: &Change<'_>) -> io::Result<PathBuf> {
     let new = folder.join(format!("{STORE_FILE}{UNFINISHED}"));
     match fs::remove_file(&new) {
@@ -231,7 +232,7 @@ fn unfinished(folder: &Path, image: &Image, of_change: &Change<'_>) -> io::Resul
     Ok(new)
 }
 
-/// Replaces a damaged store by a new one with the values that are left, and keeps the damaged one aside.
+/// Replaces a damaged store by a new one with the remaining values, and keeps the damaged one aside.
 fn replace(folder: &Path, path: &Path, image: &Image, of_change: &Change<'_>) -> io::Result<PathBuf> {
     let new = unfinished(folder, image, of_change)?;
     let aside = evidence(folder);
@@ -250,14 +251,14 @@ fn replace(folder: &Path, path: &Path, image: &Image, of_change: &Change<'_>) ->
     Ok(aside)
 }
 
-/// Where a damaged store is kept as evidence: a name that is free.
+/// Returns an unused path for a damaged store that is kept as evidence.
 fn evidence(folder: &Path) -> PathBuf {
     let named = |number: u32| folder.join(format!("{STORE_FILE}.damaged-{number}"));
     let number = (1..u32::MAX).find(|number| !fs::exists(named(*number)).unwrap_or(true));
     named(number.unwrap_or(u32::MAX))
 }
 
-/// What cannot be removed stays.
+/// Removes old evidence; files that cannot be removed stay.
 fn remove_old_evidence(folder: &Path) {
     let prefix = format!("{STORE_FILE}.damaged-");
     let number = |entry: fs::DirEntry| -> Option<(u32, PathBuf)> {
@@ -293,14 +294,14 @@ mod tests {
         }
     }
 
-    /// Generations after those that were read.
+    /// Returns generations after those that were read.
     fn generations(judged: &Judged) -> Arc<Generations> {
         let generations = Generations::new("mill");
         generations.learn(&[(StoredPart::Store, judged.generation())].into());
         Arc::new(generations)
     }
 
-    /// Opens as a start does.
+    /// Opens a store as a start does.
     fn open(folder: &Path) -> (Store, Judged, Option<PathBuf>) {
         let judged = judge(folder);
         let (store, aside) = Store::open(folder, &judged, &generations(&judged)).unwrap();
@@ -395,7 +396,7 @@ mod tests {
             assert_eq!(judged.lost, names(&["p/3", "q/2/0", "tools"]), "{damage}");
             assert_eq!(aside.unwrap().exists(), damage != "gone");
             drop(store);
-            // lost, until somebody writes it anew
+            // lost until it is written again
             let (mut store, judged, _) = open(folder.path());
             assert_eq!((judged.condition, judged.lost.len()), (Condition::Whole, 0));
             assert_eq!(judged.image.values["tools"], b"lost");

@@ -1,4 +1,4 @@
-//! Lines of the journal about logins and refused requests: bounded, since anybody can cause them.
+//! Journal lines about logins and refused requests; their number is limited, because any client can cause them.
 
 use parking_lot::Mutex;
 use plc_api::server::{AccessKind, AccessNote};
@@ -6,18 +6,19 @@ use plc_api::server::{AccessKind, AccessNote};
 use crate::journal::Event;
 use crate::shared::Shared;
 
-/// Refusals at once, and seconds for each further one. Reason: 1500 lines a day are 0.4 MB of the 32 MB of the journal.
+/// Number of refusals recorded at once, and seconds for each further one. Reason: 1500 lines a day are 0.4 MB of the 32
+/// MB of the journal.
 const REFUSED_BURST: f64 = 20.0;
 const REFUSED_SECONDS: f64 = 60.0;
 
-/// The same for logins, which need a PIN.
+/// Number of logins recorded at once; each needs a PIN.
 const LOGIN_BURST: f64 = 100.0;
 const LOGIN_SECONDS: f64 = 10.0;
 
-/// Characters of what others say.
+/// Maximum length of texts received from clients, in characters.
 const SAID_MAX: usize = 100;
 
-/// How many lines may still be written.
+/// Budget of journal lines.
 #[derive(Debug, Default)]
 pub(crate) struct AccessLines {
     logins: Mutex<Bucket>,
@@ -26,14 +27,14 @@ pub(crate) struct AccessLines {
 
 #[derive(Debug, Default)]
 struct Bucket {
-    /// Lines written, less those that time has given back.
+    /// Lines written, minus those regained with time.
     used: f64,
     at_s: f64,
     left_out: u64,
 }
 
 impl Bucket {
-    /// Whether a line may be written, and how many were not before it.
+    /// Takes room for a line. Returns `None` if there is none, else the number of lines left out before it.
     fn take(&mut self, now_s: f64, burst: f64, seconds: f64) -> Option<u64> {
         self.used = (self.used - (now_s - self.at_s).max(0.0) / seconds).max(0.0);
         self.at_s = now_s;
@@ -47,7 +48,7 @@ impl Bucket {
 }
 
 impl AccessLines {
-    /// Writes the line, if there is room for it.
+    /// Writes the line if there is room for it.
     pub fn record(&self, shared: &Shared, note: AccessNote) {
         let now_s = shared.clock.now_s();
         let left_out = match note.what {

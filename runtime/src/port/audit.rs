@@ -1,4 +1,4 @@
-//! Who has asked for what: a line of the journal for each request of a user that changes something.
+//! Audit lines: one line of the journal for each request of a user that changes something.
 
 use plc_api::server::{Origin, ServerTransport};
 use plc_api::types::request::Request;
@@ -9,10 +9,10 @@ use plc_api::wire::right::Right;
 use crate::journal::Event;
 use crate::shared::Shared;
 
-/// Characters of what a request says; the rest is left out.
+/// Maximum length of a request's content, in characters; the rest is left out.
 const SAID_MAX: usize = 200;
 
-/// Writes the line.
+/// Writes the audit line of a request.
 pub(super) fn record(shared: &Shared, origin: Origin, request: &Request) {
     let (name, said) = named(request);
     let event = Event::Request {
@@ -26,7 +26,7 @@ pub(super) fn record(shared: &Shared, origin: Origin, request: &Request) {
     shared.record(request.coordinate_system().unwrap_or(0), event);
 }
 
-/// The same for a client in this process, where no other line names it. In simulated time there are no users.
+/// Writes the audit line for a client in this process, if no other line names it. In simulated time there are no users.
 pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Request) {
     if shared.clock.is_simulated() || !is_edit(request) {
         return;
@@ -41,9 +41,10 @@ pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Reque
     record(shared, origin, request);
 }
 
-/// True for what changes something and has no line of its own that says who asked: what needs more than to see and to answer
-/// for an output, but for what a line `command`, `lease` or `answer` names the client of, and signs of life. What has no route
-/// counts as an edit unless it is named here. What is asked for each M code is named, too: an M code waits for this.
+/// Returns true for a request that changes something and has no line of its own that names the client. Such a request
+/// needs more rights than to read, or to handle and reset outputs. Signs of life are excluded, and so are requests with
+/// a line `command`, `lease` or `answer` that names the client. A request without a route is treated as an edit unless
+/// it is listed here. Requests made for each M code are also listed, because an M code waits for them.
 fn is_edit(request: &Request) -> bool {
     match request {
         request if is_own_level(request) => false,
@@ -63,12 +64,13 @@ fn is_edit(request: &Request) -> bool {
     }
 }
 
-/// True for what a handler says of its own inputs and outputs of the plant, again and again: their states tell of it.
+/// Returns true for levels that a handler repeatedly reports of its own inputs and outputs of the plant: their states
+/// show them.
 pub(super) fn is_own_level(request: &Request) -> bool {
     matches!(request, Request::WriteIo(_, set) if set.handler_id.is_some())
 }
 
-/// The request as its REST route, whichever way it came in, and what it says.
+/// Returns the request as its REST route, whatever its transport, and its content.
 fn named(request: &Request) -> (String, Option<String>) {
     match request {
         // a program may have 64 MiB

@@ -46,8 +46,9 @@ impl RuntimePort {
         mailbox.ask(request, urgent).await
     }
 
-    /// The reply to a command that came before. A jog is remembered when it begins, and its end and its refreshes are not: they
-    /// would fill the memory, and do nothing twice. An order of a run is known as long as its run is.
+    /// Returns the reply to a repeated command. A jog is remembered when it begins; its end and its refreshes are not,
+    /// because they would fill the memory and repeating them has no effect. An order of a run is known as long as its
+    /// run is stored.
     fn replied_before(
         &self,
         command: &Command,
@@ -77,7 +78,8 @@ impl RuntimePort {
         }
     }
 
-    /// The reply to an order that is not remembered any more, of which the run is kept: also over starts of the runtime.
+    /// Returns the reply to an order that the memory has forgotten but whose run is stored, also over starts of the
+    /// runtime.
     fn ordered_before(
         &self,
         cs: CoordinateSystemNumber,
@@ -130,10 +132,11 @@ impl RuntimePort {
         mailbox.ask(request, false).await
     }
 
-    /// The reply to a command that came before; published again, since a caller that repeats a command has not got it.
+    /// Returns the reply to a repeated command, and publishes it again, because the caller has not received it.
     ///
     /// # Errors
-    /// The names are refused, another command came before under its id, whose reply stays, or it cannot be remembered.
+    /// Returns an error if the names are refused, if another command with this id came before, whose reply stays, or if
+    /// the command cannot be remembered.
     pub(super) fn replied_again(
         &self,
         meta: &CommandMeta,

@@ -28,7 +28,7 @@ impl RuntimePort {
         ))
     }
 
-    /// From the disk, where it is at most 20 ms behind.
+    /// Reads the journal from the disk, which is at most 20 ms late.
     pub(super) async fn journal(
         &self,
         from: u32,
@@ -55,7 +55,7 @@ impl RuntimePort {
         self.on_disk(read).await.map(Answer::Journal)
     }
 
-    /// On disk before it is in force, and in force before it is answered.
+    /// Changes data: on disk before they are in force, and in force before the answer.
     pub(super) async fn change(
         &self,
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
@@ -73,7 +73,7 @@ impl RuntimePort {
         self.on_disk(keep_and_set).await?.map(|()| Answer::Done)
     }
 
-    /// Writes an input or output of the plant. One whose last value outlives the machine is on disk before it takes effect.
+    /// Writes an input or output of the plant. If its last value is stored, it is on disk before it takes effect.
     pub(super) async fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
         let writer = self.writer.as_ref();
         let Some(writer) = writer.filter(|_| self.shared.machine.io.keeps_last(&point)) else {
@@ -102,7 +102,7 @@ impl RuntimePort {
         kept.map_err(|text| unkept(&text))
     }
 
-    /// Which tool is in the spindle, on disk before it is answered.
+    /// Sets the tool in the spindle; it is on disk before the answer.
     pub(super) async fn tool(
         &self,
         cs: CoordinateSystemNumber,

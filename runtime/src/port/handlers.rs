@@ -1,4 +1,4 @@
-//! Handlers that come, take the place of another instance, or leave.
+//! Handlers that come online, replace another instance, or leave.
 
 use plc_api::handler_registry::{Reach, Registered};
 use plc_api::types::handler::{Departure, HandlerResult};
@@ -8,7 +8,7 @@ use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal};
 use super::RuntimePort;
 
 impl RuntimePort {
-    /// A handler comes, takes the place of another instance, or goes.
+    /// Registers a handler, replaces another instance, or removes it.
     pub(super) async fn handler(
         &self,
         reach: Reach,
@@ -52,7 +52,7 @@ impl RuntimePort {
                 self.shared
                     .tell_handler(&id, HandlerResult::accepted(instance.clone()));
                 if has_returned {
-                    // it may not have noticed that it was lost, and what it sets has the values of a loss
+                    // it may not have noticed that it was lost, and its outputs have the values for a loss
                     self.shared.tell_handler(&id, HandlerResult::confirm(instance));
                 }
             }
@@ -60,7 +60,7 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// An instance of a handler has left.
+    /// Processes the loss of a handler instance.
     async fn handler_left(
         &self,
         id: &str,

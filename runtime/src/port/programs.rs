@@ -20,7 +20,7 @@ use crate::program_store::{Changed, Edit, EditKind, StoredProgram, called_by, si
 use crate::shared::Shared;
 use crate::threads::lower_priority;
 
-// The stages know no interface, and the interface knows no stage: what both state is the same.
+// The stages do not depend on the interface, nor the interface on the stages: both must state the same value.
 const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTES_MAX);
 const _: () = assert!(M_CODE_MAX == plc_api::handlers::M_CODE_MAX);
 
@@ -31,7 +31,7 @@ impl RuntimePort {
         store.get(number).ok_or_else(missing)
     }
 
-    /// A program whose plan is asked for: of one that runs, the text that runs, whatever has become of its file.
+    /// Returns a program whose plan is requested; for an active one, the text that runs, even if its file has changed.
     pub(super) fn planned(
         &self,
         number: u16,
@@ -100,7 +100,7 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// A program has changed: the journal says so, and states that name it are published anew.
+    /// Records a changed program in the journal, and publishes the states that name it again.
     fn edited(&self, edit: Edit) {
         self.shared.record(0, Event::Program(edit));
         self.shared.wake_all();
@@ -170,7 +170,7 @@ impl RuntimePort {
         Err(no_program(number))
     }
 
-    /// A text as manual data input would run it from the start-up modal state.
+    /// Prepares a text as manual data input would run it from the start-up modal state.
     pub(super) fn manual(
         &self,
         cs: CoordinateSystemNumber,
@@ -207,8 +207,9 @@ impl RuntimePort {
     }
 }
 
-/// Texts that are checked at the same time in this process, without being stored; more wait. Reason: a check takes about ten
-/// times the memory of its text and a whole core, and anyone who may read may ask for one.
+/// Maximum number of texts checked at the same time in this process without being stored; further ones wait. Reason: a
+/// check takes about ten times the memory of its text and a whole core, and every client with read access may request
+/// one.
 const CHECKS_MAX: usize = 1;
 
 static CHECKS: Semaphore = Semaphore::const_new(CHECKS_MAX);
@@ -216,7 +217,7 @@ static CHECKS: Semaphore = Semaphore::const_new(CHECKS_MAX);
 /// Does long work for which only its client waits, on a thread of the lowest priority.
 ///
 /// # Errors
-/// The operating system gives no thread, or the work has panicked.
+/// Returns an error if the operating system provides no thread, or if the work has panicked.
 async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Refusal> {
     let unavailable = || {
         Refusal::new(
@@ -230,14 +231,14 @@ async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'sta
         lower_priority();
         let done = work();
         drop(permit);
-        // an error only if the client does not wait any more
+        // fails only if the client has stopped waiting
         let _ = sender.send(done);
     });
     thread.map_err(|_| unavailable())?;
     done.await.map_err(|_| unavailable())
 }
 
-/// Notes how the disk is, where something was written.
+/// Notes the health of the disk after a write.
 fn noted<T>(shared: &Shared, changed: Changed<T>, is_written: impl Fn(&T) -> bool) -> Changed<T> {
     match &changed {
         Ok(Ok(done)) if is_written(done) => shared.note(Part::Programs, Ok(()))?,

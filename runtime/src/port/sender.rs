@@ -1,4 +1,4 @@
-//! The sender of a request, as the runtime counts it.
+//! The sender of a request.
 
 use plc_api::server::{Origin, ServerTransport};
 use plc_api::types::not_after::NotAfter;
@@ -6,16 +6,16 @@ use plc_api::types::request::{MachineRequest, Refusal};
 
 use super::RuntimePort;
 
-/// Whose memory of executed commands a request counts in, and its age limit.
+/// Sender whose memory of executed commands applies to a request, with the age limit of the request.
 #[derive(Debug, Clone)]
 pub(super) struct Sender {
-    /// The authenticated user; without users the host, or how the request came in where no host is known.
+    /// The authenticated user; without users the host, or the transport if the host is unknown.
     pub user: String,
     pub not_after: Option<NotAfter>,
 }
 
 impl Sender {
-    /// A program in this process.
+    /// Returns the sender for a program in this process.
     pub fn in_process() -> Self {
         Self {
             user: "in process".to_owned(),
@@ -23,7 +23,7 @@ impl Sender {
         }
     }
 
-    /// The sender that a server end has identified.
+    /// Returns the sender that a server end has identified.
     pub fn of(origin: &Origin) -> Self {
         let user = match (&origin.user, origin.from, origin.over) {
             (Some(user), ..) => format!("user {user}"),
@@ -39,7 +39,7 @@ impl Sender {
 }
 
 impl RuntimePort {
-    /// Rejects a request that is too old. One that is remembered is looked up before that.
+    /// Rejects a request that is too old. A remembered request is looked up before this check.
     pub(super) fn check_sender(&self, request: &MachineRequest, sender: &Sender) -> Result<(), Refusal> {
         match request {
             MachineRequest::WriteVariables { meta: Some(_), .. } => Ok(()),

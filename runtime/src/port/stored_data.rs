@@ -14,9 +14,9 @@ use crate::stored_data::inspection::held_values;
 use crate::tables::Tables;
 
 impl RuntimePort {
-    /// What was accepted is on disk, and in effect, before the question is closed.
+    /// Answers the question. The accepted data are on disk and in effect before the question is closed.
     pub(super) async fn answer_stored_data(&self, decision: StoredDataDecision) -> Result<Answer, Refusal> {
-        // a copy: nothing that waits for the disk holds the lock, which starts of programs take
+        // a copy, because starts of programs need the lock and must not wait for the disk
         let open = self.shared.stored_data.lock().clone();
         let Some(question) = open.question().cloned() else {
             let text = "no question about stored files is open; GET /stored_data shows it";
@@ -38,13 +38,13 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// Takes what is held back: values for those that are lost, programs, and folders.
+    /// Accepts the withheld data: values for the lost ones, programs, and folders.
     async fn take_held_back(&self, open: &OpenQuestion) -> Result<(), Refusal> {
         let (folder, fault) = (open.folder().to_owned(), open.fault_of_store());
         let read = move |_: &Shared| {
             let Some(fault) = fault else { return Ok(None) };
             match held_values(&folder) {
-                // of a question that was damaged nobody knows whether values are held back
+                // if the question was damaged, it is unknown whether values are withheld
                 Err(error)
                     if fault == StoredDataFault::NotVerified && error.kind() == io::ErrorKind::NotFound =>
                 {

@@ -1,4 +1,4 @@
-//! What the port promises, over the demo machine in simulated time.
+//! Guarantees of the port, tested on the demo machine in simulated time.
 
 use plc_api::types::Timestamp;
 use plc_api::types::command::{CommandReply, CommandStatus, Expect, Verb};
@@ -110,7 +110,7 @@ fn an_id_of_another_command_is_refused_and_keeps_its_reply() {
     });
 }
 
-/// The state word of coordinate system 1.
+/// Returns the state word of coordinate system 1.
 async fn execution(port: &Arc<dyn Port>) -> Execution {
     let state = port.read(&Topic::cs(1, CsTopic::State)).await.unwrap();
     match &state.payload {
@@ -123,7 +123,7 @@ async fn execution(port: &Arc<dyn Port>) -> Execution {
 fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
     for passing in [Command::Stop, Command::Abort] {
         with_machine(async move |port| {
-            // a handler that keeps the load waiting, and with it what is commanded behind
+            // a handler that delays the load, and all commands after it
             let silent = HandlerPresence {
                 online: true,
                 handles: vec![HandledCode { cs: 1, m: 60 }],
@@ -194,7 +194,7 @@ fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
         assert_eq!(execution().await, Execution::FeedHold);
         port.ask(command(Command::Stop, "1", "hmi")).await.unwrap();
         assert_eq!(execution().await, Execution::Stopped);
-        // the same once more is the same command, and not carried out again
+        // a repeated request is the same command, and is not executed again
         port.ask(command(Command::Load { program: 50 }, "3", "hmi"))
             .await
             .unwrap();
@@ -261,7 +261,7 @@ fn a_program_cannot_be_written_while_it_runs() {
     });
 }
 
-/// Handler `picky` answers the next validation of M60, after it has done something else.
+/// Answers the next validation of M60 as handler `picky`, after some other work.
 async fn answer_validation(
     port: &Arc<dyn Port>,
     asked: &mut Subscription,
@@ -303,7 +303,7 @@ fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loa
         let load = || port.ask(command(Command::Load { program: 60 }, "0", "hmi"));
         let topic = Topic::cs(1, CsTopic::Validate(60));
         let mut asked = port.subscribe(Filter::Topics(vec![topic]));
-        // written anew while the load waits for the answer: asked again for what would run
+        // rewritten while the load waits for the answer: the new text is validated again
         let twice = async {
             answer_validation(&port, &mut asked, true, async || {
                 write(2).await.unwrap();
@@ -329,7 +329,7 @@ fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loa
         assert_eq!(status(&started), Some(CommandStatus::Accepted));
         port.ask(command(Command::Stop, "3", "hmi")).await.unwrap();
         port.ask(command(Command::Reset, "4", "hmi")).await.unwrap();
-        // nobody has written since: nobody is asked, and nothing waits
+        // not written since: no handler is asked, and nothing waits
         let begun_s = port.now_s();
         port.ask(start("5")).await.unwrap();
         assert!(port.now_s() - begun_s < 0.01);
@@ -419,7 +419,7 @@ fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
         let history = port.ask(typed::AlarmHistory).await.unwrap();
         let last = history.iter().map(|alarm| alarm.number).max();
         assert_eq!(last, Some(10_029));
-        // another coordinate system's stand all the same
+        // alarms of another coordinate system stand all the same
         let other = AlarmRaise {
             cs: Some(2),
             code: 1,

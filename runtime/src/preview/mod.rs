@@ -1,5 +1,5 @@
-//! What a program will do, before it runs: its path and its rehearsal. A thread of low priority plans it with the stages of a run; the
-//! servo and its tasks do not depend on it, and it reads only what anybody may read.
+//! Plans a program before it runs: its path and its rehearsal. A thread of low priority plans it with the stages of a
+//! run; the servo and its tasks do not depend on it, and it reads only data that all threads may read.
 //!
 //! The loaded program of each coordinate system is planned automatically, and again when something that its plan depends on changes. A
 //! run has the plan of the conditions with which it began: the one made before, if they are the same, else one made while it runs.
@@ -45,16 +45,16 @@ use crate::shared::Shared;
 use plan::{Content, Moment, Plan};
 use slots::{PlanOrder, PlanUse, Slots};
 
-/// How often the thread looks whether something has changed.
+/// Interval at which the thread checks for changes.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// How often the time left is published.
+/// Interval at which the time left is published.
 const TIME_LEFT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// How long a request waits for a plan that is not complete: that of a short program is there then.
+/// Time that a request waits for an incomplete plan; the plan of a short program is then ready.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// How long it waits for a plan that is not begun, since another program is being planned.
+/// Time that a request waits for a plan that has not begun, because another program is being planned.
 const TURN_MAX: Duration = Duration::from_secs(10);
 
 /// Name of the thread.
@@ -89,7 +89,7 @@ struct Inner {
     changes: watch::Sender<u64>,
 }
 
-/// A plan, and the run under way that it is of.
+/// A plan, and the run in progress to which it belongs.
 struct FoundPlan {
     plan: Arc<Plan>,
     run: Option<Arc<RunStart>>,
@@ -105,7 +105,7 @@ impl FoundPlan {
 }
 
 impl Previews {
-    /// Plans are made when they are asked for, in the thread that asks: for simulated time.
+    /// Creates the plans on demand in the requesting thread: for simulated time.
     pub fn on_demand(shared: &Arc<Shared>, views: impl Iterator<Item = Arc<View>>) -> Self {
         let systems = shared.machine.coordinate_systems.iter().cloned().zip(views);
         let inner = Inner {
@@ -122,7 +122,7 @@ impl Previews {
         }
     }
 
-    /// From now on a thread makes them. Without one they are made when they are asked for.
+    /// Starts a thread that makes the plans from now on. Without it they are made on demand.
     pub fn start_thread(&mut self) {
         let inner = Arc::clone(&self.inner);
         let work = move || {
@@ -139,7 +139,7 @@ impl Previews {
         }
     }
 
-    /// The program of a number: of a run of it that is under way, the text that runs.
+    /// Returns the program of a number; if a run of it is in progress, the version that runs.
     pub fn running(&self, number: u16, cs: Option<CoordinateSystemNumber>) -> Option<Arc<StoredProgram>> {
         let systems = self.inner.systems.iter();
         let mut asked = systems.filter(|(of, _)| cs.is_none_or(|cs| of.settings.number == cs));
@@ -182,7 +182,7 @@ impl Previews {
         Ok(rehearsal)
     }
 
-    /// Says once a second how long the programs that run take to their ends.
+    /// Publishes once a second how long the running programs take to their ends.
     pub fn tell_time_left(&self) -> impl Future<Output = ()> + use<> {
         let supervisor = self.inner.shared.supervisor.clone();
         let inner = Arc::clone(&self.inner);
@@ -354,8 +354,8 @@ impl Inner {
         Some(rehearsed::run(&content, &moment, &overrides))
     }
 
-    /// True at M00 and M01, and in a wait for an M code that has no known end: for a person, for a lost handler, for an M code
-    /// that was never measured, or for much longer than measured.
+    /// Returns true at M00 and M01, and while waiting for an M code without a known end: for a person, for a lost
+    /// handler, for an M code that was never measured, or for much longer than measured.
     fn waits_without_end(&self, cs: CoordinateSystemNumber, state: &State, elapsed_s: f64) -> bool {
         if matches!(
             state.execution,
@@ -446,7 +446,7 @@ impl Inner {
         ))
     }
 
-    /// In the thread that asks.
+    /// Makes the plan in the requesting thread.
     fn make_if_needed(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) {
         if self.look(cs, program).is_none() {
             while let Some((cs, which, wanted)) = self.next() {
@@ -558,7 +558,7 @@ impl Inner {
         }
     }
 
-    /// False when a plan that is being made is of no use any more, or a run waits for the thread.
+    /// Returns false when a plan in progress is no longer useful, or a run waits for the thread.
     fn is_wanted(&self, cs: CoordinateSystemNumber, which: PlanUse, number: u16, plan: &Plan) -> bool {
         let run = self.system(cs).and_then(|(_, view)| view.run());
         if let Some(run) = run.filter(|run| run.conditions.main.number == number) {

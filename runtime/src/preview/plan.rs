@@ -1,4 +1,4 @@
-//! A plan as it grows: one thread writes it, others read it.
+//! A growing plan: one thread writes it, other threads read it.
 
 use std::fmt::Write as _;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -26,23 +26,23 @@ type ArrayOf = fn(&Variables) -> &VariableArray;
 #[derive(Debug)]
 pub(super) struct Plan {
     pub conditions: Arc<Conditions>,
-    /// Those that the plan changes as the program does; they know which of them were read.
+    /// Variables that the plan changes as the program does; they record which of them were read.
     pub variables: Variables,
-    /// Nobody wants it any more.
+    /// The plan is no longer needed.
     pub is_cancelled: AtomicBool,
     content: Mutex<Arc<Content>>,
     /// Set when it is first reported.
     identity: OnceLock<PlanIdentity>,
 }
 
-/// Where a run is.
+/// Current position of a run.
 #[derive(Debug)]
 pub(super) struct Moment {
-    /// By its number in the run.
+    /// Segment, by its number in the run.
     pub segment: u64,
     /// The block that is executed.
     pub executing: Origin,
-    /// For how long, s.
+    /// Execution time of that block so far, s.
     pub elapsed_s: f64,
     /// The program waits for an M code.
     pub is_waiting: bool,
@@ -52,7 +52,7 @@ pub(super) struct Moment {
     pub at: [f32; 3],
 }
 
-/// What is known so far.
+/// Planned content so far.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Content {
     pub chunks: Vec<Arc<Chunk>>,
@@ -89,7 +89,8 @@ impl Plan {
         }
     }
 
-    /// True if a run with these conditions does what is planned: every input is the same, and every variable that was read.
+    /// Returns true if a run with these conditions does what is planned: every input is equal, and so is every variable
+    /// that was read.
     pub fn matches(&self, now: &Conditions) -> bool {
         self.is_alive()
             && self.conditions.position_key == now.position_key
@@ -99,12 +100,12 @@ impl Plan {
                 .all(|(then, array, index)| bits(then, index) == bits(array(&now.variables), index))
     }
 
-    /// The same for a machine that stands elsewhere, and other values of variables.
+    /// As [`Plan::matches`], but ignores the position of the machine and the values of variables.
     pub fn matches_but_position(&self, now: &Conditions) -> bool {
         self.is_alive() && self.conditions.key == now.key
     }
 
-    /// False if it was given up before it was complete.
+    /// Returns false if planning was cancelled before it was complete.
     fn is_alive(&self) -> bool {
         !self.is_cancelled() || self.content().is_complete()
     }
@@ -212,7 +213,7 @@ impl Content {
         self.outcome != RehearsalOutcome::Planning
     }
 
-    /// The planned time of a run that is there.
+    /// Returns the planned time of the current moment of a run.
     pub fn time_of(&self, now: &Moment) -> Times {
         let waits =
             |mark: &Mark| mark.waits && mark.segment == now.segment && mark.origin.line == now.executing.line;
@@ -233,7 +234,7 @@ impl Content {
             return start;
         }
         let moves_s = end.feed - start.feed + end.rapid - start.rapid;
-        // at one place only the clock tells
+        // without motion, only the clock shows the progress
         let gone_s = if moves_s > 0.0 {
             let time_s = self.nearest([start.total, end.total], now.at);
             time_s.map_or(0.0, |time_s| time_s - start.total)
@@ -243,7 +244,7 @@ impl Content {
         start.between(&end, (gone_s / length_s).clamp(0.0, 1.0))
     }
 
-    /// When the path comes nearest to a position, between two times.
+    /// Returns when the path comes nearest to a position, between two times.
     fn nearest(&self, [from_s, to_s]: [f64; 2], at: [f32; 3]) -> Option<f64> {
         let first = self
             .chunks

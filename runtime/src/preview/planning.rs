@@ -23,10 +23,10 @@ use crate::program_store::mentions_variables;
 use crate::sequence::stock;
 use crate::shared::Shared;
 
-/// Items that are planned ahead at the most. Reason: a program may repeat itself for ever.
+/// Maximum number of items planned ahead. Reason: a program may repeat itself endlessly.
 const ITEMS_MAX: u64 = 20_000_000;
 
-/// Time that is planned ahead at the most, s: a week.
+/// Maximum time planned ahead, s: a week.
 const TIME_MAX_S: f64 = 7.0 * 86_400.0;
 
 /// M codes that a rehearsal lists one by one.
@@ -35,7 +35,7 @@ const M_CODES_MAX: usize = 1000;
 /// Items between two looks at whether the plan is still wanted.
 const ITEMS_PER_LOOK: u64 = 256;
 
-/// Why no more is planned.
+/// Reason why planning stops.
 enum Stop {
     Completed,
     Alarm(Alarm),
@@ -45,7 +45,7 @@ enum Stop {
     Cancelled,
 }
 
-/// Plans it; `on_change` is called from time to time, when more of it is known.
+/// Plans the program; `on_change` is called repeatedly as the plan grows.
 pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) {
     let conditions = &plan.conditions;
     let settings = &conditions.configured.settings;
@@ -81,13 +81,14 @@ struct Planning<'a> {
     captured: [f64; tandem_model::AXES_MAX],
     /// Number of the tool in the spindle; `None`: it is lost.
     tool: Option<u16>,
-    /// An M code was put out: what its handler has set since is not known.
+    /// An M code was issued, so that values set by its handler since then are unknown.
     has_put_out: bool,
     spindle: Option<PlannedSpindle>,
 }
 
 impl Planning<'_> {
-    /// Comes to the line at which the run begins as the run does: M codes that its state needs, then the approach.
+    /// Enters the program at the line at which the run begins, as the run does: M codes required by its state, then the
+    /// approach.
     fn enter(&mut self, from: &LineStart) -> Result<(), Stop> {
         let entry = line_search::search(self.shared, &self.plan.conditions, from).map_err(Stop::NoLine)?;
         let mut arrival = self.pipeline.start_from(entry, 0);
@@ -105,7 +106,7 @@ impl Planning<'_> {
         self.tool = arrival.tool;
         self.pipeline.enter(arrival).map_err(Stop::Alarm)?;
         self.follow();
-        // the approach has the place of the block to which it leads
+        // the approach has the location of the block to which it leads
         self.tracer.end_block();
         Ok(())
     }
@@ -175,7 +176,8 @@ impl Planning<'_> {
         item
     }
 
-    /// Within cutter compensation a program neither waits nor ends; and M codes take what their declarations say.
+    /// Checks that a program neither waits nor ends within cutter compensation, and that M codes have the declared
+    /// parameters.
     fn judge(&self, item: Item) -> Result<Item, Alarm> {
         let cs = self.plan.conditions.configured.settings.number;
         if let Item::Output(output) = &item
@@ -196,7 +198,7 @@ impl Planning<'_> {
         configured.is_put_out_at_once(output, settings, self.pipeline.is_compensating())
     }
 
-    /// The tracer follows what is planned.
+    /// Lets the tracer follow the planned profiles.
     fn follow(&mut self) {
         while let Some(profile) = self.pipeline.ready.pop_front() {
             self.tracer.follow(&profile);
@@ -211,7 +213,7 @@ impl Planning<'_> {
         }
     }
 
-    /// A skip that goes all its way.
+    /// Ends a skip block at its full distance.
     fn end_skip(&mut self, at: AxisVector) {
         self.pipeline.path.skipped_to(MachinePosition(at));
         let motors = &self.plan.conditions.configured.settings.motors;
@@ -265,7 +267,8 @@ impl Planning<'_> {
         Ok(())
     }
 
-    /// An M code that is configured to select a tool does so, whoever does its work. What else a handler does is not known.
+    /// Selects the tool of an M code that is configured to do so, whichever handler serves it. Other actions of a
+    /// handler are unknown.
     fn select_tool(&mut self, output: &Output, settings: Option<&MCodeSettings>) {
         let cs = self.plan.conditions.configured.settings.number;
         let selected = match settings {
@@ -276,7 +279,7 @@ impl Planning<'_> {
         self.has_put_out |= selected.is_none() || self.shared.is_handled(cs, output.m);
     }
 
-    /// Without an M code that is configured to select tools, any handler may.
+    /// Returns true if no M code is configured to select tools: then any handler may do so.
     fn any_may_select(&self) -> bool {
         !self.shared.machine.m_codes.values().any(selects_tool)
     }
@@ -296,7 +299,7 @@ impl Planning<'_> {
         Some(takes_s.max(settings.map_or(0.0, |settings| settings.simulated_s)))
     }
 
-    /// Notes a block that may read what a handler has set.
+    /// Records a block that may read values set by a handler.
     fn look_at_block(&mut self) {
         let Some(began) = self.pipeline.interpreter.began() else {
             return;
@@ -376,7 +379,7 @@ impl Planning<'_> {
     }
 }
 
-/// How long a program waits for an M code; `None`: that is unknown.
+/// Returns how long a program waits for an M code; `None` if unknown.
 pub(super) fn wait_of(shared: &Shared, configured: &CoordinateSystem, m: u16) -> Option<f64> {
     let cs = configured.settings.number;
     if let Some(measured_s) = shared.m_code_wait(cs, m) {

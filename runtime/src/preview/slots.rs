@@ -10,15 +10,15 @@ use crate::program_store::StoredProgram;
 /// The plans of a coordinate system.
 #[derive(Debug, Default)]
 pub(super) struct Slots {
-    /// Of the run under way.
+    /// Plan of the run in progress.
     running: Slot,
-    /// Of the loaded program.
+    /// Plan of the loaded program.
     loaded: Slot,
-    /// Of another one that was asked for last.
+    /// Plan of another program, the last requested one.
     asked: Slot,
 }
 
-/// Which plan of a coordinate system.
+/// Use of a plan in a coordinate system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PlanUse {
     Running,
@@ -27,11 +27,11 @@ pub(super) enum PlanUse {
 }
 
 impl PlanUse {
-    /// What is planned first comes first.
+    /// In the order of planning.
     pub const ALL: [PlanUse; 3] = [PlanUse::Running, PlanUse::Loaded, PlanUse::Asked];
 }
 
-/// What is to be planned.
+/// Input of a plan.
 #[derive(Debug, Clone)]
 pub(super) enum PlanOrder {
     /// A program, with the conditions when planning begins.
@@ -53,14 +53,14 @@ impl PlanOrder {
 #[derive(Debug, Default)]
 struct Slot {
     plan: Option<Arc<Plan>>,
-    /// It is to be made.
+    /// Plan to be made.
     wanted: Option<PlanOrder>,
-    /// How long the last one took, and when it ended.
+    /// Duration of the last planning, and when it ended.
     took: Option<(Duration, Instant)>,
 }
 
 impl Slot {
-    /// True if that was not wanted yet.
+    /// Orders a plan; returns true if it was not ordered yet.
     fn want(&mut self, wanted: PlanOrder) -> bool {
         if self.wanted.as_ref().is_some_and(|known| known.is(&wanted)) {
             return false;
@@ -87,8 +87,8 @@ impl Slots {
         }
     }
 
-    /// The plan of a run: made for it, or before it began with the conditions with which it began. Else `None`, and `true` if
-    /// planning it has to begin.
+    /// Returns the plan of a run: made for it, or made earlier with the same conditions. Otherwise `None`, and `true`
+    /// if planning it has to begin.
     pub fn plan_of_run(&mut self, run: &Arc<RunStart>) -> (Option<Arc<Plan>>, bool) {
         let plans = [self.running.plan.clone(), self.loaded.plan.clone()];
         let mut plans = plans.into_iter().flatten();
@@ -100,8 +100,8 @@ impl Slots {
         (None, self.running.want(PlanOrder::Run(Arc::clone(run))))
     }
 
-    /// The plan of a program as a start would run it now. While something moves by hand, that of the position before. Else
-    /// `None`, and `true` if planning it has to begin.
+    /// Returns the plan of a program as a start would run it now. During manual motion, returns the plan of the
+    /// previous position. Otherwise `None`, and `true` if planning it has to begin.
     pub fn plan_of_program(
         &mut self,
         which: PlanUse,
@@ -117,7 +117,7 @@ impl Slots {
         (None, slot.want(PlanOrder::Program(Arc::clone(program))))
     }
 
-    /// No run is under way: its plan is not needed, except as that of the loaded program.
+    /// Drops the plan of the ended run, except as that of the loaded program.
     pub fn end_run(&mut self) {
         self.running.wanted = None;
         let Some(plan) = self.running.plan.take() else {
@@ -146,7 +146,7 @@ impl Slots {
         self.slot_mut(which).plan = Some(Arc::clone(plan));
     }
 
-    /// Planning has ended; one that is not complete is not kept.
+    /// Ends planning; an incomplete plan is discarded.
     pub fn end(&mut self, which: PlanUse, plan: &Arc<Plan>, took: Duration) {
         self.slot_mut(which).took = Some((took, Instant::now()));
         if plan.content().is_complete() {
@@ -157,7 +157,7 @@ impl Slots {
         }
     }
 
-    /// True if the loaded program was planned with other conditions, and so short a time ago that it waits.
+    /// Returns true if the loaded program was planned with other conditions so recently that it must wait.
     pub fn pauses(&self, number: u16, factor: u32) -> bool {
         let plan = self.loaded.plan.as_ref();
         let is_of = plan.is_some_and(|plan| plan.conditions.main.number == number);
@@ -165,7 +165,7 @@ impl Slots {
         took.is_some_and(|(took, ended)| ended.elapsed() < took * factor)
     }
 
-    /// Gives every plan up.
+    /// Cancels every plan.
     pub fn cancel(&self) {
         for slot in [&self.running, &self.loaded, &self.asked] {
             if let Some(plan) = &slot.plan {

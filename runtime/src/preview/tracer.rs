@@ -1,4 +1,4 @@
-//! Follows profiles as the servo does, one setpoint per period at 100 percent, and records where, when and how fast.
+//! Follows profiles like the servo, one setpoint per period at 100 percent, and records positions, times and speeds.
 
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
@@ -7,22 +7,22 @@ use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 use super::chunk::{CHUNK_LINES, Chunk, Palette, Vertex, single};
 use super::sleeve::Sleeve;
 
-/// Vertices of one path at the most: some 50 MB with all levels. The picture ends there, the rehearsal goes on.
+/// Maximum number of vertices of one path: some 50 MB with all levels. The picture ends there, the rehearsal continues.
 pub(super) const VERTICES_MAX: usize = 1 << 21;
 
 /// A profile has ended when less than this share of a servo period is left, as for the servo.
 const END_TOLERANCE: f64 = 1e-6;
 
-/// In a profile longer than this its middle is followed in longer steps, s: it has one speed there.
+/// In a profile longer than this, the middle is followed in longer steps, s: its speed is constant there.
 const LONG_S: f64 = 60.0;
 
 /// Periods of a long profile.
 const STEPS_OF_LONG: f64 = 50_000.0;
 
-/// Marks kept; of more every second one is dropped.
+/// Maximum number of marks; if there are more, every second one is dropped.
 const MARKS_MAX: usize = 8192;
 
-/// Time so far by what it is spent with, s.
+/// Time so far by category, s.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Times {
     pub total: f64,
@@ -33,7 +33,7 @@ pub(super) struct Times {
 }
 
 impl Times {
-    /// The same between two marks.
+    /// Interpolates between two marks.
     pub fn between(&self, other: &Self, share: f64) -> Self {
         let part = |a: f64, b: f64| a + (b - a) * share;
         Self {
@@ -46,25 +46,25 @@ impl Times {
     }
 }
 
-/// A block begins, or an M code is put out.
+/// The beginning of a block, or the issue of an M code.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Mark {
     /// Number of the segment in the run.
     pub segment: u64,
     pub origin: Origin,
     pub times: Times,
-    /// The program waits behind that segment: for an M code.
+    /// The program waits for an M code after that segment.
     pub waits: bool,
 }
 
-/// The most of something, and the block that causes it.
+/// A maximum, and the block that causes it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Peak {
     pub value: f64,
     pub origin: Origin,
 }
 
-/// What an axis does.
+/// Recorded values of an axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct AxisTrace {
     pub axis: Axis,
@@ -80,7 +80,7 @@ struct Followed {
     trace: AxisTrace,
     last: f64,
     velocity: f64,
-    /// Following error of the drive, and what is left of it after a period.
+    /// Following error of the drive, and its remaining share after a period.
     error: f64,
     lag_periods: f64,
     decay: f64,
@@ -114,7 +114,7 @@ impl Followed {
         }
     }
 
-    /// The next setpoint, so many periods later.
+    /// Moves to the setpoint `periods` periods later.
     fn go_to(&mut self, at: f64, periods: f64, period_s: f64, origin: Origin) {
         let step = at - self.last;
         let velocity = step / (periods * period_s);
@@ -143,7 +143,7 @@ impl Followed {
     }
 }
 
-/// The run so far.
+/// Record of the run so far.
 #[derive(Debug)]
 pub(super) struct Tracer {
     period_s: f64,
@@ -157,7 +157,7 @@ pub(super) struct Tracer {
     at: AxisVector,
     pub palette: Palette,
     vertices: Vec<Vertex>,
-    /// Chunks that are full, to be taken.
+    /// Full chunks, to be collected.
     pub chunks: Vec<Chunk>,
     vertex_count: usize,
     pub marks: Vec<Mark>,
@@ -167,7 +167,7 @@ pub(super) struct Tracer {
 }
 
 impl Tracer {
-    /// Of this program, with the machine at rest at this position.
+    /// Creates the tracer of this program, with the machine at rest at this position.
     pub fn new(settings: &CoordinateSystemSettings, program: u16, at: MachinePosition) -> Self {
         let period_s = settings.servo_period_s;
         let motor = |axis: Axis| settings.motors[axis.index()].as_ref();
@@ -202,22 +202,22 @@ impl Tracer {
         tracer
     }
 
-    /// Time so far.
+    /// Returns the time so far.
     pub fn times(&self) -> Times {
         self.times
     }
 
-    /// True when the path has more vertices than are kept.
+    /// Returns true if the path has more vertices than the maximum.
     pub fn is_cut(&self) -> bool {
         self.vertex_count >= VERTICES_MAX
     }
 
-    /// What each axis does.
+    /// Returns the recorded values of each axis.
     pub fn axes(&self) -> impl Iterator<Item = &AxisTrace> {
         self.axes.iter().map(|followed| &followed.trace)
     }
 
-    /// Another block begins, with this segment.
+    /// Begins another block with this segment.
     pub fn begin(&mut self, origin: Origin, segment: u64) {
         if self.origin == origin && !self.marks.is_empty() {
             return;
@@ -232,12 +232,12 @@ impl Tracer {
         self.mark(origin, segment, false);
     }
 
-    /// What follows is another block, wherever it comes from.
+    /// Ends the block: the next motion belongs to another block, regardless of its origin.
     pub fn end_block(&mut self) {
         self.origin.line = 0;
     }
 
-    /// The time of now is kept.
+    /// Records the current time as a mark.
     fn mark(&mut self, origin: Origin, segment: u64, waits: bool) {
         if self.marks.len() >= MARKS_MAX {
             let mut i = 0;
@@ -256,7 +256,7 @@ impl Tracer {
         });
     }
 
-    /// The program waits behind this segment.
+    /// Adds a wait of the program after this segment.
     pub fn wait(&mut self, origin: Origin, segment: u64, time_s: f64) {
         self.cut();
         self.origin = origin;
@@ -323,7 +323,7 @@ impl Tracer {
         }
     }
 
-    /// The drives' errors become small at rest.
+    /// Waits until the following errors of the drives are small at rest.
     fn come_into_position(&mut self) {
         let mut waited_s = 0.0;
         while self
@@ -344,7 +344,7 @@ impl Tracer {
         self.rested();
     }
 
-    /// The machine rests: a dwell, or the program waits.
+    /// Keeps the machine at rest: a dwell, or the program waits.
     fn rest(&mut self, time_s: f64, is_wait: bool) {
         let periods = (time_s / self.period_s - END_TOLERANCE).ceil().max(0.0);
         // a dwell has a first setpoint, and one at its end
@@ -359,7 +359,7 @@ impl Tracer {
         self.rested();
     }
 
-    /// The path stands: it goes on from here at the time of now.
+    /// Continues the path from here at the current time, after a rest.
     fn rested(&mut self) {
         self.cut();
         let (at, since_s) = self.sleeve.end();
@@ -390,7 +390,7 @@ impl Tracer {
                 .iter()
                 .all(|at| at.map(f32::to_bits) == vertex.at.map(f32::to_bits))
         {
-            // one rest behind another
+            // two rests in sequence
             *last = vertex;
             return;
         }
@@ -402,7 +402,7 @@ impl Tracer {
         }
     }
 
-    /// Nothing follows: what is left becomes a chunk.
+    /// Ends the record: the remaining vertices become a chunk.
     pub fn end(&mut self) {
         self.cut();
         let left = std::mem::take(&mut self.vertices);
@@ -412,7 +412,7 @@ impl Tracer {
     }
 }
 
-/// Where a machine position is in the picture.
+/// Converts a machine position to a position in the picture.
 fn place(at: AxisVector) -> [f64; 3] {
     Axis::ORTHOGONAL.map(|axis| at[axis])
 }

@@ -2,41 +2,41 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What has become of a program.
+/// A change of a program.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Edit {
     /// Its number.
     pub program: u16,
-    /// What was done.
+    /// Kind of the change.
     pub what: EditKind,
-    /// Hash of what was there before; `None`: nothing, or nobody knows.
+    /// Hash of the previous program; `None` if there was none or it is unknown.
     #[serde(rename = "old_hash", deserialize_with = "Option::deserialize")]
     pub old: Option<String>,
-    /// Hash of what is there now; `None`: nothing.
+    /// Hash of the new program; `None` if there is none.
     #[serde(rename = "new_hash", deserialize_with = "Option::deserialize")]
     pub new: Option<String>,
 }
 
-/// How a program has changed.
+/// Kind of a program change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EditKind {
-    /// A new one was stored.
+    /// A new program was stored.
     Upload,
-    /// Another one was stored in its place.
+    /// A different program replaced the previous one.
     Replace,
-    /// The same was stored once more.
+    /// The same program was stored again.
     Unchanged,
     /// It was removed.
     Delete,
-    /// Its file was put there, changed or removed outside of the runtime.
+    /// Its file was added, changed or removed outside of the runtime.
     Outside,
-    /// It was taken from the file that the configuration names.
+    /// It was read from the file named in the configuration.
     Configuration,
 }
 
 impl Edit {
-    /// Its file was changed outside of the runtime.
+    /// Creates the record of a file that was changed outside of the runtime.
     pub(super) fn outside(program: u16, old: Option<String>, new: Option<&str>) -> Self {
         Self {
             program,

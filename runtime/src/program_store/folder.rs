@@ -1,7 +1,7 @@
-//! The folder of programs: each a file `<number>.nc` with a sum beside it, and what else may be found there.
+//! The folder of programs: one file `<number>.nc` per program, a file of checksums, and possibly foreign files.
 //!
-//! A file with another time than the one noted was changed outside of the runtime, which everybody may. One with the same
-//! time and another sum is damaged.
+//! A file whose modification time differs from the recorded one was changed outside of the runtime, which is allowed. A
+//! file with the recorded time but another checksum is damaged.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -18,48 +18,48 @@ use crate::disk::{
     read_regular, sum_of, sync_folder, tighten,
 };
 
-/// File of the sums in the folder.
+/// Name of the checksum file in the folder.
 const SUMS_FILE: &str = "sums";
 
-/// In the place of what was noted of a program and is lost.
+/// Placeholder in the checksum file for a lost record of a program.
 const LOST: &str = "lost";
 
-/// In the place of the sum of a program that was held back.
+/// Placeholder for the checksum of a program that is held back.
 const HELD_BACK: &str = "unconfirmed";
 
-/// What is known of a program that was held back.
+/// Reason reported for a program that is held back.
 const HOW_HELD_BACK: &str = "it belongs to stored files that do not fit together, and is not confirmed";
 
-/// Between what may be there while a file is replaced: the old one and the new one.
+/// Separates the records of the old and the new file while a file is being replaced.
 const OR: char = '|';
 
-/// What a file of a program is.
+/// State of a program's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Found {
-    /// As it was stored.
+    /// Unchanged since it was stored.
     Stored(Vec<u8>),
-    /// Written or changed outside; the text says so, and the sum what was stored before, where that is known.
+    /// Written or changed outside of the runtime: bytes, description, and the checksum stored before, if known.
     FromOutside(Vec<u8>, String, Option<String>),
-    /// Damaged or unreadable; the text says how.
+    /// Damaged or unreadable; the text describes how.
     Damaged(String),
 }
 
-/// What a look into the folder has found.
+/// Result of scanning the folder.
 #[derive(Debug, Default)]
 pub(crate) struct Look {
     pub programs: BTreeMap<u16, Found>,
     pub signatures: BTreeMap<u16, Signature>,
-    /// Dialects of those of which it is known.
+    /// Dialects of the programs for which the dialect is recorded.
     pub dialects: BTreeMap<u16, String>,
-    /// Programs that were stored, and whose files are gone, with their sums where they are known.
+    /// Stored programs whose files are missing, with their checksums if known.
     pub gone: Vec<(u16, Option<String>)>,
-    /// What is not read, each with what to do.
+    /// Files that are not read, each with the action to take.
     pub not_read: Vec<String>,
-    /// Programs without a sum, as a version without sums has left them.
+    /// Number of programs without a checksum; versions that recorded no checksums left them.
     pub without_sum: usize,
 }
 
-/// Time, sum and dialect of a program, as they are noted. Earlier versions did not note the dialect.
+/// Composes the record of a program: time, checksum and dialect. Earlier versions did not record the dialect.
 fn mark(metadata: &Metadata, sum: &str, dialect: &str) -> String {
     format!("{} {sum} {dialect}", time_of(metadata))
 }
@@ -68,7 +68,7 @@ fn time_of(metadata: &Metadata) -> String {
     format!("{}.{:09}", metadata.mtime(), metadata.mtime_nsec())
 }
 
-/// What a mark says.
+/// Parsed record of a program.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Mark<'a> {
     time: &'a str,
@@ -76,7 +76,7 @@ struct Mark<'a> {
     dialect: Option<&'a str>,
 }
 
-/// The marks of what may be there, the newest first.
+/// Returns the records of the possible files, the newest first.
 fn marks(noted: &str) -> impl Iterator<Item = Mark<'_>> {
     noted.rsplit(OR).filter_map(|mark| {
         let mut parts = mark.split(' ');
@@ -92,34 +92,35 @@ fn has_time(noted: &str, time: &str) -> bool {
     marks(noted).any(|mark| mark.time == time)
 }
 
-/// The sum of what was noted last.
+/// Returns the checksum of the newest record.
 fn sum_in(noted: &str) -> Option<String> {
     marks(noted).next().map(|mark| mark.sum.to_owned())
 }
 
-/// The dialect of what has this time, else of what was noted last.
+/// Returns the dialect of the record with this time, otherwise that of the newest record.
 fn dialect_in(noted: &str, time: &str) -> Option<String> {
     let of_time = marks(noted).find(|mark| mark.time == time);
     let mark = of_time.or_else(|| marks(noted).next())?;
     mark.dialect.map(str::to_owned)
 }
 
-/// Time of the signature of a program; empty without one.
+/// Returns the time of a program's signature; empty if there is no signature.
 fn signature_time(folder: &Path, number: u16) -> String {
     let metadata = fs::metadata(folder.join(signature_name(number)));
     metadata.map_or(String::new(), |metadata| time_of(&metadata))
 }
 
-/// The sums of a folder.
+/// Reads the checksum file of a folder.
 pub(crate) fn sums(folder: &Path) -> Sums {
     Sums::read(&folder.join(SUMS_FILE), Kind::ProgramSums)
 }
 
-/// Looks at all files of a folder, and changes nothing. `is_mixed`: the machine has several dialects, so that a program
-/// whose dialect is lost cannot be read. `bytes_max`: of all programs together; those beyond are left alone.
+/// Scans all files of a folder without changing anything. `is_mixed`: the machine has several dialects, so that a
+/// program whose dialect is lost cannot be read. `bytes_max`: limit for all programs together; files beyond it are not
+/// read.
 ///
 /// # Errors
-/// The folder cannot be read.
+/// Returns an error if the folder cannot be read.
 pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Result<Look> {
     let sums = sums(folder);
     let mut look = Look::default();
@@ -177,7 +178,7 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
             found => found,
         };
         look.programs.insert(number, found);
-        // one that cannot be read signs nothing
+        // an unreadable signature counts as no signature
         let signature = read_signature(&folder.join(signature_name(number)));
         look.signatures
             .extend(signature.unwrap_or_default().map(|signature| (number, signature)));
@@ -187,8 +188,8 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
 }
 
 impl Look {
-    /// No program is believed: each counts as damaged until a person confirms it. One that is damaged by itself keeps its
-    /// reason, because no answer makes it usable.
+    /// Marks every program as damaged until a person confirms it. A program that is already damaged keeps its reason,
+    /// because no answer makes it usable.
     pub fn hold_back(&mut self) {
         for found in self.programs.values_mut() {
             if !matches!(found, Found::Damaged(_)) {
@@ -198,7 +199,7 @@ impl Look {
     }
 }
 
-/// The bytes of a file, where there is room for them beside those that have been read.
+/// Reads a file, if it fits into the limit together with the files read before.
 fn read_within(path: &Path, bytes_max: usize, bytes_read: &mut u64) -> io::Result<(Metadata, Vec<u8>)> {
     let metadata = fs::metadata(path)?;
     if *bytes_read + metadata.len() > bytes_max as u64 {
@@ -209,7 +210,7 @@ fn read_within(path: &Path, bytes_max: usize, bytes_read: &mut u64) -> io::Resul
     Ok((metadata, bytes))
 }
 
-/// Programs with a sum that have no file, and what is known of them.
+/// Returns the programs that have a checksum but no file, with their checksums if known.
 fn gone(sums: &Sums, there: &BTreeMap<u16, Found>) -> Vec<(u16, Option<String>)> {
     let known = sums.by_name.iter();
     let known = known.filter_map(|(name, mark)| Some((name.parse().ok()?, mark.as_deref().and_then(sum_in))));
@@ -237,17 +238,17 @@ fn judge(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) ->
     Found::FromOutside(bytes, "its file was written".to_owned(), sum_in(known))
 }
 
-/// Name of the file of a program: the only one that it may have.
+/// Returns the only file name that a program may have.
 pub(crate) fn file_name(number: u16) -> String {
     format!("{number}.nc")
 }
 
-/// Name of the file of its signature.
+/// Returns the name of a program's signature file.
 fn signature_name(number: u16) -> String {
     format!("{number}.nc.sig")
 }
 
-/// A file that was taken for its program as it is.
+/// Contents of a file that was accepted as a program in its current form.
 #[derive(Debug)]
 pub(crate) struct Accepted {
     pub bytes: Vec<u8>,
@@ -255,26 +256,26 @@ pub(crate) struct Accepted {
     pub dialect: String,
 }
 
-/// What was done to a file outside of the runtime.
+/// Change made to a file outside of the runtime.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Outside {
     Nothing,
     Removed,
-    /// It has this sum now.
+    /// Written; contains the current checksum.
     Written(String),
 }
 
-/// How a folder is opened.
+/// Parameters for opening a folder.
 #[derive(Debug, Clone)]
 pub(crate) struct Opening {
-    /// Dialect of programs of which nothing else is known.
+    /// Dialect of programs for which no dialect is recorded.
     pub dialect: &'static str,
     /// The machine has several dialects.
     pub is_mixed: bool,
-    /// Bytes of all programs together.
+    /// Limit for the bytes of all programs together.
     pub bytes_max: usize,
     pub generations: Arc<Generations>,
-    /// No program is believed until a person confirms it.
+    /// All programs are held back until a person confirms them.
     pub holds_back: bool,
 }
 
@@ -283,18 +284,18 @@ pub(crate) struct Opening {
 pub(crate) struct ProgramFolder {
     path: PathBuf,
     sums: SumFile,
-    /// Dialect of programs that somebody has put there.
+    /// Dialect of programs that were put into the folder from outside.
     dialect: &'static str,
-    /// Times of signatures as they were read; not kept, since all are read at a start.
+    /// Times of the signatures when they were read; not stored, because every start reads all of them.
     signed_at: BTreeMap<u16, String>,
 }
 
 impl ProgramFolder {
-    /// Opens a folder, which is made if it is missing, and gives what is in it: what an upload has left half-way is
-    /// removed, a program of another spelling gets its name if that is free, and others' rights are taken away.
+    /// Opens a folder and scans it; creates the folder if it is missing. Removes the remains of unfinished uploads,
+    /// renames misspelled program files if the correct name is free, and revokes the access rights of other users.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn open(path: &Path, opening: &Opening) -> io::Result<(Self, Look)> {
         let Opening {
             dialect,
@@ -320,7 +321,7 @@ impl ProgramFolder {
                     };
                     Some(mark(&metadata, &sum, dialect))
                 }
-                // it stays damaged
+                // the program stays damaged
                 Found::Damaged(_) => {
                     let noted = old.by_name.get(&number.to_string()).cloned().flatten();
                     noted.or_else(|| is_mixed.then(|| LOST.to_owned()))
@@ -350,18 +351,18 @@ impl ProgramFolder {
         Ok((folder, look))
     }
 
-    /// Checks that the folder is where it was opened.
+    /// Checks that the folder is still the one that was opened.
     ///
     /// # Errors
-    /// It was removed or replaced.
+    /// Returns an error if the folder was removed or replaced.
     pub fn check(&self) -> io::Result<()> {
         self.sums.check()
     }
 
-    /// What somebody has made of the file of a program since it was noted.
+    /// Returns the change made to a program's file outside of the runtime since it was recorded.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// Returns an error if the file cannot be read.
     pub fn outside(&self, number: u16) -> io::Result<Outside> {
         let (path, noted) = (
             self.path.join(file_name(number)),
@@ -381,10 +382,11 @@ impl ProgramFolder {
         Ok(Outside::Written(sum_of(&bytes)))
     }
 
-    /// Writes a program and its signature, or takes that away; both are on disk when this returns.
+    /// Writes a program and its signature; without a signature, removes the existing one. Both are on disk when this
+    /// returns.
     ///
     /// # Errors
-    /// The disk refuses; the program is as it was then.
+    /// Returns an error if the disk operation fails; the program is then unchanged.
     pub fn write(
         &mut self,
         number: u16,
@@ -398,7 +400,7 @@ impl ProgramFolder {
         let signature = signature.transpose()?;
         let file = Unfinished::write(&path, bytes)?;
         let new = mark(&file.as_file().metadata()?, &sum_of(bytes), dialect);
-        // Until the file has its name, either of both may be there.
+        // Until the file has its final name, either file may be found.
         let before = self.sums.get(&name).and_then(|known| known.split(OR).next_back());
         let either = before.map_or(new.clone(), |before| format!("{before}{OR}{new}"));
         self.sums.add(0, [(name.clone(), Some(either))].into())?;
@@ -412,10 +414,11 @@ impl ProgramFolder {
         Ok(())
     }
 
-    /// Removes a program, with the files of its other spellings: one of them would be the program after the next start.
+    /// Removes a program and all files with other spellings of its name; otherwise the next start would load one of
+    /// them.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn delete(&mut self, number: u16) -> io::Result<()> {
         for entry in fs::read_dir(&self.path)? {
             let path = entry?.path();
@@ -427,10 +430,10 @@ impl ProgramFolder {
         self.remove(number)
     }
 
-    /// Removes a program, whose file may be gone.
+    /// Removes a program; its file may already be missing.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn remove(&mut self, number: u16) -> io::Result<()> {
         remove(&self.path.join(file_name(number)))?;
         remove(&self.path.join(signature_name(number)))?;
@@ -439,10 +442,10 @@ impl ProgramFolder {
         self.sums.add(0, [(number.to_string(), None)].into())
     }
 
-    /// Takes a file as it is now for the program.
+    /// Accepts a file in its current form as the program.
     ///
     /// # Errors
-    /// It cannot be read, or the disk refuses.
+    /// Returns an error if the file cannot be read or the disk operation fails.
     pub fn accept(&mut self, number: u16) -> io::Result<Accepted> {
         let path = self.path.join(file_name(number));
         let signed_at = signature_time(&self.path, number);
@@ -462,17 +465,18 @@ impl ProgramFolder {
         })
     }
 
-    /// Programs that are held back.
+    /// Returns the programs that are held back.
     pub fn held_back(&self) -> Vec<u16> {
         let all = self.sums.all().iter();
         let held_back = all.filter(|(_, noted)| marks(noted).any(|mark| mark.sum == HELD_BACK));
         held_back.filter_map(|(name, _)| name.parse().ok()).collect()
     }
 
-    /// The programs of whose files one has another time than the noted one, with these times; `None`: it is gone.
+    /// Returns the programs whose file or signature has another time than the recorded one, with these times. The value
+    /// is `None` if the file is missing.
     ///
     /// # Errors
-    /// The folder cannot be read.
+    /// Returns an error if the folder cannot be read.
     pub fn changed(&self) -> io::Result<BTreeMap<u16, Option<String>>> {
         let mut changed = BTreeMap::new();
         for name in self.sums.all().keys() {
@@ -504,10 +508,10 @@ impl ProgramFolder {
         Ok(changed)
     }
 
-    /// Checks that the folder takes a file.
+    /// Checks that a file can be written to the folder.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn probe(&self) -> io::Result<()> {
         Unfinished::write(&self.path.join("probe"), &[b'\n'; 4096]).map(drop)
     }

@@ -1,4 +1,4 @@
-//! The folder of a store: read when it is opened, and again where files were changed outside while the runtime ran.
+//! The folder of a store: read when it is opened, and again if files were changed outside while the runtime runs.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,24 +13,24 @@ use super::program::StoredProgram;
 use super::signing::Signature;
 use crate::disk::Generations;
 
-/// What a person should know of the folder of a store.
+/// Findings about the folder of a store, for a person.
 #[derive(Debug, Default)]
 pub(crate) struct ProgramFindings {
-    /// What was changed outside, in words.
+    /// Changes made outside, as text.
     pub changed: Vec<String>,
-    /// The same, and what was taken from the configuration.
+    /// The same changes, and the programs taken from the configuration.
     pub edits: Vec<Edit>,
-    /// What is not read.
+    /// Files that are not read.
     pub not_read: Vec<String>,
-    /// The folder, where it was there at an earlier start and is gone.
+    /// The folder, if it existed at an earlier start and is now missing.
     pub lost: Option<PathBuf>,
-    /// Programs that had no sum yet.
+    /// Number of programs that had no checksum yet.
     pub without_sum: usize,
-    /// Why the folders of programs in lists are lost.
+    /// Reason why the program list folders are lost.
     pub folders_fault: Option<String>,
 }
 
-/// What of the folder is not believed until a person confirms it, and the generations of the data folder.
+/// Parts of the folder that are held back until a person confirms them, and the generations of the data folder.
 #[derive(Debug, Default)]
 pub(crate) struct HeldBack {
     pub generations: Arc<Generations>,
@@ -39,8 +39,8 @@ pub(crate) struct HeldBack {
 }
 
 impl ProgramStore {
-    /// Reads the programs of a folder, and keeps what is written in it from now on. A folder that the disk lets nobody write
-    /// is read all the same; when something is written, it is tried again.
+    /// Reads the programs of a folder, and stores later programs in it. A folder that cannot be written is read
+    /// nevertheless; the next write tries to open it again.
     pub(crate) fn open_folder(&mut self, path: &Path, held: &HeldBack) -> (ProgramFindings, io::Result<()>) {
         self.path = Some(path.to_owned());
         self.generations = Arc::clone(&held.generations);
@@ -82,11 +82,11 @@ impl ProgramStore {
         }
     }
 
-    /// Takes programs that were held back as they are now, and puts programs without a folder into theirs. Returns what has
-    /// changed.
+    /// Accepts programs that were held back in their current form, and assigns programs without a folder to theirs.
+    /// Returns the changes.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub(crate) fn confirm_held_back(&self, folders: &FolderByProgram) -> io::Result<Vec<Edit>> {
         let _one_at_a_time = self.writing.lock();
         let edits = self.with_folder(|folder| {
@@ -164,11 +164,11 @@ impl ProgramStore {
         StoredProgram::of_file(number, bytes, signature, rules, &self.signers)
     }
 
-    /// Looks for files that were changed outside while the runtime ran, and reads those that no longer change; gives what
-    /// a person should know of it. Nothing can be said while a program is being written.
+    /// Finds files that were changed outside while the runtime runs, and reads those that no longer change. Returns
+    /// findings for a person; none while a program is being written.
     ///
     /// # Errors
-    /// The folder was removed or replaced.
+    /// Returns an error if the folder was removed or replaced.
     pub(crate) fn look_again(&self) -> io::Result<Vec<(String, Edit)>> {
         let Some(mut folder) = self.folder.try_lock() else {
             return Ok(Vec::new());
@@ -189,7 +189,7 @@ impl ProgramStore {
                 Some(_) => folder.accept(number).map(Some),
                 None => folder.remove(number).map(|()| None),
             };
-            // what cannot be read now is looked at again
+            // an unreadable file is tried again at the next scan
             let Ok(read) = read else { continue };
             let old = self.get(number).map(|program| program.sum().to_owned());
             self.damaged.write().remove(&number);
@@ -204,7 +204,7 @@ impl ProgramStore {
         Ok(said)
     }
 
-    /// Takes the file of a program as it is now (`None`: there is none), and tells what has become of the program.
+    /// Accepts the file of a program in its current form (`None`: there is none), and returns a text about the change.
     fn take_accepted(&self, number: u16, accepted: Option<Accepted>) -> String {
         let Some(Accepted {
             bytes,
@@ -229,13 +229,13 @@ impl ProgramStore {
     /// Checks that programs can be written.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub(crate) fn probe(&self) -> io::Result<()> {
         self.with_folder(|folder| folder.map_or(Ok(()), |folder| folder.probe()))
     }
 
-    /// Does something with the folder, which is opened again where it was not; one that was lost is filled again. A store
-    /// in memory has none.
+    /// Runs `work` with the folder. If it is not open, it is opened again; if it was lost, it is filled again. A store
+    /// in memory has no folder.
     pub(super) fn with_folder<T>(
         &self,
         work: impl FnOnce(Option<&mut ProgramFolder>) -> io::Result<T>,

@@ -17,19 +17,20 @@ use super::file::text_of;
 use super::signing::{Signature, Signers};
 use crate::disk::sum_of;
 
-/// Digits of a sum that a person is shown.
+/// Number of checksum digits shown to a person.
 const SUM_SHOWN: usize = 12;
 
-/// Bytes from which on a text's sum is made on a thread of its own: it takes longer than the thread does to begin.
+/// Text size from which a separate thread computes the checksum, in bytes: the computation then takes longer than
+/// starting the thread.
 const SUM_BESIDE_BYTES: usize = 1 << 20;
 
-/// Lines in which a title is looked for.
+/// Number of lines searched for a title.
 const TITLE_LINES: usize = 4;
 
-/// Characters of a title.
+/// Maximum characters of a title.
 const TITLE_MAX: usize = 80;
 
-/// What the intermediate code of a program of this number begins with.
+/// Returns the first part of the intermediate code of a program with this number.
 pub fn header(number: u16) -> Header {
     if number >= SUBPROGRAM_MIN {
         Header::Subprogram(number)
@@ -38,14 +39,15 @@ pub fn header(number: u16) -> Header {
     }
 }
 
-/// The rules for checking a program for no coordinate system in particular.
+/// The rules for checking a program independently of a coordinate system.
 #[derive(Debug, Clone, Copy)]
 pub struct TextRules {
     /// NC dialect.
     pub dialect: &'static Dialect,
-    /// How much a radius may fall short of half the chord, mm (D26): the most that a coordinate system allows.
+    /// Maximum amount by which a radius may fall short of half the chord, mm (D26): the largest value that a coordinate
+    /// system allows.
     pub arc_radius_tolerance_mm: f64,
-    /// What the dialect leaves to the machine.
+    /// Options that the dialect leaves to the machine.
     pub options: NcOptions,
 }
 
@@ -54,34 +56,34 @@ pub struct TextRules {
 pub struct StoredProgram {
     /// Its number.
     pub number: u16,
-    /// The tree.
+    /// Syntax tree.
     pub tree: Arc<NcProgram>,
-    /// What parsing has found.
+    /// Diagnostics of the parser.
     pub parsed: Vec<Diagnostic>,
-    /// What checking says of it alone.
+    /// Result of checking the program alone.
     pub check: ProgramCheck,
-    /// It calls programs whose numbers the text does not show: it may call any of them.
+    /// It calls programs whose numbers are not in the text, so it may call any program.
     pub calls_any: bool,
-    /// The dialect that it is written in.
+    /// Its dialect.
     pub dialect: &'static Dialect,
-    /// It begins in the current modal state, not in that of the start-up.
+    /// It begins in the current modal state, not in the start-up state.
     goes_on: bool,
-    /// The check for each coordinate system, by its number; made when first needed.
+    /// The check for each coordinate system by number; made when first needed.
     here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
     title: String,
-    /// Sum of the bytes that it was read from.
+    /// Checksum of the bytes from which it was read.
     sum: String,
-    /// What was beside it.
+    /// Signature stored with the program.
     signature: Option<Signature>,
-    /// It was changed outside of the runtime while this ran.
+    /// It was changed outside of the runtime while the runtime was running.
     pub(crate) is_from_outside: bool,
     /// Byte offset of each line.
     line_starts: Vec<u32>,
-    /// It may name variables; found when first asked.
+    /// It may name variables; determined at the first request.
     mentions_variables: OnceLock<bool>,
 }
 
-/// The programs of the store, to be called.
+/// The programs of the store that can be called.
 #[derive(Debug)]
 struct Stored<'a>(&'a BTreeMap<u16, Arc<StoredProgram>>);
 
@@ -91,12 +93,12 @@ impl Programs for Stored<'_> {
     }
 }
 
-/// What checking says of a program in a coordinate system.
+/// Result of checking a program in a coordinate system.
 #[derive(Debug)]
 pub struct CheckHere {
-    /// What keeps it from running, each once.
+    /// Errors that prevent it from running, each once.
     pub errors: Vec<ProgramDiagnostic>,
-    /// M codes that it puts out, ascending, each once.
+    /// M codes that it issues, ascending, each once.
     pub m_codes: Vec<u16>,
 }
 
@@ -106,7 +108,7 @@ impl StoredProgram {
         Self::checked(number, text, rules, false)
     }
 
-    /// The program of a file's bytes.
+    /// Creates a program from the bytes of a file.
     pub(super) fn of_file(
         number: u16,
         bytes: Vec<u8>,
@@ -125,14 +127,15 @@ impl StoredProgram {
         }
     }
 
-    /// With the signature of its text.
+    /// Sets the signature of its text.
     pub(crate) fn signed(mut self, signature: Option<Signature>, signers: &Signers) -> Self {
         self.check.signature = signers.judge(self.text().as_bytes(), signature.as_ref());
         self.signature = signature;
         self
     }
 
-    /// A text without a number, which begins in the modal state of the start-up or, with `goes_on`, in the current one.
+    /// Creates a program without a number. It begins in the start-up modal state or, with `goes_on`, in the current
+    /// one.
     pub(crate) fn manual(text: &str, rules: TextRules, goes_on: bool) -> Self {
         Self::checked(0, text, rules, goes_on)
     }
@@ -181,7 +184,7 @@ impl StoredProgram {
         }
     }
 
-    /// What checking says of it in a coordinate system. Done once for each: text and settings stay as they are.
+    /// Checks the program in a coordinate system. Each result is cached, because text and settings do not change.
     pub fn check_in(&self, settings: &CoordinateSystemSettings) -> Arc<CheckHere> {
         let mut here = self.here.lock();
         let check = here
@@ -210,7 +213,8 @@ impl StoredProgram {
         }
     }
 
-    /// What keeps the programs that it calls from running in a coordinate system, in the states that they are called in.
+    /// Returns the errors of called programs in a coordinate system, checked in the modal states in which they are
+    /// called.
     pub(crate) fn check_called(
         &self,
         settings: &CoordinateSystemSettings,
@@ -234,12 +238,12 @@ impl StoredProgram {
         errors
     }
 
-    /// The text.
+    /// Returns the text.
     pub fn text(&self) -> &str {
         self.tree.source()
     }
 
-    /// True when checking found errors.
+    /// Returns true if checking found errors.
     pub fn has_errors(&self) -> bool {
         self.check
             .diagnostics
@@ -247,19 +251,19 @@ impl StoredProgram {
             .any(|found| found.severity == DiagnosticSeverity::Error)
     }
 
-    /// The intermediate code of a program without errors (D43).
+    /// Returns the intermediate code of a program without errors (D43).
     pub fn intermediate_code(&self) -> String {
         tandem_syntax::compile(&self.tree, header(self.number), self.dialect)
     }
 
-    /// True when its text may name P or Q variables, or values of the machine.
+    /// Returns true if its text may name P or Q variables, or values of the machine.
     pub(crate) fn mentions_variables(&self) -> bool {
         *self
             .mentions_variables
             .get_or_init(|| mentions_variables(self.text()))
     }
 
-    /// Text of a line, from 1; empty past the end.
+    /// Returns the text of a line, from 1; empty past the end.
     pub fn line(&self, line: u32) -> &str {
         let index = (line as usize).checked_sub(1);
         let start = index.and_then(|index| self.line_starts.get(index));
@@ -267,23 +271,23 @@ impl StoredProgram {
         rest.and_then(|rest| rest.lines().next()).unwrap_or_default()
     }
 
-    /// The sum of its bytes: its hash.
+    /// Returns the checksum of its bytes, which is its hash.
     pub fn sum(&self) -> &str {
         &self.sum
     }
 
-    /// What was beside it.
+    /// Returns the signature stored with the program.
     pub(super) fn signature(&self) -> Option<&Signature> {
         self.signature.as_ref()
     }
 
-    /// True when storing `new` changes nothing.
+    /// Returns true if storing `new` would change nothing.
     pub(super) fn is_same(&self, new: &Self) -> bool {
         let is_signed_so = new.signature.is_none() || new.signature == self.signature;
         self.sum == new.sum && self.dialect.name == new.dialect.name && is_signed_so && !self.is_from_outside
     }
 
-    /// Why the machine does not run it, if it does not.
+    /// Returns why the machine refuses to run it, if it does.
     pub(crate) fn refusal(&self) -> Option<String> {
         let number = self.number;
         match self.check.signature {
@@ -297,7 +301,7 @@ impl StoredProgram {
         }
     }
 
-    /// The beginning of the sum of its bytes, as a person is shown it.
+    /// Returns the first digits of the checksum, as shown to a person.
     pub(super) fn short_sum(&self) -> &str {
         self.sum.get(..SUM_SHOWN).unwrap_or(&self.sum)
     }
@@ -323,10 +327,10 @@ impl StoredProgram {
     }
 }
 
-/// True when a text may name P or Q variables, or values of the machine.
+/// Returns true if a text may name P or Q variables, or values of the machine.
 pub(crate) fn mentions_variables(text: &str) -> bool {
     let bytes = text.as_bytes();
-    // the character before, and the last one that is no space
+    // the previous character, and the last one that is not a space
     let (mut before, mut last) = (b' ', b' ');
     for (at, &byte) in bytes.iter().enumerate() {
         let next = bytes.get(at + 1).copied().unwrap_or(b' ');
@@ -343,8 +347,8 @@ pub(crate) fn mentions_variables(text: &str) -> bool {
     false
 }
 
-/// Whether P or Q is an address, as in `M98 P1001`: it follows the value of another word, and nothing is assigned to it. What is
-/// in brackets behind it is looked at by itself.
+/// Returns whether P or Q is an address, as in `M98 P1001`: it follows the value of another word, and nothing is
+/// assigned to it. Text in brackets after it is examined separately.
 fn is_word(last: u8, rest: &[u8]) -> bool {
     let follows_value = last.is_ascii_digit() || matches!(last, b'.' | b']');
     let mut behind = rest
@@ -353,7 +357,7 @@ fn is_word(last: u8, rest: &[u8]) -> bool {
     follows_value && behind.next() != Some(&b'=')
 }
 
-/// Diagnostics with lines and columns instead of byte offsets.
+/// Converts diagnostics from byte offsets to lines and columns.
 pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> {
     if diagnostics.is_empty() {
         return Vec::new();
@@ -379,7 +383,7 @@ pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> 
     diagnostics.iter().map(place).collect()
 }
 
-/// The sum of a text, made while `work` is done.
+/// Computes the checksum of a text while `work` runs.
 fn with_sum<T>(text: &str, work: impl FnOnce() -> T) -> (String, T) {
     let sum = || sum_of(text.as_bytes());
     if text.len() < SUM_BESIDE_BYTES {
@@ -395,14 +399,14 @@ fn with_sum<T>(text: &str, work: impl FnOnce() -> T) -> (String, T) {
     })
 }
 
-/// Where each line begins. Found when the program is written, so that a run does not wait for it.
+/// Returns the byte offset of each line. Computed when the program is written, so that a run does not wait for it.
 fn line_starts(text: &str) -> Vec<u32> {
     let ends = memchr::memchr_iter(b'\n', text.as_bytes());
     let after = ends.filter_map(|index| u32::try_from(index + 1).ok());
     std::iter::once(0).chain(after).collect()
 }
 
-/// The first comment, if nothing but the marks of a beginning stands before it.
+/// Returns the first comment, if only start marks precede it.
 fn title(text: &str, dialect: &Dialect) -> String {
     let grammar = (dialect.grammar)();
     let form = grammar.program_form;
@@ -432,7 +436,7 @@ fn title(text: &str, dialect: &Dialect) -> String {
     String::new()
 }
 
-/// With an ellipsis in place of what is too long.
+/// Shortens a long title and appends an ellipsis.
 fn shortened(title: &str) -> String {
     if title.chars().count() <= TITLE_MAX {
         return title.to_owned();

@@ -1,4 +1,4 @@
-//! Signed programs: Ed25519 over the bytes of a program's file, as `openssl pkeyutl -sign -rawin` makes it.
+//! Signed programs: Ed25519 over the bytes of a program's file, in the format of `openssl pkeyutl -sign -rawin`.
 
 use std::io;
 use std::path::Path;
@@ -20,7 +20,7 @@ const FILE_BYTES_MAX: u64 = 1024;
 /// Bytes of a file with a public key that are read at the most.
 const KEY_FILE_BYTES_MAX: u64 = 64 << 10;
 
-/// What a public key of Ed25519 begins with in DER (RFC 8410).
+/// First bytes of a public Ed25519 key in DER (RFC 8410).
 const DER_PREFIX: [u8; 12] = [
     0x30, 0x2a, 0x30, 0x05, 0x06, 0x03, 0x2b, 0x65, 0x70, 0x03, 0x21, 0x00,
 ];
@@ -28,27 +28,27 @@ const DER_PREFIX: [u8; 12] = [
 /// A signature.
 pub(crate) type Signature = [u8; SIGNATURE_BYTES];
 
-/// Those whose programs a machine runs; none: it runs all.
+/// Signers whose programs a machine runs; if there are none, it runs all programs.
 #[derive(Debug, Clone, Default)]
 pub struct Signers(Arc<[[u8; ED25519_PUBLIC_KEY_LEN]]>);
 
 impl Signers {
-    /// The signers of these keys, each in Base64 or the name of a PEM file.
+    /// Creates the signers of these keys, each in Base64 or the name of a PEM file.
     ///
     /// # Errors
-    /// The place of the first that is none of both, and why.
+    /// Returns the index of the first key in neither form, and the reason.
     pub fn read(keys: &[String], base_dir: &Path) -> Result<Self, (usize, String)> {
         let read = keys.iter().enumerate();
         let read = read.map(|(place, key)| read_key(key, base_dir).map_err(|why| (place, why)));
         Ok(Self(read.collect::<Result<_, _>>()?))
     }
 
-    /// True where programs are not looked at.
+    /// Returns true if signatures are not checked.
     pub fn is_none(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// What is known of the signature of these bytes; `None`: nobody looks at it.
+    /// Checks the signature of these bytes; returns `None` if signatures are not checked.
     pub(crate) fn judge(&self, bytes: &[u8], signature: Option<&Signature>) -> Option<SignatureState> {
         if self.is_none() {
             return None;
@@ -89,26 +89,27 @@ fn read_key(key: &str, base_dir: &Path) -> Result<[u8; ED25519_PUBLIC_KEY_LEN], 
     of_base64(&body).ok_or_else(|| format!("{key} has no public key of Ed25519; {what}"))
 }
 
-/// The key alone, or in DER.
+/// Decodes the key alone, or in DER.
 fn of_base64(text: &str) -> Option<[u8; ED25519_PUBLIC_KEY_LEN]> {
     let bytes = STANDARD.decode(text.trim()).ok()?;
     let key = bytes.strip_prefix(&DER_PREFIX[..]).unwrap_or(&bytes);
     key.try_into().ok()
 }
 
-/// The signature that a client sends.
+/// Decodes the signature that a client sends.
 pub(crate) fn of_text(text: &str) -> Option<Signature> {
     STANDARD.decode(text.trim()).ok()?.try_into().ok()
 }
 
-/// The signature beside the file of a program: in a file of its name with `.sig` behind it.
+/// Reads the signature next to a program's file: the file with its name and the suffix `.sig`.
 pub(crate) fn read_signature_beside(program: &Path) -> io::Result<Option<Signature>> {
     let mut name = program.as_os_str().to_owned();
     name.push(".sig");
     read_signature(Path::new(&name))
 }
 
-/// The signature in a file: 64 bytes, or these in Base64. One that is none of both signs nothing; `None`: there is no file.
+/// Reads the signature in a file: 64 bytes, or these in Base64. In any other form it does not count as a valid
+/// signature. Returns `None` if the file does not exist.
 pub(crate) fn read_signature(path: &Path) -> io::Result<Option<Signature>> {
     let bytes = match read_regular(path, FILE_BYTES_MAX) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

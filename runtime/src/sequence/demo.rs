@@ -15,23 +15,23 @@ use tokio::sync::oneshot;
 /// Pockets of the simulated magazine, numbered from 1.
 const POCKETS: u16 = 8;
 
-/// Time for the magazine to pass one pocket.
+/// Time in which the magazine moves by one pocket.
 const POCKET_TIME: Duration = Duration::from_millis(250);
 
 /// Highest clamping pressure, bar.
 const CLAMP_PRESSURE_MAX_BAR: f64 = 80.0;
 
-/// Id of its handlers.
+/// Id of the demo's handlers.
 const HANDLER_ID: &str = "demo";
 
-/// What the mill shows first: the flange.
+/// Program that the mill shows first: the flange.
 const FIRST_PROGRAM: u16 = 4;
 
-/// Loads a program that is worth looking at into the mill, once the demo's handlers are there to check it. A run that was cut
-/// short stays what the screen shows.
+/// Loads the first program into the mill after the demo's handlers are online, because they are needed to check it. An
+/// interrupted run stays loaded instead.
 ///
 /// # Errors
-/// The program is not there, or has errors.
+/// Fails if the program does not exist or has errors.
 pub async fn open_demo(plc: &Plc) -> plc_api::Result<()> {
     let presence = Topic::HandlerPresence(HANDLER_ID.to_owned());
     let mut told = plc.port().subscribe(Filter::Topics(vec![presence]));
@@ -52,7 +52,7 @@ pub async fn open_demo(plc: &Plc) -> plc_api::Result<()> {
     Ok(())
 }
 
-/// The handlers of the demo machine: M08 M09 M10 M11 M70 M80 M100.
+/// Returns the handlers of the demo machine: M08 M09 M10 M11 M70 M80 M100.
 pub fn demo_sequence_program() -> SequenceProgram {
     let meeting = Arc::new(Meeting::default());
     let meet = move |output: AuxOutput| meet(output, Arc::clone(&meeting));
@@ -66,7 +66,7 @@ pub fn demo_sequence_program() -> SequenceProgram {
         .on(100, change_tool)
 }
 
-/// M100 VA: turns the magazine to the pocket of tool VA, and swaps.
+/// M100 VA: turns the magazine to the pocket of tool VA, and changes the tool.
 async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let wanted = output
         .params()
@@ -131,8 +131,8 @@ async fn coolant(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// Where two coordinate systems meet: the first to arrive leaves a signal for the other. A handler that is cancelled
-/// while it waits drops its end, so that the other does not meet one that is gone.
+/// Meeting point of two coordinate systems: the first to arrive leaves a signal for the other. A handler that is
+/// cancelled while it waits drops its end, so that the other handler does not use the signal of a cancelled one.
 #[derive(Debug, Default)]
 struct Meeting(Mutex<Option<oneshot::Sender<()>>>);
 
@@ -152,7 +152,7 @@ impl Meeting {
     }
 }
 
-/// M70: mill and loader meet; both go on when both are there.
+/// M70: mill and loader meet; both programs continue when both have arrived.
 async fn meet(output: AuxOutput, meeting: Arc<Meeting>) -> Result<(), Alarm> {
     let other = if output.coordinate_system() == 1 {
         "the loader"
@@ -164,7 +164,7 @@ async fn meet(output: AuxOutput, meeting: Arc<Meeting>) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// M80: an operator looks at the part and says so, or confirms the output by hand.
+/// M80: an operator inspects the part and answers, or confirms the output by hand.
 async fn inspect(output: AuxOutput) -> Result<(), Alarm> {
     let (good, bad) = ("Good", "Not good: stop");
     let answer = output.ask("Are all eight holes good?", [good, bad]).await?;

@@ -1,23 +1,24 @@
-//! The stock sequence program: what the runtime does for an M code for which no handler of the user is registered.
-//! Pure: it says what to do; the coordinate system does it and resets the output.
+//! The stock sequence program: the reaction of the runtime to an M code for which no handler of the user is registered.
+//! It only returns the action; the coordinate system executes it and resets the output.
 
 use plc_api::types::output::OutputNotice;
 use plc_api::types::state::SpindleDirection;
 
 use crate::config::{MCodeSettings, Stock};
 
-/// What the stock sequence program does before it resets an output.
+/// Action of the stock sequence program before it resets an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StockAction {
-    /// Nothing.
+    /// No action.
     Nothing,
-    /// Commands the spindle; with `Orient` it resets when the spindle is at its position.
+    /// Commands the spindle; with `Orient`, the output is reset when the spindle is at its position.
     Spindle(SpindleDirection),
-    /// Tells which tool is in the spindle.
+    /// Reports the tool in the spindle.
     SelectTool(u16),
 }
 
-/// The stock sequence program's action; `None`: it does not handle this M code. `Err`: why it cannot.
+/// Returns the action of the stock sequence program; `None` if it does not handle this M code, `Err` with the reason if
+/// the action is impossible.
 pub fn action(
     output: &OutputNotice,
     settings: &MCodeSettings,
@@ -30,12 +31,12 @@ pub fn action(
     has_spindle.then_some(Ok(StockAction::Spindle(direction)))
 }
 
-/// True for M03, M04, M05 and M19.
+/// Returns true for M03, M04, M05 and M19.
 pub fn is_spindle_code(m: u16) -> bool {
     spindle_direction(m).is_some()
 }
 
-/// What M03, M04, M05 and M19 command the spindle to do.
+/// Returns the spindle command of M03, M04, M05 and M19.
 pub fn spindle_direction(m: u16) -> Option<SpindleDirection> {
     match m {
         3 => Some(SpindleDirection::Cw),
@@ -46,7 +47,8 @@ pub fn spindle_direction(m: u16) -> Option<SpindleDirection> {
     }
 }
 
-/// The tool that an M code with the setting [`Stock::SelectTool`] selects by VA. `Err`: why it cannot.
+/// Returns the tool that an M code with the setting [`Stock::SelectTool`] selects by VA; `Err` with the reason if it
+/// cannot.
 pub fn selected_tool(m: u16, va: Option<f64>) -> Result<u16, String> {
     match va {
         Some(id) if id.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&id) =>

@@ -1,7 +1,7 @@
 //! Detects a servo cycle that does not end: a bus or a spindle that does not return.
 //!
-//! Lateness of the whole process is something else, and holds the motion (`SERVO_LATE`): a cycle counts as stalled only while the
-//! relay thread itself runs on time, and while the servo thread is not merely without a processor.
+//! Lateness of the whole process is a different fault and holds the motion (`SERVO_LATE`): a cycle is stalled only if
+//! the relay thread itself runs on time, and if the servo thread does not merely lack a processor.
 
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -9,31 +9,32 @@ use std::time::{Duration, Instant};
 /// Time between two looks at the servo thread.
 pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
 
-/// Time after which a running cycle counts as stalled. Reason: the alarm is there within 100 ms, and no cycle takes as long.
+/// Duration after which a running cycle is stalled. Reason: the alarm is raised within 100 ms, and no sound cycle takes
+/// that long.
 pub(super) const STALL_MAX: Duration = Duration::from_millis(60);
 
-/// Time between two looks above which the relay thread was late itself: the process was suspended, or the computer is
-/// overloaded. The watch then begins again.
+/// Interval between two looks above which the relay thread was late itself: the process was suspended, or the computer
+/// is overloaded. The watch then starts again.
 const LOOK_LATE: Duration = Duration::from_millis(30);
 
-/// Share of its processor time below which a thread that could run counts as without a processor.
+/// A runnable thread that gets less than this share of processor time lacks a processor.
 const STARVED_SHARE: f64 = 0.5;
 
 /// Watches one thread.
 #[derive(Debug)]
 pub(super) struct StallWatch {
-    /// Where the operating system tells of the servo thread.
+    /// Directory in which the operating system describes the servo thread.
     place: Arc<OnceLock<String>>,
     looked: Option<Instant>,
     suspect: Option<Suspect>,
 }
 
-/// A cycle that was running at a look before.
+/// Cycle that was already running at an earlier look.
 #[derive(Debug)]
 struct Suspect {
     cycle: u64,
     since: Instant,
-    /// Processor time of the thread then.
+    /// Processor time of the thread at that look.
     processor: Option<Duration>,
 }
 
@@ -46,7 +47,7 @@ impl StallWatch {
         }
     }
 
-    /// Looks at the cycle that runs now; true when it has stalled.
+    /// Inspects the running cycle; returns true if it has stalled.
     pub(super) fn has_stalled(&mut self, now: Instant, running: Option<u64>) -> bool {
         let looked = self.looked.replace(now);
         let is_late = looked.is_some_and(|looked| now.duration_since(looked) > LOOK_LATE);
@@ -77,7 +78,7 @@ impl StallWatch {
         }
     }
 
-    /// True when the thread could have run, and was given no processor.
+    /// Returns true if the thread was runnable but received no processor.
     fn is_starved(&self, suspect: &Suspect, since: Duration) -> bool {
         let (Some((is_runnable, processor)), Some(before)) = (self.thread(), suspect.processor) else {
             return false;
@@ -85,7 +86,8 @@ impl StallWatch {
         is_runnable && processor.saturating_sub(before).as_secs_f64() < STARVED_SHARE * since.as_secs_f64()
     }
 
-    /// Whether the thread runs or could run, and its processor time; `None`: the operating system does not tell.
+    /// Returns whether the thread runs or is runnable, and its processor time; `None` if the operating system does not
+    /// provide them.
     fn thread(&self) -> Option<(bool, Duration)> {
         let place = self.place.get()?;
         let state = std::fs::read_to_string(format!("/proc/{place}/stat")).ok()?;
@@ -94,14 +96,14 @@ impl StallWatch {
     }
 }
 
-/// Of the files `stat` and `schedstat` of a thread.
+/// Parses the files `stat` and `schedstat` of a thread.
 fn parse_thread(state: &str, times: &str) -> Option<(bool, Duration)> {
     let (_, state) = state.rsplit_once(") ")?;
     let processor_ns = times.split_ascii_whitespace().next()?.parse().ok()?;
     Some((state.starts_with('R'), Duration::from_nanos(processor_ns)))
 }
 
-/// Notes where the operating system tells of the calling thread.
+/// Notes the directory in which the operating system describes the calling thread.
 pub(super) fn note_place(place: &OnceLock<String>) {
     let link = std::fs::read_link("/proc/thread-self").ok();
     if let Some(link) = link.and_then(|link| link.into_os_string().into_string().ok()) {
@@ -118,7 +120,7 @@ mod tests {
         StallWatch::new(Arc::default())
     }
 
-    /// Looks at these times, with these cycles running; gives the time at which a stall is found.
+    /// Looks at these times, with these cycles running; returns the time at which a stall is found.
     fn stalls_at(looks: impl IntoIterator<Item = (u64, Option<u64>)>) -> Option<u64> {
         let (start, mut watch) = (Instant::now(), watch());
         let mut looks = looks.into_iter();

@@ -1,4 +1,4 @@
-//! Commands as all coordinate systems know them: their memory, their ages and their replies.
+//! Commands of all coordinate systems: their memory, age limits and replies.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use super::Shared;
 use crate::command_memory::{Asked, Recalled};
 
 impl Shared {
-    /// Looks a command up, and remembers it when it is new.
+    /// Looks a command up, and remembers it if it is new.
     pub fn recall(&self, key: &MemoryKey, asked: Asked) -> Recalled {
         self.commands.lock().recall(key, asked, self.clock.wall())
     }
@@ -25,7 +25,7 @@ impl Shared {
         self.commands.lock().look_up(key, asked, self.clock.wall())
     }
 
-    /// Notes when a heartbeat is sent, and returns it.
+    /// Notes the time at which a heartbeat is sent, and returns the heartbeat.
     pub fn note_heartbeat(&self, heartbeat: Heartbeat) -> Heartbeat {
         let now = self.clock.real_time();
         self.heartbeats.lock().note(heartbeat.cycle, now);
@@ -47,14 +47,14 @@ impl Shared {
         checked.or_else(|text| expired(&text))
     }
 
-    /// Revision of a coordinate system's state; 0 for none.
+    /// Returns the revision of a coordinate system's state; 0 if there is none.
     pub fn state_rev(&self, cs: Option<CoordinateSystemNumber>) -> u64 {
         cs.and_then(|cs| self.hub.read(&Topic::cs(cs, CsTopic::State)))
             .and_then(|state| state.rev)
             .unwrap_or(0)
     }
 
-    /// A reply to a command; `cs` is the coordinate system whose state revision it has.
+    /// Returns a reply to a command; `cs` is the coordinate system whose state revision it contains.
     pub fn reply_to(
         &self,
         cs: Option<CoordinateSystemNumber>,
@@ -77,7 +77,7 @@ impl Shared {
         }
     }
 
-    /// A refusal as the reply to a command.
+    /// Returns a refusal as the reply to a command.
     pub fn rejection(
         &self,
         cs: Option<CoordinateSystemNumber>,
@@ -88,7 +88,7 @@ impl Shared {
         self.reply_to(cs, meta, CommandStatus::Rejected, &code, &refusal.text)
     }
 
-    /// Keeps and publishes a refusal as the reply to a command.
+    /// Stores and publishes a refusal as the reply to a command.
     pub fn reject(
         &self,
         cs: Option<CoordinateSystemNumber>,
@@ -99,7 +99,7 @@ impl Shared {
         refusal
     }
 
-    /// Keeps and publishes a reply.
+    /// Stores and publishes a reply.
     pub fn reply(&self, meta: &CommandMeta, reply: CommandReply) -> CommandReply {
         self.commands
             .lock()
@@ -111,12 +111,12 @@ impl Shared {
         reply
     }
 
-    /// The last reply to a command.
+    /// Returns the last reply to a command.
     pub fn replied(&self, key: &MemoryKey) -> Option<CommandReply> {
         self.commands.lock().reply(key).cloned()
     }
 
-    /// The last reply to a command by its id: of this user, else of any other.
+    /// Returns the last reply to a command by its id: of this user, else of any other.
     pub fn find_reply(&self, user: &str, command_id: &str) -> Option<CommandReply> {
         self.commands.lock().find_reply(user, command_id).cloned()
     }

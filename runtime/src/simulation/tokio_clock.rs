@@ -21,10 +21,10 @@ use super::{Next, Simulation, Slot};
 /// Slots of tokio's timers: of 64 ms, of 64 of these, and so on.
 const SLOTS: u64 = 64;
 
-/// Beyond the time limit, ns: a task without a timer in it has none that counts.
+/// Distance beyond the time limit, ns: later timers of tasks are ignored.
 const BEYOND_NS: u64 = 60_000_000_000;
 
-/// tokio's clock beside the simulation of a slot.
+/// The clock of tokio, coupled to the simulation of a slot.
 pub(super) struct TokioClock {
     slot: Slot,
     led: Mutex<Led>,
@@ -32,19 +32,19 @@ pub(super) struct TokioClock {
 
 #[derive(Default)]
 struct Led {
-    /// When the simulation began.
+    /// Start of the simulation.
     origin: Option<Instant>,
-    /// The timer at the cycle that comes next.
+    /// The timer at the next cycle.
     guard: Option<Pin<Box<Sleep>>>,
-    /// What comes next, and when that timer is due, ns.
+    /// The next event, and the due time of that timer, ns.
     next: Option<(Next, u64)>,
-    /// Since when nothing has happened, ns.
+    /// Time since which nothing has happened, ns.
     rests_since_ns: u64,
 }
 
 /// Moves tokio's clock on; the executor then looks at its timers.
 fn advance(by: Duration) {
-    // the clock moves when it is polled first; what it waits for afterwards is the executor's next turn
+    // the clock advances at the first poll; the future then waits for the executor's next turn
     let _ = std::pin::pin!(tokio::time::advance(by)).poll(&mut Context::from_waker(Waker::noop()));
 }
 
@@ -80,7 +80,7 @@ impl TokioClock {
         executor
     }
 
-    /// No task is ready to run: sets the timer at what comes next.
+    /// Sets the timer to the next event, because no task is ready to run.
     fn before_park(&self) {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
@@ -90,7 +90,7 @@ impl TokioClock {
         if let Next::Cycle(cycle) = next
             && servo.missed > 0
         {
-            // nobody wakes before the servo is back
+            // no task wakes before the servo is back
             simulation.advance(&mut servo, cycle);
             let left_ns = (cycle * simulation.period_ns).saturating_sub(elapsed_ns(origin));
             advance(Duration::from_nanos(left_ns));
@@ -123,7 +123,7 @@ impl TokioClock {
         }
     }
 
-    /// tokio has come to a timer, or a task was woken: the simulation follows.
+    /// Lets the simulation follow after tokio has reached a timer, or a task was woken.
     fn after_park(&self) {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
@@ -131,7 +131,7 @@ impl TokioClock {
             return;
         };
         let is_ours = led.guard.as_ref().is_some_and(|guard| guard.is_elapsed());
-        // most often by far, and there is no need to ask the clock
+        // by far the most frequent case, in which the clock need not be read
         let is_cycle = is_ours && matches!(next, Next::Cycle(_));
         let now_ns = if is_cycle { at_ns } else { elapsed_ns(origin) };
         match next {
@@ -143,14 +143,14 @@ impl TokioClock {
         }
     }
 
-    /// Gives the timer back, which holds the executor.
+    /// Releases the timer, which holds the executor.
     pub(super) fn release(&self) {
         self.led.lock().guard = None;
     }
 }
 
 impl Simulation {
-    /// Nothing can happen any more, and has not since that time.
+    /// Reports a stall: nothing can happen, and nothing has happened since that time.
     fn stall_at(&self, since_ns: u64) {
         if !self.is_at_limit() {
             self.clock.set_ns(since_ns);
@@ -158,7 +158,7 @@ impl Simulation {
         self.stalled.notify_one();
     }
 
-    /// Comes to this time, at most to what comes next.
+    /// Advances to this time, at most to the next event.
     fn follow(&self, next: Next, now_ns: u64) {
         let last = match next {
             Next::Tasks => return,

@@ -1,4 +1,4 @@
-//! Each cell of the table, played in simulated time at moments that a seed chooses.
+//! Each cell of the table, tested in simulated time at moments chosen by a seed.
 
 use std::time::Duration;
 
@@ -13,16 +13,16 @@ use crate::config::Machine;
 use crate::coordinator::Runtime;
 use crate::test::{Bench, Scene};
 
-/// Time in which the state follows the motion, and of a servo cycle, s.
+/// Delay between the motion and its published state, including a servo cycle, s.
 const STATE_S: f64 = 0.01;
 
-/// A client that is lost is silent for so long.
+/// Duration of silence after which a client is lost.
 const TTL: Duration = Duration::from_millis(100);
 
-/// Servo cycles that are left out take so long.
+/// Duration of the servo cycles that are left out.
 const GAP: Duration = Duration::from_millis(150);
 
-/// Moments at which each cell is played.
+/// Number of moments at which each cell is tested.
 const SEEDS: u64 = 3;
 
 const fn ms(ms: u64) -> Duration {
@@ -59,7 +59,7 @@ async fn at(system: &CoordinateSystem, axis: &str) -> f64 {
     system.position().await.unwrap().machine[axis]
 }
 
-/// The motion is under way when this returns.
+/// Starts a motion; it is active on return.
 async fn begin(scene: &Scene, motion: StoppedMotion, seed: u64) {
     let (plc, system) = (scene.plc(), scene.cs(1));
     match motion {
@@ -129,7 +129,7 @@ async fn raise(scene: &Scene, runtime: &Runtime, cause: StopCause) {
     }
 }
 
-/// Time until no axis moves and no transition is under way, s.
+/// Returns the time until no axis moves and no transition is pending, s.
 async fn until_rest(scene: &Scene, max_s: f64) -> f64 {
     let (plc, system) = (scene.plc(), scene.cs(1));
     let from_s = plc.now_s();
@@ -205,7 +205,7 @@ fn play(cause: StopCause, motion: StoppedMotion, seed: u64) {
     played.unwrap_or_else(|error| panic!("{cell}: {error}"));
 }
 
-/// A motion that nothing stops ends in this state.
+/// Returns the state in which a motion ends if nothing stops it.
 fn motion_ends_in(motion: StoppedMotion) -> Execution {
     match motion {
         StoppedMotion::Jog | StoppedMotion::Home => Execution::Ready,
@@ -213,7 +213,7 @@ fn motion_ends_in(motion: StoppedMotion) -> Execution {
     }
 }
 
-/// After a resume the motion reaches its end.
+/// Resumes the motion and checks that it reaches its end.
 async fn go_on(scene: &Scene, cause: StopCause, motion: StoppedMotion, cell: &str) {
     let system = scene.cs(1);
     match cause {

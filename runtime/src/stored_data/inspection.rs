@@ -1,4 +1,4 @@
-//! What a start finds in a data folder before it changes anything, and what of it is held back.
+//! Inspects a data folder at a start, before anything is changed, and determines the parts to hold back.
 
 use std::io;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::program_store::folder::sums as program_sums;
 use crate::program_store::places::{FolderByProgram, PLACES_FILE, PlacesRead};
 use crate::program_store::program_number;
 
-/// What a start finds in a data folder before it changes anything.
+/// Findings of a start in a data folder, before anything is changed.
 #[derive(Debug)]
 pub(crate) struct Inspection {
     pub judged: Judged,
@@ -24,11 +24,11 @@ pub(crate) struct Inspection {
     /// Values of the store that are held back.
     held: Option<Image>,
     held_folders: FolderByProgram,
-    /// The file of folders is missing, and was there.
+    /// The file of folders existed and is now missing.
     pub lacks_folders: bool,
 }
 
-/// The parts beside the store, as they were read.
+/// The parts other than the store, as read.
 struct Others {
     sums: Sums,
     places: PlacesRead,
@@ -36,7 +36,7 @@ struct Others {
     has_programs: bool,
 }
 
-/// True if there is a file of a program.
+/// Returns true if there is a program file.
 fn has_program(folder: &Path) -> bool {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut numbers = entries.filter_map(|entry| program_number(&entry.path()));
@@ -54,7 +54,7 @@ impl Others {
         }
     }
 
-    /// Seals that tell what was on disk.
+    /// Returns the seals that describe the state on disk.
     fn seals(&self) -> impl Iterator<Item = &Seal> {
         [
             self.sums.seal.as_ref(),
@@ -76,7 +76,7 @@ fn merge<'a>(seals: impl Iterator<Item = &'a Seal>) -> PartGenerations {
 }
 
 impl Inspection {
-    /// Inspects a data folder of the machine of this name. It changes nothing.
+    /// Inspects a data folder of the machine with this name, without changing anything.
     pub fn new(folder: &Path, machine: &str) -> Self {
         let others = Others::read(folder);
         let mut judged = judge_known(folder, merge(others.seals()).contains_key(&StoredPart::Store));
@@ -124,13 +124,14 @@ impl Inspection {
         }
     }
 
-    /// True if this part is held back.
+    /// Returns true if this part is held back.
     pub fn holds_back(&self, part: StoredDataPart) -> bool {
         self.findings.iter().any(|finding| finding.part == part)
     }
 
-    /// The question of this folder: the one of this start, or one that was open before. A new one is written, with what is
-    /// held back, before any file of the folder is changed. If the disk refuses, this start asks all the same.
+    /// Returns the question of this folder: the one of this start, or an earlier pending one. A new one is written,
+    /// with the data held back, before any file of the folder is changed. If the disk refuses, this start asks
+    /// nevertheless.
     pub fn ask(&self, folder: &Path, since: Timestamp, newest: Option<Timestamp>) -> OpenQuestion {
         let before = OpenQuestion::read(folder);
         if self.findings.is_empty() {
@@ -162,23 +163,23 @@ impl Inspection {
     }
 }
 
-/// Values that are held back in a data folder.
+/// Returns the values that are held back in a data folder.
 ///
 /// # Errors
-/// They cannot be read.
+/// Returns an error if they cannot be read.
 pub(crate) fn held_values(folder: &Path) -> io::Result<Image> {
     let path = folder.join(HELD_FILE);
     let read = Generation::read_from(&path);
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
     let Generation { mut image, lost, .. } = read.map_err(named)?;
-    // what was lost before stays lost
+    // previously lost values stay lost
     for name in &lost {
         image.lose(name);
     }
     Ok(image)
 }
 
-/// What is compared with each part.
+/// Data with which each part is compared.
 struct Look<'a> {
     machine: &'a str,
     known: &'a PartGenerations,
@@ -217,7 +218,7 @@ impl Look<'_> {
         self.at(StoredPart::Folders, Some(seal))
     }
 
-    /// Compares a part that was read with what the others know of it.
+    /// Compares a part with the data that the other parts record about it.
     fn at(&self, part: StoredPart, seal: Option<&Seal>) -> Option<StoredDataFinding> {
         let seal = seal?;
         let (known, path) = (self.known.get(&part).copied().unwrap_or(0), self.path(part));

@@ -1,4 +1,4 @@
-//! Runs a test: the machine, its handlers and the script in simulated time, on a thread of their own.
+//! Runs a test: the machine, its handlers and the script in simulated time, on a separate thread.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -28,15 +28,15 @@ use crate::coordinator::Runtime;
 use crate::journal::{Event, Journal, Line, ResetOutcome};
 use crate::simulation::{self, Code, Slot};
 
-/// Real time in which simulated time must advance at least once. Reason: a handler that blocks the thread would let the
-/// test wait for ever.
+/// Real time in which simulated time must advance at least once. Reason: a handler that blocks the thread would
+/// otherwise block the test without limit.
 const STANDSTILL: Duration = Duration::from_secs(if cfg!(test) { 2 } else { 10 });
 
-/// Turns given to all tasks so that handlers are known before the programs are loaded. Reason: more than any chain of
-/// wake-ups from a sequence program's first poll to the answer that the machine knows it.
+/// Turns given to all tasks so that handlers are registered before the programs are loaded. Reason: more than any chain
+/// of wake-ups from a sequence program's first poll to the answer that registers it.
 const SETTLE_TURNS: usize = 256;
 
-/// The machine and its handlers, as a scripted action sees them.
+/// The machine and its handlers, as accessible to a scripted action.
 #[derive(Debug, Clone)]
 pub struct Scene {
     plc: Plc,
@@ -45,25 +45,25 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// The machine, with everything that can be asked of it.
+    /// Returns the machine with all its requests.
     pub fn plc(&self) -> &Plc {
         &self.plc
     }
 
-    /// One of its coordinate systems.
+    /// Returns one of its coordinate systems.
     pub fn cs(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
         self.plc.coordinate_system(number)
     }
 
-    /// All handlers die where they are, as when their process ends: their claims are given back.
+    /// Ends all handlers at once, as if their process ended: their claims are released.
     pub fn kill_handlers(&self) {
         for handler in self.handlers.lock().drain(..) {
             handler.abort();
         }
     }
 
-    /// Another sequence program serves the machine from now on, such as after [`Scene::kill_handlers`]. When it ends with an
-    /// error, such as that its `handler_id` is taken, so does the test.
+    /// Serves the machine with another sequence program from now on, such as after [`Scene::kill_handlers`]. If it ends
+    /// with an error, for example because its `handler_id` is taken, so does the test.
     pub fn serve(&self, program: SequenceProgram) {
         let (plc, failures) = (self.plc.clone(), self.failures.clone());
         let served = async move { failures.watch("a sequence program", program.run(&plc)).await };
@@ -72,8 +72,8 @@ impl Scene {
 }
 
 impl Bench {
-    /// Does anything with the machine in simulated time, once its handlers are known and its programs are written;
-    /// none of these is loaded. What is scripted does not happen.
+    /// Runs `act` with the machine in simulated time, once its handlers are registered and its programs are written; no
+    /// program is loaded. Scripted events do not happen.
     ///
     /// ```
     /// # use plc_api::Execution;
@@ -89,10 +89,11 @@ impl Bench {
     /// ```
     ///
     /// # Errors
-    /// The machine does not start, a sequence program or an NC program is not taken, or a task blocks the thread.
+    /// Returns an error if the machine does not start, a sequence program or an NC program is rejected, or a task
+    /// blocks the thread.
     ///
     /// # Panics
-    /// When `act` panics, such as by a failed assertion.
+    /// Panics if `act` panics, such as by a failed assertion.
     pub fn play<T: Send + 'static>(
         self,
         act: impl AsyncFnOnce(Scene, &Runtime) -> T + Send + 'static,
@@ -113,7 +114,7 @@ impl Bench {
             let (of_threads, of_test) = (failures.clone(), failures.clone());
             let on_thread = move || of_threads.on_other_thread();
             let played = simulation::run_in(slot, code, on_thread, self.play_here(of_test, act));
-            // Nobody listens any more when it took too long.
+            // The receiver is closed if the test took too long.
             let _ = ended.send(played.map_err(TestError::new).flatten());
         });
         let mut cycles = None;
@@ -153,7 +154,7 @@ impl Bench {
             handlers: Arc::default(),
             failures: failures.clone(),
         };
-        // dropped, thus ended, with the test
+        // dropped, and thus ended, with the test
         let mut plants = JoinSet::new();
         for plant in self.plants {
             let (work, failures) = (plant(scene.clone()), failures.clone());
@@ -196,7 +197,7 @@ impl Bench {
             let wakes = waits_for_blocks || block.is_none();
             if wakes {
                 let (blocks, line) = (std::mem::take(&mut *kept), block.is_none().then(|| line.clone()));
-                // Nobody listens any more when the run has ended.
+                // The receiver is closed if the run has ended.
                 let _ = sink.send((blocks, line));
             }
             wakes
@@ -238,10 +239,11 @@ impl Bench {
     }
 }
 
-/// Reports a sequence program whose presence the machine refuses, before the program gives up by itself: the test may end earlier.
+/// Reports a sequence program whose presence the machine rejects, before the program itself gives up: the test may end
+/// earlier.
 ///
 /// # Errors
-/// There is one.
+/// Returns an error if such a program exists.
 fn judge_presences(mut results: Subscription) -> Result<(), TestError> {
     while let Some(message) = results.try_next() {
         if let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
@@ -254,7 +256,7 @@ fn judge_presences(mut results: Subscription) -> Result<(), TestError> {
     Ok(())
 }
 
-/// Why a program was not loaded, with every finding.
+/// Describes why a program was not loaded, with every finding.
 fn refused(program: u16, error: &Error) -> TestError {
     let mut lines = vec![format!("program {program} is refused: {error}")];
     if let Error::Refused(refusal) = error {
@@ -264,7 +266,7 @@ fn refused(program: u16, error: &Error) -> TestError {
     TestError::new(lines.join("\n  "))
 }
 
-/// A block that has begun.
+/// A block whose motion has begun.
 #[derive(Debug, Clone, Copy)]
 struct Begun {
     cs: CoordinateSystemNumber,
@@ -273,7 +275,7 @@ struct Begun {
 }
 
 impl Begun {
-    /// That of a line of the journal.
+    /// Creates it from a line of the journal.
     fn of(line: &Line) -> Option<Self> {
         match line.event {
             Event::Block { program, line: at } => Some(Self {
@@ -286,14 +288,14 @@ impl Begun {
     }
 }
 
-/// A run under way.
+/// A run in progress.
 struct Stage {
     scene: Scene,
     start_s: f64,
     states: Subscription,
-    /// Of the journal: blocks, and what came behind them.
+    /// From the journal: blocks, and the line after them.
     lines: mpsc::UnboundedReceiver<(Vec<Begun>, Option<Line>)>,
-    /// Blocks behind these, for which nobody waits: the test is not woken for them.
+    /// Blocks after these. The test is not woken for them, because no action waits for them.
     blocks: Arc<Mutex<Vec<Begun>>>,
     script: Vec<Option<(Cue, Action)>>,
     main: u16,
@@ -306,7 +308,7 @@ struct Stage {
 impl Stage {
     async fn play(mut self, runtime: &Runtime) -> Result<Run, TestError> {
         let simulation = runtime.simulation().ok_or(TestError::new("no simulation"))?;
-        // What came before the start is no part of the run.
+        // Events before the start are not part of the run.
         while self.states.try_next().is_some() {}
         while self.lines.try_recv().is_ok() {}
         self.blocks.lock().clear();
@@ -380,7 +382,7 @@ impl Stage {
         times.reduce(f64::min)
     }
 
-    /// Begins the actions whose moment is now.
+    /// Begins the actions that are due now.
     fn cue(&mut self, is_now: impl Fn(Cue) -> bool) {
         for place in &mut self.script {
             if let Some((cue, action)) = place.take_if(|(cue, _)| is_now(*cue)) {
@@ -390,7 +392,7 @@ impl Stage {
         }
     }
 
-    /// Blocks have begun.
+    /// Handles blocks whose motion has begun.
     fn on_blocks(&mut self, blocks: Vec<Begun>) {
         for block in blocks {
             let what = format!("block {}", block.line);
@@ -403,17 +405,17 @@ impl Stage {
         }
     }
 
-    /// A line of the program moves, puts out, or stops.
+    /// Begins the actions of a line that moves, issues an output, or stops.
     fn cue_line(&mut self, program: u16, line: u32) {
         if program == self.main {
             self.cue(|cue| cue == Cue::Line(line));
         }
     }
 
-    /// A line of the journal that is of no block.
+    /// Handles a line of the journal that does not belong to a block.
     fn on_line(&mut self, line: &Line) {
         let (cs, at_s) = (line.cs, line.t_s - self.start_s);
-        // of what begins: program, line
+        // program and line of the begun block
         let mut begun = None;
         let what = match &line.event {
             Event::Output(notice) => {
@@ -437,7 +439,7 @@ impl Stage {
                 format!("stop M{:02}", m.unwrap_or_default())
             }
             Event::Alarm(alarm) => format!("alarm {}", alarm.number()),
-            // of the topic a subscriber gets only the last value, and each only once
+            // a subscriber of the topic receives only the latest value, and each value only once
             Event::Capture(captured) => {
                 self.run.captured.push((**captured).clone());
                 "capture".to_owned()
@@ -562,7 +564,7 @@ fn non_zero(variables: &VariableArray) -> NonZero {
         .collect()
 }
 
-/// ` VA3 VB0.5`.
+/// Formats parameters as ` VA3 VB0.5`.
 fn words(params: &Params) -> String {
     let Params {
         a,

@@ -10,20 +10,20 @@ use plc_api::{Alarm, CancelReason, Execution, Params};
 use super::TestError;
 use super::trace::{Sample, Samples};
 
-/// What a run has shown: plain data, equal for equal tests. Times are seconds from the start of the programs.
+/// Results of a run: plain data, equal for equal tests. Times are seconds from the start of the programs.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
     /// Why the run ended.
     pub stopped: Stopped,
     /// When the run ended.
     pub time_s: f64,
-    /// Auxiliary function outputs in the order in which they were made.
+    /// Auxiliary function outputs in the order in which they were issued.
     pub outputs: Vec<OutputRecord>,
     /// Alarms and warnings in the order in which they were raised.
     pub alarms: Vec<AlarmRecord>,
-    /// What each G31 captured, in their order.
+    /// Captured positions of each G31, in order.
     pub captured: Vec<Captured>,
-    /// State words that each coordinate system came into, from its start on.
+    /// State words of each coordinate system, from its start on.
     pub states: Vec<StateChange>,
     /// Coordinate systems that were started.
     pub(super) jobs: Vec<CoordinateSystemNumber>,
@@ -34,7 +34,7 @@ pub struct Run {
     pub(super) q: BTreeMap<CoordinateSystemNumber, NonZero>,
 }
 
-/// Variables that are not zero, by number: their bits, since NaN is to equal itself here.
+/// Variables that are not zero, by number. They are stored as bits, because NaN must equal itself here.
 pub(super) type NonZero = BTreeMap<u32, u64>;
 
 /// Why a run ended.
@@ -43,7 +43,7 @@ pub enum Stopped {
     /// Every program has ended: at its end, by an alarm or by a command.
     #[default]
     ProgramsEnded,
-    /// Nothing could happen any more: a program was paused, or waited for something that nobody does.
+    /// Nothing further could happen: a program was paused, or waited for an event that does not occur.
     NothingMoves,
     /// [`Bench::max_time_s`](super::Bench::max_time_s) was reached.
     TimeLimit,
@@ -52,7 +52,7 @@ pub enum Stopped {
 /// One auxiliary function output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputRecord {
-    /// Coordinate system that made it.
+    /// Coordinate system that issued it.
     pub cs: CoordinateSystemNumber,
     /// Sequence number.
     pub seq: u64,
@@ -60,13 +60,13 @@ pub struct OutputRecord {
     pub m: u16,
     /// VA to VH.
     pub params: Params,
-    /// Program that it is in.
+    /// Program that contains it.
     pub program: u16,
     /// Line of that program, from 1.
     pub line: u32,
-    /// When it was made.
+    /// When it was issued.
     pub output_s: f64,
-    /// When it ended; `None` while it is open.
+    /// When it ended; `None` while it is pending.
     pub ended_s: Option<f64>,
     /// How it ended.
     pub ended: Ended,
@@ -75,21 +75,21 @@ pub struct OutputRecord {
 /// How an output ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Ended {
-    /// It has not.
+    /// It has not ended.
     Open,
-    /// It was reset: the program went on.
+    /// It was reset: the program continued.
     Reset,
-    /// Its handler failed it with this alarm.
+    /// Its handler reported this alarm.
     Failed(Alarm),
     /// It was cancelled, such as by a stop.
     Cancelled(CancelReason),
 }
 
 impl OutputRecord {
-    /// Seconds from the output to its end.
+    /// Returns the seconds from the output to its end.
     ///
     /// # Errors
-    /// It has not ended.
+    /// Returns an error if it has not ended.
     pub fn took_s(&self) -> Result<f64, TestError> {
         let ended_s = self.ended_s.ok_or_else(|| {
             TestError::new(format!(
@@ -101,41 +101,41 @@ impl OutputRecord {
     }
 }
 
-/// A coordinate system came into a state.
+/// A state change of a coordinate system.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateChange {
-    /// When.
+    /// Time of the change.
     pub at_s: f64,
-    /// Which one.
+    /// The coordinate system.
     pub cs: CoordinateSystemNumber,
     /// The state word.
     pub execution: Execution,
-    /// Why, where there is a reason.
+    /// The reason, if there is one.
     pub reason: Option<Reason>,
 }
 
-/// How a coordinate system was left.
+/// Final state of a coordinate system.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SystemEnd {
     /// The state word.
     pub execution: Execution,
-    /// Why, where there is a reason.
+    /// The reason, if there is one.
     pub reason: Option<Reason>,
-    /// What was waited for: M number and the handler's last progress text.
+    /// The pending output: M number and the handler's last progress text.
     pub waiting_on: Option<(u16, Option<String>)>,
     /// Commanded machine positions by axis letter, mm or degrees.
     pub machine: BTreeMap<String, f64>,
-    /// The same in work coordinates.
+    /// Commanded positions in work coordinates.
     pub work: BTreeMap<String, f64>,
     /// Tool in the spindle; 0: none.
     pub tool: u16,
 }
 
 impl Run {
-    /// This run, if every program reached its end.
+    /// Returns this run if every program reached its end.
     ///
     /// # Errors
-    /// One did not: the text says what happened instead, and what came before.
+    /// Returns an error if a program did not: the text describes the actual end and the events before it.
     pub fn completed(self) -> Result<Run, TestError> {
         let unended = (self.jobs.iter())
             .filter_map(|cs| Some((*cs, self.systems.get(cs)?)))
@@ -146,10 +146,10 @@ impl Run {
         }
     }
 
-    /// The alarm that stopped a program; the first if there are more.
+    /// Returns the alarm that stopped a program; the first if there are several.
     ///
     /// # Errors
-    /// There is none: the text says how the run ended.
+    /// Returns an error if there is no alarm: the text describes how the run ended.
     pub fn alarm(&self) -> Result<&AlarmRecord, TestError> {
         let mut alarms = self
             .alarms
@@ -160,10 +160,10 @@ impl Run {
             .ok_or_else(|| TestError::new(format!("no alarm was raised; {}", self.summary())))
     }
 
-    /// The first output of an M number.
+    /// Returns the first output of an M number.
     ///
     /// # Errors
-    /// There is none.
+    /// Returns an error if there is none.
     pub fn output(&self, m: u16) -> Result<&OutputRecord, TestError> {
         let mut outputs = self.outputs.iter().filter(|output| output.m == m);
         outputs
@@ -171,44 +171,44 @@ impl Run {
             .ok_or_else(|| TestError::new(format!("M{m:02} was not put out; {}", self.summary())))
     }
 
-    /// How a coordinate system was left.
+    /// Returns the final state of a coordinate system.
     ///
     /// # Errors
-    /// There is no such coordinate system.
+    /// Returns an error if the coordinate system does not exist.
     pub fn system(&self, cs: CoordinateSystemNumber) -> Result<&SystemEnd, TestError> {
         self.systems
             .get(&cs)
             .ok_or_else(|| TestError::new(format!("the machine has no coordinate system {cs}")))
     }
 
-    /// What a coordinate system did, in order: `block 3` (line of a motion), `output M100 VA3`, `reset M100`,
-    /// `fail M100`, `stop M00`, `resume`, `capture`, `alarm 10001`, `warning`, `end`.
+    /// Returns the events of a coordinate system in order: `block 3` (line of a motion), `output M100 VA3`, `reset
+    /// M100`, `fail M100`, `stop M00`, `resume`, `capture`, `alarm 10001`, `warning`, `end`.
     pub fn order(&self, cs: CoordinateSystemNumber) -> Vec<&str> {
         let of_cs = self.order.iter().filter(|(system, _)| *system == cs);
         of_cs.map(|(_, what)| what.as_str()).collect()
     }
 
-    /// A P variable at the end of the run; 0 where there is none of this number.
+    /// Returns a P variable at the end of the run; 0 if the number does not exist.
     pub fn p(&self, number: u32) -> f64 {
         f64::from_bits(self.p.get(&number).copied().unwrap_or_default())
     }
 
-    /// A Q variable of a coordinate system at the end of the run; 0 where there is none of this number.
+    /// Returns a Q variable of a coordinate system at the end of the run; 0 if the number does not exist.
     pub fn q(&self, cs: CoordinateSystemNumber, number: u32) -> f64 {
         let of_cs = self.q.get(&cs);
         f64::from_bits(of_cs.and_then(|q| q.get(&number)).copied().unwrap_or_default())
     }
 
-    /// Where a coordinate system was over time, ascending; empty without
+    /// Returns the positions of a coordinate system over time, ascending; empty without
     /// [`Bench::trace_every_s`](super::Bench::trace_every_s).
     pub fn trace(&self, cs: CoordinateSystemNumber) -> &[Sample] {
         self.samples.get(&cs).map_or(&[], Vec::as_slice)
     }
 
-    /// The last sample at or before a time, seconds from the start of the programs.
+    /// Returns the last sample at or before a time, seconds from the start of the programs.
     ///
     /// # Errors
-    /// There is none: no trace, no such coordinate system, or a time before the first sample.
+    /// Returns an error if there is no trace, no such coordinate system, or no sample before that time.
     pub fn at_s(&self, cs: CoordinateSystemNumber, at_s: f64) -> Result<&Sample, TestError> {
         let trace = self.trace(cs);
         let after = trace.partition_point(|sample| sample.at_s <= at_s);
@@ -261,7 +261,7 @@ impl Run {
     }
 }
 
-/// What to do where a program waits for what does not come.
+/// Advice if a program waits for an event that does not occur.
 const HELP_TO_WAIT: &str =
     "a handler that waits must sleep by plc.sleep, or wait for something that happens on the machine";
 

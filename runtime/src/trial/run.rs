@@ -21,7 +21,7 @@ use crate::config::Stock;
 use crate::coordinate_system::rest_refused;
 use crate::sequence::stock::selected_tool;
 
-/// Alarms of the path stage after which the program is looked at without cutter compensation.
+/// Alarms of the path stage after which the program is examined without cutter compensation.
 const OF_COMPENSATION: [&AlarmEntry; 7] = [
     &COMPENSATION_REFUSED,
     &COMPENSATION_LEAD_SHORT,
@@ -32,19 +32,19 @@ const OF_COMPENSATION: [&AlarmEntry; 7] = [
     &OVERCUT,
 ];
 
-/// What only a machine knows.
+/// Values that only a machine knows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Assumed {
     pub start: f64,
     pub tool: Tool,
     pub optional_skip: u32,
-    /// Of the way of a G31 that is travelled.
+    /// Share of the distance that a G31 travels.
     pub skip_share: f64,
-    /// P and Q that the program has not written.
+    /// Value of P and Q variables that the program has not written.
     pub outside: f64,
 }
 
-/// Nothing special.
+/// The first assumptions, without special values.
 pub(super) const FIRST: Assumed = Assumed {
     start: 0.0,
     tool: Tool {
@@ -56,7 +56,7 @@ pub(super) const FIRST: Assumed = Assumed {
     outside: LOST,
 };
 
-/// As different from that as can be.
+/// The second assumptions, as different as possible from the first.
 pub(super) const SECOND: Assumed = Assumed {
     start: 1.375,
     tool: Tool {
@@ -81,7 +81,7 @@ pub(super) struct Run<'a> {
     captured: [f64; AXES_MAX],
     /// Motion was interpreted since the program last came to rest.
     is_moving: bool,
-    /// Cutter compensation has led to an alarm: up to its end the program moves as it is written.
+    /// Cutter compensation has caused an alarm: until it ends, the program moves along its programmed path.
     is_uncompensated: bool,
     /// Alarms that have not ended the run.
     alarms: Vec<Alarm>,
@@ -127,12 +127,12 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Blocks that it has taken.
+    /// Returns the number of executed blocks.
     pub fn steps(&self) -> u64 {
         self.interpreter.steps()
     }
 
-    /// The alarms that have not ended it, in their order, each once at its place.
+    /// Returns the alarms that have not ended the run, in order, each once per location.
     pub fn into_alarms(self) -> Vec<Alarm> {
         self.alarms
     }
@@ -146,7 +146,7 @@ impl<'a> Run<'a> {
         while self.interpreter.steps() < self.steps_max {
             let item = match self.next() {
                 Ok(item) => item,
-                // a block before it that was held back comes first
+                // an earlier block that was held back comes first
                 Err(alarm) => return self.finish().and(Err(alarm)),
             };
             match item {
@@ -193,7 +193,8 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Gives a block to the path stage. What cutter compensation has no path for moves without it, up to its end.
+    /// Passes a block to the path stage. If cutter compensation has no path for it, it moves without compensation until
+    /// that ends.
     fn take(&mut self, mut block: Block) -> Result<(), Alarm> {
         self.is_uncompensated &= block.compensation != Compensation::Off;
         if !self.is_uncompensated {
@@ -234,7 +235,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Comes to rest, which cutter compensation refuses.
+    /// Comes to rest, which cutter compensation forbids.
     fn rest(&mut self, item: &Item) {
         let is_compensating =
             self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
@@ -250,7 +251,7 @@ impl<'a> Run<'a> {
         self.is_moving = false;
     }
 
-    /// A G31 ends at once, after its share of the way.
+    /// Ends a G31 at once, after its share of the distance.
     fn end_skip(&mut self, from: MachinePosition) {
         if !self.path.is_skipping() {
             return;
@@ -264,7 +265,7 @@ impl<'a> Run<'a> {
         self.path.skipped_to(MachinePosition(at));
     }
 
-    /// Without a machine an output waits only where the manual leaves no choice (D30).
+    /// Returns the timing of an output. Without a machine it waits only if the manual leaves no choice (D30).
     fn timing(&self, output: &Output) -> Timing {
         match self.trial.machine {
             Some((machine, system)) => system.timing(output, machine.m_codes.get(&output.m)),
@@ -273,7 +274,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// An output that is made when its block is interpreted comes before the end of the motion before it.
+    /// Warns of an output that is issued at interpretation of its block, before the end of the preceding motion.
     fn look_at_motion(&self, output: &Output, warnings: &mut Vec<Warning>) {
         let Some((machine, system)) = self.trial.machine else {
             return;

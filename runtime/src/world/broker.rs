@@ -1,8 +1,9 @@
-//! A model of an MQTT broker and of the network to it. What it promises is what MQTT promises, and no more.
+//! A model of an MQTT broker and of the network to it. It guarantees only the properties that MQTT guarantees.
 //!
-//! Messages of one connection arrive in order, those of several in any; with quality of service 1 at least once. A
-//! connection that breaks takes what is on its way in either direction, from some message on. A will comes when the broker
-//! notices, retained messages at each subscription, and a broker that dies forgets sessions, and perhaps what it retains.
+//! Messages of one connection arrive in order, those of several connections in any order; with quality of service 1 at
+//! least once. When a connection breaks, messages in transit in either direction are lost from some message on. A will
+//! is published when the broker notices the loss, and retained messages are sent at each subscription. A broker that
+//! dies forgets sessions, and possibly retained messages.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,12 +20,12 @@ use super::random::Random;
 use super::trace::Trace;
 use crate::disk::simulated::memory::Mount;
 
-/// What the model does beside what is asked of it.
+/// Random behaviour of the model.
 #[derive(Debug, Clone)]
 pub(super) struct Network {
     /// Longest delay of a message, ms.
     pub delay_ms: u64,
-    /// How many messages of 100 with quality of service 1 are delivered twice.
+    /// Percentage of messages with quality of service 1 that are delivered twice.
     pub duplicates: u64,
 }
 
@@ -52,7 +53,7 @@ struct Connection {
     filters: Vec<String>,
     will: Option<Message>,
     events: mpsc::UnboundedSender<Result<Event, Lost>>,
-    // the newest message on its way in each direction
+    // arrival of the newest message in each direction
     up: Instant,
     down: Instant,
     is_up: bool,
@@ -70,7 +71,7 @@ struct State {
     count: u64,
 }
 
-/// The broker, as its clients and the faults reach it.
+/// The broker as used by its clients and the faults.
 #[derive(Debug, Clone)]
 pub(super) struct Broker {
     state: Arc<Mutex<State>>,
@@ -79,7 +80,7 @@ pub(super) struct Broker {
 }
 
 impl Broker {
-    /// Begins to deliver.
+    /// Starts the delivery.
     pub fn start(random: Random, network: Network, trace: Trace) -> Self {
         let broker = Self {
             state: Arc::new(Mutex::new(State {
@@ -117,7 +118,7 @@ impl Broker {
                     if let Some((_, step)) = step {
                         self.take(step);
                     }
-                    // whoever got it works first
+                    // the recipient of this message runs first
                     tokio::task::yield_now().await;
                 }
             }
@@ -141,7 +142,7 @@ impl Broker {
                             without_instance(&text)
                         ));
                     }
-                    // a client may have gone
+                    // the client may have disconnected
                     let _ = connection.events.send(Ok(event));
                 }
             }
@@ -163,7 +164,7 @@ impl Broker {
         self.wake.notify_one();
     }
 
-    /// The broker dies, and is gone for some time.
+    /// Ends the broker, which stays offline for some time.
     pub async fn die(&self, time: Duration) {
         {
             let mut state = self.state.lock();
@@ -181,7 +182,7 @@ impl Broker {
         self.state.lock().is_up = true;
     }
 
-    /// From now on nothing goes wrong.
+    /// Stops all faults from now on.
     pub fn calm(&self) {
         let mut state = self.state.lock();
         (state.is_up, state.is_calm) = (true, true);
@@ -189,7 +190,7 @@ impl Broker {
         state.network.delay_ms = 5;
     }
 
-    /// True when nothing goes wrong any more.
+    /// Returns true when all faults have stopped.
     pub fn is_calm(&self) -> bool {
         self.state.lock().is_calm
     }
@@ -227,7 +228,7 @@ impl Broker {
     }
 }
 
-/// A program in the process names its instance at random, which is no part of a history.
+/// Removes the random instance that a program in the process has in its name; it is not part of a history.
 fn without_instance(text: &str) -> String {
     let mut parts = text.split(r#""instance":"i-"#);
     let first = parts.next().unwrap_or_default().to_owned();
@@ -264,7 +265,7 @@ impl State {
         self.steps.insert((at, self.count), step);
     }
 
-    /// To a client, in order.
+    /// Sends an event to a client, in order.
     fn send(&mut self, number: u64, event: Event) {
         let delay = self.delay();
         if let Some(connection) = self.connections.get_mut(&number) {
@@ -336,7 +337,7 @@ impl State {
         }
     }
 
-    /// A connection breaks: of what is on its way, what comes before some message arrives.
+    /// Breaks a connection: messages in transit arrive up to some random message.
     fn cut(&mut self, number: u64, is_noticed: bool) {
         let Some(connection) = self.connections.remove(&number) else {
             return;
@@ -351,10 +352,10 @@ impl State {
                 _ => true,
             })
             .collect();
-        // a client that has gone hears nothing
+        // a client that has disconnected receives nothing
         let _ = connection.events.send(Err(lost("the connection was reset")));
         if let Some(will) = connection.will.filter(|_| is_noticed && connection.is_up) {
-            // at once, or when the keep-alive has passed; behind what has arrived
+            // at once, or when the keep-alive has expired; after the messages that have arrived
             let noticed = last
                 + if self.random.percent(60) {
                     self.delay()
@@ -443,7 +444,7 @@ impl Drop for ModelWire {
     }
 }
 
-/// How the runtime and other clients connect.
+/// Creates the connections of the runtime and other clients.
 #[derive(Debug, Clone)]
 pub(super) struct Connector {
     pub broker: Broker,
@@ -471,7 +472,7 @@ impl Connect for Connector {
 }
 
 impl Broker {
-    /// A connection of another client.
+    /// Creates the connection of another client.
     pub fn connect(&self, client_id: &str, will: Option<(String, String)>) -> ModelWire {
         let will = will.map(|(topic, payload)| Message {
             topic,

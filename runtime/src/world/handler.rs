@@ -1,5 +1,5 @@
-//! A handler over MQTT that knows no more than the documented topics. It loses its connection, dies, comes again, says
-//! everything twice, and now and then resets what is not its own.
+//! A handler over MQTT that uses only the documented topics. It loses its connection, dies, reconnects, sends every
+//! message twice, and occasionally resets outputs of other handlers.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -24,7 +24,7 @@ use super::truth::SharedTruth;
 /// An output of a boot: boot, coordinate system, number.
 type Key = (BootId, u8, u64);
 
-/// How far an output is.
+/// Progress of an output.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Job {
     Claiming,
@@ -39,9 +39,9 @@ pub(super) struct Handler {
     pub truth: SharedTruth,
     pub random: Random,
     jobs: BTreeMap<Key, (u16, Job, Instant)>,
-    /// How many processes of it there were.
+    /// Number of its processes so far.
     processes: u32,
-    /// When it says again that it is there, since another was there.
+    /// When it publishes its presence again, because another process was online.
     announces_at: Option<Instant>,
 }
 
@@ -223,7 +223,7 @@ impl Handler {
         }
     }
 
-    /// What is due is sent, and sent again until it is answered.
+    /// Sends due messages, and repeats them until they are answered.
     fn work(&mut self, wire: &ModelWire) {
         let now = Instant::now();
         let due: Vec<Key> = (self.jobs.iter())
@@ -249,7 +249,7 @@ impl Handler {
 
     fn send(&mut self, wire: &ModelWire, (boot_id, cs, seq): &Key, m: u16, job: Job) {
         let (boot_id, seq) = (boot_id.clone(), *seq);
-        // somebody else's name: it must be refused
+        // the name of another handler: the request must be rejected
         let (handler_id, instance) = (self.id.clone(), Some(self.instance()));
         let request = match job {
             Job::Claiming if self.random.percent(97) => Request::Claim(

@@ -1,4 +1,4 @@
-//! A history: several starts of one machine, with what goes wrong in each.
+//! A history: several starts of one machine, with the faults in each.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -28,39 +28,40 @@ use crate::disk::simulated::memory::{Disk, Faults, Mount};
 /// Clients whose connections break, the machine among them.
 const CLIENTS: [&str; 3] = ["gripper", "loader", "tandem-mill"];
 
-/// Time between two looks of the world at its machine.
+/// Interval at which the world checks its machine.
 const STEP: Duration = Duration::from_millis(5);
 
 /// A variable that is never written.
 const UNTOUCHED: &str = "P1500";
 
-/// What was acknowledged so long before the end may be missing, where it is not on disk before it is acknowledged, s.
+/// Values acknowledged within this time before the end may be missing, if they are acknowledged before they are on
+/// disk, s.
 const BEHIND_S: f64 = 0.2;
 
-/// A defect that is built into a world, so that a test sees that its rule finds it.
+/// A defect built into a world, so that a test proves that the rule detects it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mutation {
     /// Syncs of the disk do nothing.
     ForgetsSyncs,
-    /// The disk is as it was at the start before.
+    /// The disk has the content of the previous start.
     GoesBack,
     /// The ring of the journal is not written.
     ForgetsAhead,
     /// A handler takes a refused claim for an accepted one.
     TakesAllClaims,
-    /// A motor is moved by nobody.
+    /// A motor moves without a command.
     Moves,
     /// A program of the configuration is missing.
     NoProgram,
 }
 
-/// What became of a seed.
+/// Result of a seed.
 #[derive(Debug)]
 pub(super) struct Outcome {
     pub broken: Vec<Broken>,
-    /// A number that depends on all that happened.
+    /// A number that depends on all events.
     pub sum: u32,
-    /// Programs that came to their end.
+    /// Number of completed programs.
     pub completed: u32,
 }
 
@@ -83,7 +84,7 @@ enum Fault {
     Cut(Option<&'static str>),
     BrokerDies(Duration),
     DiskRefuses(std::io::ErrorKind, Duration),
-    /// In the middle of what it writes.
+    /// During a write.
     Dies(u64),
     /// In a task or thread of the runtime.
     Panics(&'static str),
@@ -124,10 +125,10 @@ struct World {
     current: Current,
     day: SystemTime,
     begun: Instant,
-    /// What the next start must tell of the one that was killed.
+    /// Outputs that the next start must report of the killed one.
     at_kill: Option<AtKill>,
     ended_s: f64,
-    /// Since when the disk has refused, until it has taken all.
+    /// Time since which the disk has refused writes; `None` once it has accepted all.
     unkept_s: Option<f64>,
 }
 
@@ -187,7 +188,7 @@ impl History {
             delay_ms: *self.random.pick(&[1, 5, 30, 200]),
             duplicates: *self.random.pick(&[0, 5, 30]),
         };
-        // nobody writes it: whatever goes wrong at the first start, nothing was kept that could be lost
+        // never written: whatever fails at the first start, no stored value could be lost
         truth.lock().acknowledge(UNTOUCHED, "0");
         truth.lock().takes_all_claims = self.mutation == Some(Mutation::TakesAllClaims);
         let broker = Broker::start(self.random.fork(), network, trace.clone());
@@ -227,7 +228,7 @@ impl History {
         world
     }
 
-    /// Faults of a start, each with its time.
+    /// Returns the faults of a start, each with its time.
     fn faults(&mut self, length: Duration) -> Vec<(Duration, Fault)> {
         let mut faults = Vec::new();
         let count = self.random.below(5);
@@ -253,7 +254,7 @@ impl History {
         faults
     }
 
-    /// The clock of the day may have been set.
+    /// Sets the wall clock in some cases.
     fn set_day(&mut self, world: &mut World) {
         if self.random.percent(40) {
             let by = Duration::from_secs(self.random.below(200_000));
@@ -301,7 +302,7 @@ impl History {
     }
 
     fn damage(&mut self, world: &mut World) {
-        // two flips together may hide each other: the sum of a program, and the program
+        // two flips together may hide each other: in the checksum of a program and in the program
         if !self.random.percent(15) || world.truth.lock().may_lose {
             return;
         }
@@ -311,7 +312,7 @@ impl History {
         world.at_kill = None;
     }
 
-    /// Nothing goes wrong any more: the machine works.
+    /// Checks that the machine works without further faults.
     async fn end(&mut self, world: &mut World) {
         world.broker.calm();
         world.disk.lock().faults = Faults::default();
@@ -320,7 +321,7 @@ impl History {
         };
         world.settle(&process).await;
         world.current.set(None);
-        // handlers break off for 6 s yet, and their broker notices it within 8
+        // handlers may stay disconnected for 6 s, and their broker notices it within 8 s
         tokio::time::sleep(Duration::from_secs(15)).await;
         if self.mutation == Some(Mutation::Moves) {
             world.truth.lock().moved(1);
@@ -362,7 +363,7 @@ impl World {
         }
     }
 
-    /// What was kept is as it was acknowledged; then programs are stored that can be run.
+    /// Checks that the stored values are those acknowledged, then stores programs that can run.
     async fn settle(&mut self, process: &Process) {
         self.look(process).await;
         if Mount::is_dead() {
@@ -389,7 +390,7 @@ impl World {
         let names = self.truth.lock().names();
         for name in names {
             let value = read(&*process.witness, &name).await;
-            // variables are kept soon after they were written, all else before it is acknowledged
+            // variables are stored soon after they were written, all other values before they are acknowledged
             let sure_s = if name.starts_with('P') {
                 let unkept_s = self.unkept_s.unwrap_or(f64::INFINITY);
                 unkept_s.min(self.ended_s) - BEHIND_S
@@ -414,7 +415,7 @@ impl World {
         }
     }
 
-    /// Time passes, and what is to go wrong goes wrong. True: a fault demands that the machine ends in order.
+    /// Lets time pass and applies the faults. Returns true if a fault demands an orderly end of the machine.
     async fn run(&mut self, process: &Process, length: Duration, faults: Vec<(Duration, Fault)>) -> bool {
         let supervisor = process.witness.supervisor();
         let begun = Instant::now();
@@ -457,7 +458,7 @@ impl World {
         must_end()
     }
 
-    /// Waits until a client has just heard of an output, but not for ever.
+    /// Waits for a limited time until a client has just received an output.
     async fn until_heard(&mut self) {
         let before = self.truth.lock().heard;
         for _ in 0..4000 {
@@ -485,7 +486,7 @@ impl World {
         }
         if end == End::Kill {
             let boot = process.witness.boot_id().0;
-            // a disk that refuses takes no ring either
+            // a disk that refuses writes does not accept the ring either
             self.at_kill = (self.unkept_s.is_none()).then(|| self.truth.lock().at_kill(boot));
             self.disk.lock().kill();
         } else {
@@ -493,11 +494,11 @@ impl World {
         }
         self.current.set(None);
         drop(process);
-        // what it left behind runs to its end, on nothing
+        // remaining tasks run to their end without effect
         tokio::time::sleep(STEP).await;
     }
 
-    /// A program runs to its end.
+    /// Runs a program to its end.
     async fn works(&mut self, process: &Process) {
         let command = async |name: &str, command: Command| {
             let meta = CommandMeta {
@@ -516,7 +517,7 @@ impl World {
             self.trace.line(format_args!("at the end {name}: {answer:?}"));
         };
         command("reset", Command::Reset).await;
-        // of a position that was lost: the first motion is refused, and the reset after it homes the motor
+        // after a lost position, the first motion is refused, and the following reset homes the motor
         let lost = "G91 G01 X0 F1000".to_owned();
         let lost = Command::Mdi {
             text: lost,

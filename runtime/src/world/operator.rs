@@ -1,4 +1,4 @@
-//! Operators: they change what is kept, run programs, move by hand and stop, at any moment.
+//! Operators that change stored data, run programs, move axes manually and stop, at any moment.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use super::truth::{LOST, SharedTruth};
 use super::witness::Witness;
 use crate::disk::simulated::memory::Mount;
 
-/// The machine as it is reached now: the number of its start, and its port.
+/// Current access to the machine: the number of its start, and its port.
 #[derive(Clone, Default)]
 pub(super) struct Current(Arc<Mutex<(u32, Option<Arc<Witness>>)>>);
 
@@ -36,7 +36,7 @@ impl Current {
         Some((current.0, current.1.clone()?))
     }
 
-    /// Asks the machine; `None`: nobody knows what has become of the request.
+    /// Sends a request to the machine; returns `None` if its outcome is unknown.
     pub async fn ask(&self, request: Request) -> Option<Result<Answer, Refusal>> {
         let (start, witness) = self.get()?;
         let origin = Origin {
@@ -59,7 +59,7 @@ pub(super) struct Operator {
     pub random: Random,
     pub trace: Trace,
     pub count: u64,
-    /// Slower than this it never is, ms.
+    /// Maximum pause between two actions, ms.
     pub pace_ms: u64,
 }
 
@@ -92,7 +92,7 @@ impl Operator {
         }
     }
 
-    /// Changes something that is kept.
+    /// Changes stored data.
     async fn change(&mut self) {
         let (name, value, request) = match self.random.below(4) {
             0 => {
@@ -123,7 +123,7 @@ impl Operator {
         change(&self.current, &self.truth, &self.trace, (name, value, request)).await;
     }
 
-    /// As one does who means it.
+    /// Runs a program as an operator would.
     async fn run_a_program(&mut self) {
         let program = self.random.pick(&PROGRAMS).0;
         for command in [Command::Reset, Command::Load { program }, Command::Start] {
@@ -132,7 +132,7 @@ impl Operator {
         }
     }
 
-    /// Lets work be done again whose handler was lost.
+    /// Repeats work whose handler was lost.
     async fn decide(&mut self) {
         let Some((_, witness)) = self.current.get() else {
             return;
@@ -251,7 +251,7 @@ pub(super) async fn change(
     trace.line(format_args!("operator: {name} = {value:.30?}: {answer:?}"));
     match answer {
         Some(Ok(_)) => truth.lock().acknowledge(&name, &value),
-        // the disk may have taken it or not
+        // the disk may or may not have stored it
         Some(Err(refusal)) if refusal.code == RefusalCode::Unavailable => {}
         Some(Err(refusal)) if refusal.code == RefusalCode::NotFound && value == "none" => {
             truth.lock().refused(&name, &value);
@@ -261,7 +261,7 @@ pub(super) async fn change(
     }
 }
 
-/// A value as the machine has it now.
+/// Returns the current value on the machine.
 pub(super) async fn read(port: &dyn Port, name: &str) -> String {
     let (kind, number) = name.split_at(1);
     let number: u16 = number.parse().unwrap();
@@ -291,7 +291,7 @@ pub(super) async fn read(port: &dyn Port, name: &str) -> String {
         }
         Ok(Answer::WorkOffsets(table)) => {
             let axes = table.work_offsets.get(name);
-            // one that is lost is not in the table
+            // a lost axis is missing from the table
             axes.and_then(|axes| axes.get("X"))
                 .map_or(LOST.to_owned(), |x| shown(*x))
         }

@@ -1,4 +1,5 @@
-//! What was asked of a machine, what it answered, and what must therefore hold. Nothing here looks into the machine.
+//! Oracle of the simulated world: records requests and answers of a machine, and derives the conditions that must hold.
+//! It never looks into the machine.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -25,27 +26,27 @@ pub(super) struct Broken {
 pub(super) enum Rule {
     /// Each output is answered once.
     Once,
-    /// By its owner.
+    /// Only its owner answers an output.
     Owner,
-    /// What was acknowledged is kept.
+    /// Acknowledged data are kept.
     Kept,
-    /// What is damaged is not believed.
+    /// Damaged data are rejected.
     Believed,
     /// Nothing moves without a command.
     Motion,
-    /// What was open at a kill is told, and nothing else.
+    /// Outputs pending at a kill are reported, and no others.
     Told,
-    /// No question about stored files is asked where no file was exchanged.
+    /// The machine asks about stored files only if a file was exchanged.
     Asks,
     /// The machine starts.
     Starts,
-    /// In the end it works.
+    /// In the end, the machine works.
     Works,
-    /// No part of it has failed.
+    /// No part of the machine has failed.
     Whole,
 }
 
-/// An output of a boot.
+/// Identifies an output of a boot.
 type OutputKey = (String, CoordinateSystemNumber, u64);
 
 #[derive(Debug, Default)]
@@ -54,10 +55,10 @@ struct Output {
     /// Accepted claims, each with its time.
     claims: Vec<(f64, String)>,
     resets: u32,
-    /// When it was said first, and when it was answered or cancelled.
+    /// Times of the first publication and of the answer or cancellation.
     said_s: Option<f64>,
     closed_s: Option<f64>,
-    /// A client has heard of it.
+    /// A client has received it.
     is_heard: bool,
 }
 
@@ -65,27 +66,27 @@ struct Output {
 #[derive(Debug)]
 pub(super) struct AtKill {
     boot: String,
-    /// Open, and heard of.
+    /// Pending outputs that a client has received.
     open: BTreeSet<(CoordinateSystemNumber, u64)>,
-    /// Answered before one that is open was said.
+    /// Outputs answered before a pending one was first published.
     answered: BTreeSet<(CoordinateSystemNumber, u64)>,
 }
 
 #[derive(Debug, Default)]
 struct Channel {
-    /// A command that may move something was made in this boot.
+    /// A command that may cause motion was sent in this boot.
     is_commanded: bool,
-    /// When the last one was made, and when the run was seen to have ended after that.
+    /// Time of the last such command, and the time at which the run was then seen to have ended.
     commanded_s: f64,
     ended_s: Option<f64>,
 }
 
-/// What a client has been told is kept, or was about to be.
+/// A stored value: acknowledged or attempted values.
 #[derive(Debug, Clone, Default)]
 struct Value {
-    /// Acknowledged, and when; the newest last.
+    /// Acknowledged values with their times, the newest last.
     acknowledged: Vec<(f64, String)>,
-    /// Asked for and not answered.
+    /// Requested values without an answer.
     attempted: Vec<String>,
 }
 
@@ -98,21 +99,21 @@ pub(super) struct Truth {
     gone: BTreeMap<String, f64>,
     channels: BTreeMap<CoordinateSystemNumber, Channel>,
     values: BTreeMap<String, Value>,
-    /// The disk was damaged since the last look, so that values may be lost, but not wrong.
+    /// The disk was damaged since the last check, so that values may be lost, but must not be wrong.
     pub may_lose: bool,
-    /// The disk was damaged once.
+    /// The disk was damaged at least once.
     was_damaged: bool,
-    /// Programs that came to their end.
+    /// Number of completed programs.
     pub completed: u32,
-    /// How often a client has heard of an output.
+    /// Number of outputs that a client has received.
     pub heard: u64,
-    /// For a proof that it is found: whoever is told that a claim is not its own takes it for accepted.
+    /// Mutation that the rules must detect: a client treats a claim refused as not its own as accepted.
     pub takes_all_claims: bool,
 }
 
 pub(super) type SharedTruth = Arc<Mutex<Truth>>;
 
-/// A value that a machine says is lost.
+/// Value of a variable that the machine reports as lost.
 pub(super) const LOST: &str = "lost";
 
 impl Truth {
@@ -142,7 +143,7 @@ impl Truth {
         self.boot.clone_from(&boot.0);
         self.channels.clear();
         self.gone.clear();
-        // nobody hears of older ones any more
+        // clients receive no outputs of earlier boots
         self.outputs.clear();
     }
 
@@ -200,7 +201,7 @@ impl Truth {
         self.gone.insert(handler.to_owned(), self.trace.now_s());
     }
 
-    /// A client hears of an output.
+    /// Records that a client has received an output.
     pub fn heard(&mut self, boot: &str, cs: CoordinateSystemNumber, seq: u64) {
         let key = (boot.to_owned(), cs, seq);
         if let Some(output) = self.outputs.get_mut(&key) {
@@ -209,7 +210,7 @@ impl Truth {
         }
     }
 
-    /// What the machine says.
+    /// Checks a message of the machine.
     pub fn said(&mut self, message: &Message) {
         match (&message.topic, &message.payload) {
             (Topic::CoordinateSystem(cs, CsTopic::Output(_)), Payload::Output(notice)) => {
@@ -278,9 +279,9 @@ impl Truth {
         }
     }
 
-    // what is kept
+    // stored values
 
-    /// A bit on the disk has flipped.
+    /// Records that a bit on the disk has flipped.
     pub fn damaged(&mut self) {
         self.may_lose = true;
         self.was_damaged = true;
@@ -298,7 +299,7 @@ impl Truth {
         kept.acknowledged.push((now_s, value.to_owned()));
     }
 
-    /// The machine has refused for certain.
+    /// Records a definite refusal by the machine.
     pub fn refused(&mut self, name: &str, value: &str) {
         let kept = self.values.entry(name.to_owned()).or_default();
         kept.attempted.retain(|attempted| attempted != value);
@@ -308,7 +309,7 @@ impl Truth {
         self.values.keys().cloned().collect()
     }
 
-    /// A value is read after a start. `since_s`: what was acknowledged after this moment may be missing.
+    /// Checks a value read after a start. `since_s`: values acknowledged after this time may be missing.
     pub fn read(&mut self, name: &str, value: &str, since_s: f64) {
         let may_lose = self.may_lose;
         let Some(kept) = self.values.get_mut(name) else {
@@ -323,9 +324,9 @@ impl Truth {
                 .map(|(_, value)| value.as_str()),
         );
         let is_unset = sure.is_none() && (value == "0" || value == "none");
-        // a tool that is lost is not in the table
+        // a lost tool is missing from the table
         let is_lost = value == LOST || (name.starts_with('T') && value == "none");
-        // a variable that nobody asked for when its page was lost is lost until somebody writes it
+        // a variable never requested before its page was lost stays lost until it is written
         let was_lost = self.was_damaged && kept.acknowledged.is_empty();
         let is_right = right.contains(value) || is_unset || ((may_lose || was_lost) && is_lost);
         if !is_right {
@@ -338,7 +339,7 @@ impl Truth {
         kept.acknowledged = vec![(self.trace.now_s(), value.to_owned())];
     }
 
-    /// What a machine that is killed now must tell of its outputs.
+    /// Returns the outputs that a machine killed now must report after its next start.
     pub fn at_kill(&self, boot: String) -> AtKill {
         let mut at_kill = AtKill {
             boot,
@@ -364,7 +365,7 @@ impl Truth {
         at_kill
     }
 
-    /// After a start: what a machine says of the run that was cut short.
+    /// Checks the machine's report after a start about the run that was cut short.
     pub fn told(&mut self, at_kill: &AtKill, cs: CoordinateSystemNumber, last_run: Option<&LastRun>) {
         let told: BTreeSet<u64> = last_run
             .filter(|last_run| last_run.boot_id.0 == at_kill.boot)

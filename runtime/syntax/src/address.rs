@@ -99,19 +99,19 @@ impl AddressSet {
         self.0 == 0
     }
 
-    /// What is in either set.
+    /// Returns the addresses of either set.
     #[must_use]
     pub const fn union(self, other: AddressSet) -> AddressSet {
         AddressSet(self.0 | other.0)
     }
 
-    /// What is in both sets.
+    /// Returns the addresses that are in both sets.
     #[must_use]
     pub const fn intersection(self, other: AddressSet) -> AddressSet {
         AddressSet(self.0 & other.0)
     }
 
-    /// What is in this set and not in the other.
+    /// Returns the addresses of this set that are not in the other.
     #[must_use]
     pub const fn without(self, other: AddressSet) -> AddressSet {
         AddressSet(self.0 & !other.0)

@@ -94,7 +94,7 @@ impl<'a> Cursor<'a> {
         self.at += bytes;
     }
 
-    /// Passes a byte if it is there.
+    /// Skips a byte if it is the next one.
     pub(crate) fn take(&mut self, byte: u8) -> bool {
         let found = self.peek() == Some(byte);
         if found {
@@ -111,7 +111,7 @@ impl<'a> Cursor<'a> {
         Some(character)
     }
 
-    /// Goes to the end of the text.
+    /// Moves to the end of the text.
     pub(crate) fn finish(&mut self) {
         let start = self.at;
         self.at = self.bytes.len();
@@ -182,8 +182,8 @@ impl<'a> Cursor<'a> {
         self.bytes[self.at..].starts_with(text.as_bytes())
     }
 
-    /// Passes the comment that begins here. Answers its start where it is not closed, and the text or the line ends with
-    /// it, and where it holds other comments and goes on behind them: it is passed as a whole, up to its own end.
+    /// Skips the comment that begins here, up to its own end. Returns its start as an error in two cases: it is not
+    /// closed, so the text or the line ends with it, or it contains other comments and continues after them.
     pub(crate) fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
         let start = self.at;
         if grammar.line_comment.is_some_and(|begin| self.begins_with(begin)) {
@@ -266,7 +266,7 @@ impl<'a> Cursor<'a> {
             });
         }
         let value = if digits <= 19 && mantissa <= MANTISSA_EXACT_MAX {
-            // both operands are exact, so the quotient is the nearest number to what is written
+            // both operands are exact, so the quotient is the double nearest to the written number
             let value = mantissa as f64 / POWERS_OF_TEN[decimals];
             if negative { -value } else { value }
         } else {
@@ -280,7 +280,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Appends the digits from a place on to a number: where they end, and the number modulo 2^64.
+/// Appends the digits from a place on to a number. Returns where they end, and the number modulo 2^64.
 #[inline]
 fn digits(bytes: &[u8], mut at: usize, mut number: u64) -> (usize, u64) {
     let digit = |byte: &u8| Some(byte.wrapping_sub(b'0')).filter(|digit| *digit <= 9);
@@ -291,7 +291,7 @@ fn digits(bytes: &[u8], mut at: usize, mut number: u64) -> (usize, u64) {
     (at, number)
 }
 
-/// The bytes of a comment's text that holds other comments, with its own end; `None` where it has none.
+/// Returns the length of a comment that contains other comments, in bytes, with its own end; `None` if it has none.
 fn end_of_nested(text: &str, open: &str, close: &str) -> Option<usize> {
     let (mut depth, mut at) = (1, 0);
     while (1..=COMMENT_DEPTH_MAX).contains(&depth) {

@@ -7,7 +7,7 @@ use tandem_model::{Diagnostic, Severity, Span};
 pub struct DiagnosticEntry {
     /// `E0123` for errors, `W0123` for warnings.
     pub code: &'static str,
-    /// What it is called.
+    /// Its name.
     pub title: &'static str,
     /// Why it is wrong, and by which rule.
     pub explanation: &'static str,
@@ -25,7 +25,7 @@ impl DiagnosticEntry {
         }
     }
 
-    /// A finding of this entry: what is wrong at `span`, and what to write instead.
+    /// Creates a finding of this entry: the error at `span`, and how to correct it.
     pub fn at(&'static self, span: Span, message: impl Into<String>, help: impl Into<String>) -> Diagnostic {
         Diagnostic {
             code: self.code,

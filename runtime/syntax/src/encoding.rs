@@ -10,7 +10,7 @@ pub fn is_wide(text: &str) -> bool {
     3 * zeros >= head().count() && zeros > 0
 }
 
-/// What is told of it, and what to do.
+/// The message on it, and the help.
 pub(crate) const WIDE: (&str, &str) = (
     "the text is in UTF-16, and a program is read as UTF-8",
     "Save it as UTF-8, or as ASCII, in the editor or the program that has written it.",

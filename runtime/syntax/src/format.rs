@@ -1,5 +1,5 @@
-//! The layout of a program: blanks and case, and nothing else. Lines stay where they are, so that the intermediate
-//! code, whose block numbers are those of the lines, stays the same.
+//! Formats a program (spacing and letter case only). Lines keep their numbers, so that the intermediate code, whose
+//! block numbers are those of the lines, stays the same.
 
 mod nesting;
 
@@ -14,16 +14,16 @@ use crate::tokens::{Token, TokenKind, tokens};
 /// Blanks for each level of commands within commands.
 const INDENT: usize = 4;
 
-/// Blanks from which on a comment behind words stands apart, and keeps its column.
+/// Number of blanks from which on a comment after words is separate, and keeps its column.
 const APART: usize = 2;
 
-/// A program in its layout: one blank between words and around operators, none within words; addresses and variables
-/// in capitals, keywords and functions in small letters, as the manual writes them; the commands of branches, loops and
-/// cases indented. Comments keep their text; one that stands two blanks or more behind the words keeps its column. Line
-/// ends are those of the first line. What has this layout is not changed.
+/// Formats a program: one blank between words and around operators, none within words; addresses and variables in
+/// capitals, keywords and functions in small letters, as the manual writes them; the commands of branches, loops and
+/// cases indented. Comments keep their text; one that is two blanks or more after the words keeps its column. Line ends
+/// are those of the first line. A formatted program does not change.
 ///
 /// # Errors
-/// What is wrong with a program that cannot be parsed; only one without errors is laid out.
+/// Returns the errors of a program that cannot be parsed; only a program without errors is formatted.
 pub fn format(source: &str, grammar: &Grammar) -> Result<String, Vec<Diagnostic>> {
     let (_, diagnostics) = parse(source, grammar);
     if diagnostics.iter().any(Diagnostic::is_error) {
@@ -111,7 +111,7 @@ impl<'a> Writer<'a> {
         self.text.push_str(text.trim_end_matches(['\r', ' ', '\t']));
     }
 
-    /// Blanks before the last token of a line: as many as keep its column, where it stands apart.
+    /// Returns the number of blanks before the last token of a line: those that keep its column, if it is separate.
     fn blanks_before_comment(&self, comment: &Token) -> usize {
         let before = self.source.get(..comment.span.start as usize).unwrap_or_default();
         let blanks = before.len() - before.trim_end_matches([' ', '\t']).len();
@@ -146,7 +146,7 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// True where a blank stands between two tokens.
+/// True if a blank is needed between two tokens.
 fn is_apart(before: TokenKind, token: TokenKind) -> bool {
     use TokenKind::{Address, Comment, Function, Number, Punctuation, Sign, Variable};
     if before == Comment || token == Comment {

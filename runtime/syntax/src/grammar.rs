@@ -1,4 +1,4 @@
-//! What the text of a dialect looks like, as data.
+//! Text form of a dialect, as data.
 
 use crate::address::AddressSet;
 
@@ -19,18 +19,18 @@ pub struct Grammar {
     pub block_skip_max: u8,
     /// True when assignments, branches and repetitions are part of the language.
     pub program_codes: bool,
-    /// What is around the blocks of a program.
+    /// Text before and after the blocks of a program.
     pub program_form: ProgramForm,
     /// Sections of the dialect's manual that diagnostics name: code and section; empty: they name none.
     pub sections: &'static [(&'static str, &'static str)],
-    /// What programs for other controls write, and what to write here; `{}` is the value behind it.
+    /// Text from programs for other controls, with its replacement; `{}` is the value after it.
     pub foreign: &'static [(&'static str, &'static str)],
 }
 
-/// What is around the blocks of a program.
+/// Text before and after the blocks of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProgramForm {
-    /// Alone on the line before the program, and on one after it; what follows the second one is not read.
+    /// Alone on the line before the program, and on one after it; text after the second one is not read.
     pub mark: Option<u8>,
     /// The letter of the program number, which is alone on its line.
     pub number_letter: Option<u8>,
@@ -39,15 +39,15 @@ pub struct ProgramForm {
 }
 
 impl Grammar {
-    /// What to write here for a word, a code without leading zeros, or a character of another control, with the value
-    /// behind it.
+    /// Returns the replacement for a word, a code without leading zeros, or a character of another control, with the
+    /// value after it.
     pub fn foreign(&self, name: &str, value: &str) -> Option<String> {
         let mut all = self.foreign.iter();
         let (_, help) = all.find(|(known, _)| known.eq_ignore_ascii_case(name))?;
         Some(help.replace("{}", if value.is_empty() { "_" } else { value }))
     }
 
-    /// What to write for a variable `#` with these digits.
+    /// Returns the replacement for a variable `#` with these digits.
     pub fn foreign_variable(&self, digits: &str) -> Option<String> {
         self.foreign("#", "")
             .or_else(|| self.program_codes.then(|| shared_variable(digits)))
@@ -65,7 +65,7 @@ impl Grammar {
     }
 }
 
-/// What to write for a variable `#n`: those of a call, and those that programs share.
+/// Returns the replacement for a variable `#n`: those of a call, and those that programs share.
 pub(crate) fn shared_variable(digits: &str) -> String {
     match digits.parse::<u32>() {
         Ok(1..=33) => format!("Write L{digits} for #{digits}, [L{digits}] as the value of a word."),

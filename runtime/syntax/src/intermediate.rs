@@ -11,7 +11,7 @@ use crate::program_code::{Expression, ExpressionId, Operator, ProgramCode, State
 use crate::tree::{Block, NcProgram, Value, Word};
 use crate::variable::Variable;
 
-/// What the code begins with.
+/// First element of the code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Header {
     /// A main program of this number.
@@ -20,7 +20,7 @@ pub enum Header {
     Subprogram(u16),
 }
 
-/// What a G or M code is for the intermediate code.
+/// Role of a G or M code in the intermediate code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CodeRole {
     /// It begins a fixed cycle.
@@ -33,9 +33,9 @@ pub enum CodeRole {
     Other,
 }
 
-/// What a dialect says of its codes.
+/// A dialect's description of its codes.
 pub trait Codes {
-    /// What the code of this letter, G or M, and number is.
+    /// Returns the role of the code with this letter, G or M, and number.
     fn role(&self, letter: Address, number: f64) -> CodeRole;
 
     /// The word before the code that begins a fixed cycle (D43).
@@ -69,7 +69,8 @@ pub fn compile(program: &NcProgram, header: Header, codes: &dyn Codes) -> String
     writer.text
 }
 
-/// Bytes of a block's line in the intermediate code, which repeats the code of the fixed cycle in force (D03).
+/// Returns the bytes of a block's line in the intermediate code, which repeats the code of the active fixed cycle
+/// (D03).
 pub fn block_bytes(program: &NcProgram, block: &Block, cycle: Option<&str>, codes: &dyn Codes) -> usize {
     let mut writer = Writer {
         program,
@@ -86,7 +87,7 @@ struct Writer<'a> {
     program: &'a NcProgram,
     codes: &'a dyn Codes,
     text: String,
-    /// The code of the fixed cycle in force, as the source writes it.
+    /// The code of the active fixed cycle, as the source writes it.
     cycle: Option<String>,
     /// The last line ends a subprogram.
     returned: bool,

@@ -1,7 +1,7 @@
 //! NC text to a program tree, with diagnostics that never stop at the first error.
 //!
-//! [`parse`] takes any text and gives a [`NcProgram`] and all that is wrong with it. What a dialect's text looks like
-//! is data ([`Grammar`]); what its codes mean is not known here but in `tandem-interp`.
+//! [`parse`] accepts any text and returns a [`NcProgram`] and all its errors. The form of a dialect's text is data
+//! ([`Grammar`]); the meaning of its codes is defined in `tandem-interp`.
 //!
 //! Decisions where the manual is silent: blanks may stand between an address and its value (`X 10`); a comment
 //! `/* */` is a blank, so that a block continues after one that holds line feeds; a lone carriage return is a blank.

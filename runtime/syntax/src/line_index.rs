@@ -8,7 +8,7 @@ pub struct LineIndex<'a> {
 }
 
 impl<'a> LineIndex<'a> {
-    /// Reads the line starts of a text. A byte order mark at its head is no character of the first line.
+    /// Reads the line starts of a text. A byte order mark at its beginning is no character of the first line.
     pub fn new(source: &'a str) -> Self {
         let first = if source.starts_with('\u{feff}') { 3 } else { 0 };
         let mut starts = vec![first];
@@ -21,7 +21,7 @@ impl<'a> LineIndex<'a> {
         Self { source, starts }
     }
 
-    /// Line and column of a byte; a place past the end counts as the end, one inside a character as its first byte.
+    /// Returns line and column of a byte. A place past the end gives the end, one inside a character its first byte.
     pub fn locate(&self, offset: u32) -> (u32, u32) {
         let line = self.starts.partition_point(|start| *start <= offset).max(1);
         let start = self.starts[line - 1] as usize;

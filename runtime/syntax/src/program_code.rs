@@ -4,11 +4,11 @@ use tandem_model::Span;
 
 use crate::variable::Variable;
 
-/// A statement of manual chapter 4, or a part of one. Branches and loops are flattened: each part is a block of its own
-/// that says where the program continues, as an index of [`crate::NcProgram::blocks`].
+/// A statement of manual chapter 4, or a part of one. Branches and loops are flattened: each part is a separate block
+/// that defines where the program continues, as an index of [`crate::NcProgram::blocks`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgramCode {
-    /// What it does.
+    /// Its effect.
     pub statement: Statement,
     /// The value that it assigns or switches on, or its condition.
     pub expression: Option<ExpressionId>,
@@ -18,7 +18,7 @@ pub struct ProgramCode {
     pub span: Span,
 }
 
-/// What a program code does. Parts that no variant says more about do nothing by themselves.
+/// Effect of a program code. Parts without a description at their variant have no effect of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Statement {
     /// `L12 = P3 + 1`: assigns to the variable.
@@ -82,7 +82,7 @@ pub enum Expression {
     Not(ExpressionId),
     /// Two operands.
     Binary {
-        /// What is done.
+        /// The operation.
         operator: Operator,
         /// Left operand.
         left: ExpressionId,
@@ -126,7 +126,7 @@ spelled! {
 }
 
 impl Keyword {
-    /// How it is written with what belongs to it, and what it does (manual 4-2).
+    /// Returns its syntax with all its parts, and its effect (manual 4-2).
     pub const fn meaning(self) -> (&'static str, &'static str) {
         match self {
             Keyword::If => (
@@ -240,7 +240,7 @@ macro_rules! functions {
                 match self { $(Function::$name => $arguments,)* }
             }
 
-            /// What it gives.
+            /// Returns its meaning.
             pub const fn meaning(self) -> &'static str {
                 match self { $(Function::$name => $meaning,)* }
             }

@@ -1,5 +1,5 @@
-//! The parts of a text one by one, for what shows or rewrites it. The parser decides what is valid; here every text has
-//! tokens, and what cannot be read is [`TokenKind::Unknown`].
+//! Splits a text into tokens, for display or rewriting. The parser decides whether it is valid; here every text has
+//! tokens, and unreadable parts are [`TokenKind::Unknown`].
 
 use tandem_model::Span;
 
@@ -9,7 +9,7 @@ use crate::grammar::Grammar;
 use crate::program_code::{Function, Keyword, Operator};
 use crate::variable::VariableKind;
 
-/// What a token is.
+/// Kind of a token.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TokenKind {
     /// A comment with its delimiters.
@@ -47,9 +47,9 @@ pub enum TokenKind {
 /// A token and its range of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Token {
-    /// What it is.
+    /// Its kind.
     pub kind: TokenKind,
-    /// Where it is.
+    /// Its place in the text.
     pub span: Span,
 }
 
@@ -74,7 +74,7 @@ struct Lexer<'a> {
     line: Line,
 }
 
-/// What has been read of a line.
+/// The part of a line that has been read.
 #[derive(Default)]
 struct Line {
     /// Something other than comments and block skips.
@@ -139,7 +139,7 @@ impl Lexer<'_> {
         if byte == b'/' && !self.in_expression() && self.grammar.block_skip_max > 0 {
             self.cursor.advance(1);
             self.cursor.advance(self.cursor.digits().len());
-            // several may stand there
+            // several are possible
             self.line.begun = !first_of_line;
             return TokenKind::Skip;
         }
@@ -171,7 +171,7 @@ impl Lexer<'_> {
         TokenKind::Number
     }
 
-    /// What begins with a letter: a word, a variable, a keyword or a function.
+    /// Reads a token that begins with a letter: a word, a variable, a keyword or a function.
     fn name(&mut self) -> TokenKind {
         if self.line.operand && self.line.assigns && self.line.parentheses == 0 {
             // an operand follows an operand: this is the next assignment

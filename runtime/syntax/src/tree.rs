@@ -9,7 +9,7 @@ use crate::address::Address;
 use crate::program_code::{CaseLabel, Expression, ExpressionId, ProgramCode};
 use crate::variable::{Variable, VariableKind};
 
-/// A parsed NC program. It exists for every text; whether it may run is for the diagnostics to say.
+/// A parsed NC program. It exists for every text; the diagnostics determine whether it may run.
 #[derive(Debug, Clone, Default)]
 pub struct NcProgram {
     pub(crate) source: Arc<str>,
@@ -102,7 +102,7 @@ impl NcProgram {
         cases.get(at).map(|case| case.block)
     }
 
-    /// The numbers in expressions and the labels of cases: what values are compared with.
+    /// Returns the numbers in expressions and the labels of cases, with which values are compared.
     pub fn compared_with(&self) -> impl Iterator<Item = f64> {
         let numbers = self.expressions.iter().filter_map(|expression| match expression {
             Expression::Number(number) => Some(*number),
@@ -147,7 +147,8 @@ impl NcProgram {
         self.origin_within(block, block.start, program)
     }
 
-    /// The place of the first word with one of these letters in the block at this place; `None`: there is none.
+    /// Returns the place of the first word with one of these letters in the block at this place, or `None` if there is
+    /// none.
     pub fn origin_of_word(&self, at: Origin, letters: &str) -> Option<Origin> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.find(|block| self.origin(block, at.program) == at)?;
@@ -155,8 +156,8 @@ impl NcProgram {
         Some(self.origin_within(block, word.span().start, at.program))
     }
 
-    /// The range of bytes of the first word with one of these letters in the block that holds this place, otherwise of the
-    /// block; `None`: there is no block.
+    /// Returns the range of bytes of the first word with one of these letters in the block that holds this place,
+    /// otherwise of the block. Returns `None` if there is no block.
     pub fn span_at(&self, at: Origin, letters: &str) -> Option<Span> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.rfind(|block| self.origin(block, at.program).column <= at.column)?;
@@ -171,7 +172,7 @@ impl NcProgram {
         })
     }
 
-    /// As [`NcProgram::origin`], of a place in the block: a byte of its line.
+    /// Like [`NcProgram::origin`], for a place in the block: a byte of its line.
     pub fn origin_within(&self, block: &Block, start: u32, program: u16) -> Origin {
         let before = self
             .source
@@ -199,7 +200,7 @@ pub struct Block {
     /// Line of the first byte, from 1.
     pub line: u32,
     pub(crate) flags: u32,
-    /// What it holds.
+    /// Its content.
     pub content: Content,
 }
 
@@ -218,7 +219,7 @@ impl Block {
     }
 }
 
-/// What a block holds.
+/// Content of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// A range of words.

@@ -46,7 +46,7 @@ impl VariableKind {
         }
     }
 
-    /// What they hold, how long, and who reads and writes them.
+    /// Returns their content, their lifetime, and their readers and writers.
     pub const fn meaning(self) -> &'static str {
         match self {
             VariableKind::Local => {

@@ -1,4 +1,4 @@
-//! What texts parse to: one test a rule, by a table of text and finding.
+//! Parsing: one test for each rule, by a table of text and finding.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 

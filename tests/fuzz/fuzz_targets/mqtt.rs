@@ -1,4 +1,4 @@
-//! Reader of what comes in over MQTT: see the property.
+//! Reader of MQTT input: see the property.
 #![no_main]
 
 #[path = "../../../plc-api/tests/readers/mod.rs"]

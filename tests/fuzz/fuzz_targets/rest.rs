@@ -1,4 +1,4 @@
-//! Reader of what comes in over REST: see the property.
+//! Reader of REST input: see the property.
 #![no_main]
 
 #[path = "../../../plc-api/tests/readers/mod.rs"]

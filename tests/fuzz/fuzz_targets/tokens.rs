@@ -1,4 +1,4 @@
-//! A token file: it is read, or refused with a reason that tells nothing of what stands in it but names.
+//! A token file: it is read, or refused with a reason that reveals only names.
 #![no_main]
 
 use tandem_gateway::Tokens;

@@ -1,4 +1,4 @@
-//! Reader of what comes in over a WebSocket: see the property.
+//! Reader of WebSocket input: see the property.
 #![no_main]
 
 #[path = "../../../plc-api/tests/readers/mod.rs"]

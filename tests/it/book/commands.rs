@@ -1,12 +1,12 @@
-//! The commands of README and book, run as they stand on their page, in its order.
+//! Runs the commands of README and book unchanged, in the order of their page.
 //!
-//! A word behind a block's language says what is done with it:
-//! - `sh`: run, and must succeed; `sh,background`: goes on while the rest of the page is read; `sh,ignore`: not run;
-//! - `text,output`: lines that the commands before it print; `text,background`: lines of what goes on, waited for;
+//! The word after a block's language selects the treatment:
+//! - `sh`: run, and must succeed; `sh,background`: runs during the rest of the page; `sh,ignore`: not run;
+//! - `text,output`: lines that the preceding commands print; `text,background`: awaited lines of background commands;
 //!   `...` stands for anything;
-//! - `file=PATH`: what the reader writes to a file.
+//! - `file=PATH`: content that the reader writes to a file.
 //!
-//! A page without a `tandem serve` of its own speaks of the demo machine, which is served for it. Every machine has free
+//! A page without its own `tandem serve` uses the demo machine, which the test serves. Every machine has free
 //! ports here, which are written where a page says 8080 and 1883.
 
 use std::fmt::Write;
@@ -28,10 +28,10 @@ const MQTT: &str = "127.0.0.1:1883";
 /// Pages that are followed at a time: they wait more than they compute.
 const READERS: usize = 3;
 
-/// A cold build of a reader's project is the longest of what is waited for.
-const PATIENCE: Duration = Duration::from_mins(2);
+/// The longest wait is the cold build of a reader's project.
+const PATIENCE: Duration = Duration::from_mins(5);
 
-/// What a test does not run: it changes the computer, needs another one, takes all tests, or is a pattern.
+/// Commands that are not run: they change the computer, need another one, take all tests, or are a pattern.
 const NOT_RUN: [&str; 26] = [
     "git clone",
     "RUSTFLAGS=",
@@ -65,7 +65,7 @@ const NOT_RUN: [&str; 26] = [
     "curl -X POST https://mill:8080/api/v1/login",
 ];
 
-/// A command that goes on.
+/// A command in the background.
 struct Background {
     child: Child,
     log: PathBuf,
@@ -108,13 +108,13 @@ impl Background {
 
 impl Drop for Background {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// One who reads a page and types what it says.
+/// A reader of a page who types its commands.
 struct Reader {
     home: tempfile::TempDir,
     folder: PathBuf,
@@ -202,7 +202,7 @@ impl Reader {
         self.folder = PathBuf::from(std::fs::read_to_string(place).unwrap().trim_end());
     }
 
-    /// Starts a command that goes on.
+    /// Starts a command in the background.
     fn start(&mut self, script: &str) {
         let lines: Vec<&str> = script.lines().collect();
         let [line] = lines[..] else {
@@ -221,7 +221,7 @@ impl Reader {
         self.going_on.push(Background::start(command, log));
     }
 
-    /// Serves a machine on free ports: that of a configuration, or the demo with its handlers beside it.
+    /// Serves a machine on free ports: that of a configuration, or the demo with its handlers.
     fn serve(&mut self, line: &str) {
         let config = line
             .split_once("--config ")
@@ -389,7 +389,7 @@ async fn every_command_of_readme_and_book_does_what_its_page_says() {
             scope.spawn(|| {
                 let _entered = of_test.enter();
                 while let Some(page) = next(&pages) {
-                    // what is wrong with one page does not hide what is wrong with another
+                    // a mistake in one page does not hide those of another
                     match std::panic::catch_unwind(|| follow(&page)) {
                         Ok(blocks) => _ = followed.fetch_add(blocks, Ordering::Relaxed),
                         Err(_) => wrong.lock().unwrap().push(page),

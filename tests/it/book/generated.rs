@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::support::binary::{root, tandem};
 
-/// Compares a page with what it must be, or writes it anew.
+/// Compares a page with its expected text, or writes it again.
 pub fn check(path: &str, text: &str) {
     let file = root().join(path);
     if std::env::var_os("TANDEM_UPDATE").is_some() {

@@ -6,13 +6,13 @@ use std::path::{Component, Path, PathBuf};
 use super::page::{pages, read};
 use crate::support::binary::root;
 
-/// Where files of the checkout are found by those who read a page elsewhere.
+/// Addresses of the repository's files for readers outside of the checkout.
 const REPOSITORY: [&str; 2] = [
     "https://github.com/tandem-nc/tandem/blob/main/",
     "https://github.com/tandem-nc/tandem/tree/main/",
 ];
 
-/// Pages beside those of the book.
+/// Pages outside of the book.
 const OTHERS: [&str; 6] = [
     "README.md",
     "CHANGELOG.md",
@@ -22,7 +22,7 @@ const OTHERS: [&str; 6] = [
     "runtime/ARCHITECTURE.md",
 ];
 
-/// The lines outside of fenced blocks, with their numbers; what stands in backticks is left out.
+/// Returns the lines outside of fenced blocks, with their numbers, without text in backticks.
 fn prose(page: &str) -> Vec<(usize, String)> {
     let mut is_code = false;
     let mut lines = Vec::new();
@@ -51,7 +51,7 @@ pub fn targets(page: &str) -> Vec<(usize, String)> {
     found
 }
 
-/// What a heading is named in a link: the slug of mdBook and of the hosting sites.
+/// Returns the anchor of a heading: the slug of mdBook and of the hosting sites.
 fn slug(heading: &str) -> String {
     heading
         .trim()
@@ -65,7 +65,7 @@ fn slug(heading: &str) -> String {
         .collect()
 }
 
-/// The names of all headings of a page; one that stands there again has a number.
+/// Returns the anchors of all headings of a page; a repeated heading has a number.
 fn anchors(page: &str) -> Vec<String> {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     let mut is_code = false;
@@ -101,7 +101,7 @@ fn normal(path: &Path) -> PathBuf {
     normal
 }
 
-/// What is wrong with a link of a page, if anything.
+/// Returns the mistake of a link of a page, if any.
 fn wrong(page: &str, text: &str, target: &str) -> Option<String> {
     let (target, anchor) = target.split_once('#').unwrap_or((target, ""));
     let ours = REPOSITORY.iter().find_map(|prefix| target.strip_prefix(prefix));

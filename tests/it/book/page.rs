@@ -6,7 +6,7 @@ use crate::support::binary::root;
 
 /// A fenced block.
 pub struct Block {
-    /// What stands behind the fence: a language, and words for these tests behind commas.
+    /// Text after the fence: a language, and words for these tests, separated by commas.
     pub info: String,
     pub text: String,
     /// Line of the page on which it begins.

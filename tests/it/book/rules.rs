@@ -1,4 +1,4 @@
-//! Pages of the rules, written from the rows beside the code.
+//! Pages of the rules, generated from the rows next to the code.
 
 use std::fmt::Write;
 

@@ -4,7 +4,7 @@ use std::process::Command;
 
 use super::page::{blocks, pages, read};
 
-/// A unit with a program that is there, in place of the one that is to be installed.
+/// Replaces the program of a unit by one that is installed.
 fn with_a_program_that_is_there(unit: &str) -> String {
     let lines = unit.lines().map(|line| match line.strip_prefix("ExecStart=") {
         Some(command) => {

@@ -1,4 +1,4 @@
-// What `behaviours.toml` says that a driver does, by tandem-plc: `node driver.mjs ADDRESS REDELIVERY RETURNS_WITHIN_MS
+// Driver for the actions of `behaviours.toml`, by tandem-plc: `node driver.mjs ADDRESS REDELIVERY RETURNS_WITHIN_MS
 // ENDS_WITHIN_MS`.
 
 import { createInterface } from "node:readline";
@@ -13,7 +13,7 @@ const EMPTY = new UserAlarm(23, "the tank is empty", {
 const say = (text) => process.stdout.write(`> ${text}\n`);
 const pocket = (params) => params.real("A", 1, 24, "the pocket");
 
-/** Handlers that wait for `go`, and those that were told before one waited. */
+/** Handlers that wait for `go`, and `go`s that arrived before a handler waited. */
 const waiting = [];
 let told = 0;
 

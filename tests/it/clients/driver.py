@@ -1,4 +1,4 @@
-"""What ``behaviours.toml`` says that a driver does, by tandem-plc.
+"""Driver for the actions of ``behaviours.toml``, by tandem-plc.
 
 ``driver.py ADDRESS REDELIVERY RETURNS_WITHIN_MS ENDS_WITHIN_MS``
 """

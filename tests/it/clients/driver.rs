@@ -1,4 +1,4 @@
-//! What `behaviours.toml` says that a driver does, by plc-api: `client_driver ADDRESS REDELIVERY RETURNS_WITHIN_MS
+//! Driver for the actions of `behaviours.toml`, by plc-api: `client_driver ADDRESS REDELIVERY RETURNS_WITHIN_MS
 //! ENDS_WITHIN_MS`.
 #![allow(clippy::print_stdout, reason = "the test reads it")]
 
@@ -19,7 +19,7 @@ fn say(text: &str) {
     println!("> {text}");
 }
 
-/// Says how the work ended.
+/// Prints how the work ended.
 struct Work {
     cancellation: Cancellation,
     ended: bool,

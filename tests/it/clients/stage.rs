@@ -1,4 +1,4 @@
-//! A machine with a driver, and what is done to them.
+//! A machine with a driver, and the actions on them.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::support::wire::Wire;
 /// Number of the program of each behaviour.
 const PROGRAM: u16 = 60;
 
-/// A source of the interlock that is on while nobody owns it.
+/// A source of the interlock that is on while it has no owner.
 const DOOR: &str = r#"
 [input.interlock.source.door]
 on_loss = "on"
@@ -57,7 +57,7 @@ pub struct Stage {
     wire: Wire,
     driver: Driver,
     running: Option<Process>,
-    /// What drivers before the one that runs have said.
+    /// Output of earlier drivers.
     said_before: Vec<String>,
 }
 
@@ -109,7 +109,7 @@ impl Stage {
         .await;
     }
 
-    /// Does what the behaviour says, and compares what was said.
+    /// Executes the actions of a behaviour, and compares the output.
     pub async fn play(mut self, behaviour: &Behaviour) {
         self.served()
             .put_program(PROGRAM, &behaviour.program)
@@ -171,7 +171,7 @@ impl Stage {
         }
     }
 
-    /// What breaks, and what comes back.
+    /// Breaks or restores a part.
     async fn fault(&mut self, verb: &str, what: &str) {
         match (verb, what) {
             ("kill", "driver") => {
@@ -207,7 +207,7 @@ impl Stage {
         self.running().line(said, |said| said == line);
     }
 
-    /// The machine claims nothing more for the driver by itself.
+    /// Waits until the machine claims nothing more for the driver.
     async fn is_leaving(&self) {
         until("the machine knows that the driver leaves", async || {
             let handlers = self.served().get("/handlers").await.expect(200).json();
@@ -305,7 +305,7 @@ impl Stage {
         self.served().put("/io/out/lamp/force", &force).await.expect(204);
     }
 
-    /// Ends the driver, and gives all that was said.
+    /// Ends the driver, and returns all its output.
     fn end(&mut self) -> Vec<String> {
         if let Some(process) = &mut self.running {
             process.say("end");
@@ -333,7 +333,7 @@ impl Stage {
         journal["lines"].as_array().expect("lines").clone()
     }
 
-    /// The journal is written a little later than states are told.
+    /// Compares the journal, which is written a little later than states are published.
     async fn compare_journal(&self, behaviour: &Behaviour) {
         let mut last = Vec::new();
         let comparing = until("the journal", async || {
@@ -350,7 +350,7 @@ impl Stage {
     }
 }
 
-/// What a driver has said.
+/// Returns the output lines of a driver.
 fn lines(output: &str) -> Vec<String> {
     let said = output.lines().filter_map(|line| line.strip_prefix("> "));
     said.map(str::to_owned).collect()

@@ -253,7 +253,7 @@ fn takes(program: &str, length: f64, feed_min: f64) {
 fn d25_f_of_a_block_that_moves_rotary_axes_only_is_in_degrees_a_minute() {
     let times = "ta20 td20 ts0 G61\n";
     takes(&format!("{times}G20 G01 A60 F600\nM30\n"), 60.0, 600.0);
-    // X is there already.
+    // X is already at its target.
     takes(&format!("{times}G20 G01 X0 A60 F600\nM30\n"), 60.0, 600.0);
     takes(&format!("{times}G20 G01 F600\nA60\nM30\n"), 60.0, 600.0);
 }

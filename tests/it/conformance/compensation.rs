@@ -163,7 +163,7 @@ fn s1g_an_overcut_is_found_before_the_first_block_that_it_concerns_moves() {
         (&run.json["alarm"]["program"], &run.json["alarm"]["line"]),
         (&1.into(), &7.into())
     );
-    // Beside the groove's edge, not in it.
+    // Next to the groove's edge, not in it.
     assert_eq!((run.machine("X"), run.machine("Y")), (35.0, 5.0));
 }
 

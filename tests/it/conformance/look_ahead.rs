@@ -136,7 +136,7 @@ fn m1d_a_program_longer_than_what_is_read_ahead_is_as_fast_where_that_holds_the_
     }
 }
 
-/// 20 mm along X, then 15 mm along Y, both at 40 mm/s; what stands between the two leads to machine X20 Y15 by `end`.
+/// 20 mm along X, then 15 mm along Y, both at 40 mm/s; the blocks in between lead to machine X20 Y15 by `end`.
 fn corner(between: &str, end: &str) -> Simulated {
     simulate(&format!(
         "ta100 td100 ts0 G500 G54 G01 F2400\nX10\n{between}\n{end}\nM30\n"

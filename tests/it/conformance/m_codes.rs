@@ -1,4 +1,4 @@
-//! M codes: when they are put out, in which order, what waits for their resets (D30 to D36).
+//! M codes: when they are issued, in which order, and which blocks wait for their resets (D30 to D36).
 
 use crate::support::formula::LATE_S;
 use crate::support::machine::Machine;

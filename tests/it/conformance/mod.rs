@@ -1,4 +1,4 @@
-//! NC programs run as the rules say: times and positions from formulas, M codes in their order, alarms in their place.
+//! NC programs run by the rules: times and positions from formulas, order of M codes, location of alarms.
 
 mod alarms;
 mod chains;

@@ -5,7 +5,7 @@ use crate::support::simulated::{Simulated, simulate, simulate_on};
 
 const STEP: &str = "G91 G00 X1\nM99\n";
 
-/// Simulates `main` with subprograms beside it.
+/// Simulates `main` with subprograms.
 fn with_subprograms(main: &str, subprograms: &[(u16, &str)]) -> Simulated {
     let machine = Machine::new("");
     for (number, text) in subprograms {

@@ -28,7 +28,7 @@ fn m1e_a_short_rapid_takes_twice_the_root_of_way_over_acceleration() {
 
 #[test]
 fn m1e_each_motor_moves_alone_and_the_block_ends_with_the_slowest() {
-    // X: 0.4 s. Y at 50 mm/s and 250 mm/s^2: 0.8 s. Nobody waits for the other on the way.
+    // X: 0.4 s. Y at 50 mm/s and 250 mm/s^2: 0.8 s. The axes do not wait for each other on the way.
     let run = simulate("G00 X30 Y30\nM30\n").completed();
     let (x, y) = (Rapid::new(30.0, 100.0, 1000.0), Rapid::new(30.0, 50.0, 250.0));
     assert!((x.end_s - 0.4).abs() < 1e-12 && (y.end_s - 0.8).abs() < 1e-12);

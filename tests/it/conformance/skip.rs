@@ -1,4 +1,4 @@
-//! What stands behind a G31: it is interpreted at once, and moves from where the motors have ended (D15, M1).
+//! Blocks after a G31: they are interpreted at once, and move from the positions where the motors have ended (D15, M1).
 
 use crate::support::machine::Machine;
 use crate::support::simulated::{Simulated, simulate_on};
@@ -109,7 +109,7 @@ fn d15_a_g31_behind_a_g31_begins_where_the_first_has_ended() {
 
 #[test]
 fn d15_a_captured_position_is_read_without_a_stop_once_its_g31_has_ended() {
-    // M100 has waited for the end of G31, so the chain behind it does not stop at line 4.
+    // M100 has waited for the end of G31, so the following chain does not stop at line 4.
     let chain = |read: &str| {
         let text = format!("G31 X20\nM100\nG91 G01 X10 F6000\n{read}\nX10\nM30\n");
         let more = format!("{MORE}\n[m_code.100]\nsimulated_ms = 1\n");

@@ -165,7 +165,7 @@ fn m1h_a_tap_that_cannot_be_cut_is_an_alarm_before_the_cycle_moves_and_s_above_t
 #[test]
 fn m1h_holes_beyond_a_soft_limit_are_an_alarm_before_the_first_is_tapped() {
     // X is limited to -100 to 300: the second hole in G91 is beyond, the third of G90 is the first; the initial level
-    // that G98 returns to is within, since the tool is there
+    // to which G98 returns is within the limits, since the tool is already at it
     for (cycle, column) in [
         ("G91 G84 X200 Z-10 R-5 K2", Some(9)),
         ("G91 G99 G84 Z-10 R-5 Y1 X-50 K3", Some(25)),

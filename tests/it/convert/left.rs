@@ -1,4 +1,4 @@
-//! Lines that cannot be converted: what they put in force counts for the lines behind them.
+//! Lines that cannot be converted: their modal effects apply to the following lines.
 
 use tandem_interp::dialects::convert::{Source, convert};
 use tandem_interp::dialects::nj;
@@ -15,7 +15,7 @@ fn of_fanuc(text: &str) -> (String, Vec<u32>) {
 
 #[test]
 fn blocks_behind_one_that_is_left_mean_what_it_puts_in_force() {
-    // G91 within a cycle is left, and so is the hole behind it, which would be another one under G90
+    // G91 within a cycle is not converted, nor is the next hole, which would be a different one under G90
     let text = "G90 G00 Z9.\nG99 G81 X1. Z-1. R1. F100\nG91 X5. K2\nX5.\nG80\nG90 G81 X1. Z-1. R1.\nM30\n";
     let converted = convert(text, Source::Fanuc, &NcOptions::default());
     let lines: Vec<u32> = converted.left.iter().map(|left| left.line).collect();

@@ -30,11 +30,11 @@ struct Sources {
     good: PathBuf,
     /// Older copies: of an earlier start, and of a moment of the same start.
     older: Vec<PathBuf>,
-    /// Of a machine of another name, with other values.
+    /// Folder of a machine of another name, with other values.
     other: PathBuf,
 }
 
-/// Replaces, removes or damages a file; says how.
+/// Replaces, removes or damages a file; returns a description.
 fn exchange(sources: &Sources, path: &Path, original: &Path, random: &mut Random) -> String {
     let name = original.strip_prefix(&sources.good).unwrap();
     let from = match random.below(8) {
@@ -145,7 +145,7 @@ async fn exchanged_and_older_files_give_no_wrong_value_without_a_message() {
         let differs = |name: &&String| found.get(*name) != kept.get(*name);
         let wrong: Vec<&String> = found.keys().filter(differs).collect();
         for name in &wrong {
-            // a file that somebody has put into the folder is a program, with a message; the rest is never wrong
+            // a foreign file in the folder is treated as a program, with a message; all other values stay right
             let may_change = ["program ", "folder of program ", "the last run"];
             let is_free = may_change.iter().any(|may| name.starts_with(may));
             assert!(is_free, "{name} is {:?}; {how}", found[*name]);
@@ -295,7 +295,7 @@ async fn a_whole_backup_and_a_copy_for_another_machine_are_restored() {
     assert_eq!(question(&plc).await, None, "a whole backup asks nothing");
     assert!(older["program 1"].contains("program 1, 100"));
     runtime.shutdown().await;
-    // the same for a machine of another name: a person confirms it once
+    // likewise for a machine of another name: a person confirms it once
     copy(&sources.older[0], &data);
     let config = fs::read_to_string(machine.config()).unwrap();
     machine.write("tandem.toml", &config.replace("test-1", "test-9"));

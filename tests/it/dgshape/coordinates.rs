@@ -23,7 +23,7 @@ fn dgshape_g54_to_g59_select_offsets_and_g54_holds_at_start() {
 #[test]
 fn dgshape_g10_sets_offsets_whether_g90_or_g91() {
     assert_eq!(run("G91G10L2P2X3.0Y4.0\nG90G55\nG00X1.0Y1.0"), ["rapid X4 Y5"]);
-    // axes without a word keep theirs: X 10 of the table
+    // axes that are not programmed keep their value: X 10 of the table
     assert_eq!(run("G10L2P2Y4.0\nG55G00X1.0Y1.0"), ["rapid X11 Y5"]);
     // EXOFS shifts all
     assert_eq!(run("G10L2P0X2.0\nG00X1.0\nG55X1.0"), ["rapid X3", "rapid X13"]);
@@ -60,7 +60,7 @@ fn dgshape_g28_goes_by_a_remembered_middle_point() {
         ["rapid X15", "rapid X-90", "rapid X15 Y30", "rapid X-90 Y-80"]
     );
     assert_eq!(run("G28G91Z0"), ["rapid Z100"], "only Z, from where it is");
-    // an axis whose middle point was a distance stays where it is: at the reference point
+    // an axis with an incremental middle point does not move: it is at the reference point
     assert_eq!(run("G91G28Z0\nG28X0")[1..], ["rapid X-90 Z100"]);
     assert_eq!(run("G28"), NONE, "no coordinate at all: no motion");
     assert_eq!(findings("G28A0"), ["E0108"]);
@@ -88,7 +88,7 @@ fn dgshape_g51_scales_about_a_point_by_one_factor() {
     );
     // without a point: where the tool is
     assert_eq!(run("G00X10.\nG51P2.0\nX11."), ["rapid X10", "rapid X12"]);
-    // less than 0.001 counts as 0.001, more than 999.999 as 999.999
+    // less than 0.001 is treated as 0.001, more than 999.999 as 999.999
     assert_eq!(run("G51X0Y0Z0P0.0001\nG00X1000."), ["rapid X1"]);
     assert_eq!(run("G51X0Y0Z0P5000\nG00X0.01"), ["rapid X9.99999"]);
     // A is not scaled

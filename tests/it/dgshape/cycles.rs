@@ -59,7 +59,7 @@ fn dgshape_levels_of_a_cycle_stay_where_they_are_when_g90_and_g91_change() {
         levels("G91G99G81X5.Z-3.R-8.\nG90X6."),
         ["r10", "r2", "f-1", "r2", "r2", "f-1", "r2"]
     );
-    // a word that is written anew counts as the block says
+    // a repeated word has the meaning that its block defines
     assert_eq!(
         levels("G99G81X5.Z-3.R2.\nG91X6.Z-4."),
         ["r10", "r2", "f-3", "r2", "r2", "f-2", "r2"]

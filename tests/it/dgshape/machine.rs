@@ -1,4 +1,4 @@
-//! M codes, S and T: what the machine is told (2-3, 2-4, 2-7).
+//! M codes, S and T: commands to the machine (2-3, 2-4, 2-7).
 
 use super::{findings, run, speed};
 

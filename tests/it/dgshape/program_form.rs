@@ -1,4 +1,4 @@
-//! 1-1, 1-3, 1-5, 2-6: what stands around blocks, how words are read, and comments.
+//! 1-1, 1-3, 1-5, 2-6: text around blocks, reading of words, and comments.
 
 use tandem_interp::dialects::dgshape;
 use tandem_interp::{CheckContext, check_source};

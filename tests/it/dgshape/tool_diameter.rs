@@ -92,7 +92,7 @@ fn dgshape_restrictions_1_to_9_of_tool_diameter_offset() {
     ] {
         assert_eq!(within(block)[0], "E0119", "{block}");
     }
-    // 5: M codes and dwells may stand in it; two blocks in a row without X and Y are told
+    // 5: M codes and dwells are permitted in it; two consecutive blocks without X and Y are reported
     assert_eq!(within("M12\nX20.\nG04P100"), NONE);
     assert_eq!(within("M12\nG04P100\nG01Z-5."), ["W0008"]);
     // 6: an arc that the tool does not fit into
@@ -160,10 +160,10 @@ fn dgshape_outside_starts_are_of_type_a_or_b() {
         done
     };
     let (a, b) = ("compensation_start = \"a\"", "compensation_start = \"b\"");
-    // right turn of 90 degrees (obtuse, by the manual's angle): beside the corner, or by the crossing of both ways
+    // right turn of 90 degrees (obtuse, by the manual's angle): next to the corner, or by the crossing of both paths
     assert_eq!(first(a, "Y-20.")[..2], ["line X13 F60", "line X13 Y-20 F60"]);
     assert_eq!(first(b, "Y-20.")[..2], ["line X13 Y3 F60", "line X13 Y-20 F60"]);
-    // back to (0, -10): a turn of 135 degrees (acute); each goes on by 3 mm
+    // back to (0, -10): a turn of 135 degrees (acute); each path is extended by 3 mm
     let r = 3.0 * std::f64::consts::FRAC_1_SQRT_2;
     let beside = format!("line X{} Y{} F60", six(10.0 + r), six(-r));
     assert_eq!(first(a, "X0Y-10.")[0], beside);
@@ -182,7 +182,7 @@ fn six(value: f64) -> f64 {
 
 #[test]
 fn dgshape_outside_corners_are_straight() {
-    // a turn of 135 degrees: both ways go on by 3 mm, and a line joins them
+    // a turn of 135 degrees: both paths are extended by 3 mm, and a line joins them
     let done = run("F60.\nG41D1G01X10.\nY10.\nX20.Y0\nG40X50.");
     let r = 3.0 * std::f64::consts::FRAC_1_SQRT_2;
     assert_eq!(done[1], "line X7 Y13 F60");

@@ -1,4 +1,4 @@
-//! A fixed cycle costs one file and two lines: its steps beside its code, its row in a dialect, and the line of its module.
+//! A fixed cycle costs one file and two lines: its steps next to its code, its row in a dialect, and its module line.
 
 use std::path::PathBuf;
 

@@ -25,7 +25,7 @@ fn name_of(stem: &str) -> String {
     })
 }
 
-/// What is missing of a card, or too much.
+/// Returns the missing and the superfluous parts of a card.
 fn mistakes(stem: &str, card: &str, list: &str, places: &[&str]) -> Vec<String> {
     let name = name_of(stem);
     let begin = format!("export const {name} = {{\n  place: \"");

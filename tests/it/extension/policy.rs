@@ -1,5 +1,5 @@
-//! What a dialect may decide otherwise: two codes of a group, when M codes act, numbers without a point, comments, and what
-//! stands around a program.
+//! Choices of a dialect: two codes of a group, the time at which M codes act, numbers without a point, comments, and
+//! the text around a program.
 
 use tandem_interp::Dialect;
 use tandem_interp::dialect::{MCodeTime, Numbers, Policy, Rivals};
@@ -85,7 +85,7 @@ fn an_m_code_acts_behind_the_motion_of_its_block_or_before_it() {
     };
     assert_eq!(order(&AS_WRITTEN), ["linear X5", "M08", "linear X6", "M09"]);
     assert_eq!(order(&M_FIRST), ["M08", "linear X5", "M09", "linear X6"]);
-    // the end of the program stays behind the motion
+    // the end of the program remains after the motion
     assert_eq!(moves("X5 M30\n", &M_FIRST), ["linear X5"]);
 }
 

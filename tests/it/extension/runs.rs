@@ -28,10 +28,10 @@ pub fn texts(text: &str, dialect: &'static Dialect) -> Vec<(String, String)> {
     findings.map(|one| (one.message, one.help)).collect()
 }
 
-/// What a program gives up to its end, from position 0, with a tool of radius 5 mm and length 8 mm.
+/// Returns the items of a program to its end, from position 0, with a tool of radius 5 mm and length 8 mm.
 ///
 /// # Errors
-/// The alarm that ends it.
+/// Fails with the alarm that ends the program.
 pub fn items(text: &str, dialect: &'static Dialect) -> Result<Vec<Item>, Alarm> {
     let machine = Config::demo().resolve().unwrap();
     let mut interpreter = Interpreter::new(&machine.coordinate_systems[0].settings, dialect);

@@ -16,7 +16,7 @@ use tandem_runtime::test::Bench;
 
 use crate::support::machine::bench;
 
-/// What is seen of the drive from outside; of it a fault can be made.
+/// Externally visible state of the drive, which can also trigger a fault.
 #[derive(Debug, Default)]
 struct Drive {
     is_enabled: AtomicBool,

@@ -197,7 +197,7 @@ fn a_hold_or_stop_without_a_run_has_no_effect_and_is_not_remembered() {
         rig.cs.start().await.unwrap();
         rig.until(Execution::ProgramStopped).await;
         close(rig.at().await, [5.0, 0.0, 0.0]);
-        // nor has a hold on what is paused already: one resume goes on to the end
+        // nor has a hold during a pause: one resume continues to the end
         rig.cs.hold().await.unwrap();
         assert_eq!(rig.state().await.0, Execution::ProgramStopped);
         rig.cs.resume().await.unwrap();

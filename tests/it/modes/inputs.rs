@@ -1,4 +1,4 @@
-//! Inputs and readings: from when on an input counts (D13, D14, D16), and what is read.
+//! Inputs and readings: the time from which an input is effective (D13, D14, D16), and the values read.
 
 use plc_api::types::state::Transition;
 use plc_api::{AuxOutput, Execution, Plc, SequenceProgram};

@@ -344,7 +344,7 @@ fn a_step_that_is_ended_early_fails_with_the_cause_and_the_distance() {
                 reply.text
             );
             assert_eq!(rig.state().await, state, "{what}");
-            // it never continues by itself, nor by a resume
+            // it never continues automatically, nor by a resume
             rig.cs.set_interlock(false, "").await.unwrap();
             refused(rig.cs.resume().await, RefusalCode::NotAllowed);
             rig.sleep(1.0).await;

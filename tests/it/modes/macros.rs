@@ -13,7 +13,7 @@ use super::rig::{Rig, close, on_machine};
 /// X touches at 5 mm.
 const SKIP: &str = "\n[[simulated_skip]]\nmotor = 1\nabove = 5.0\n";
 
-/// What a macro of the HMI might contain: each modal group that matters is changed before it moves slowly.
+/// A typical macro of the HMI: it changes each relevant modal group before it moves slowly.
 const CHANGES: &str = "G54 G91 G20\nG51 X0 Y0 P2\nG68 X0 Y0 R90\nG61 F7 S5\nG01 X0.5\n";
 
 static COMMANDS: AtomicU32 = AtomicU32::new(0);

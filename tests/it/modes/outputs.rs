@@ -1,4 +1,5 @@
-//! Auxiliary function outputs while a program is operated: what waits, for how long, who is told (D16, D18, D32 to D36).
+//! Auxiliary function outputs while a program is operated: waits, their durations, and notifications (D16, D18, D32 to
+//! D36).
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -11,7 +12,7 @@ use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Execution, Plc, Sequ
 
 use super::rig::{Rig, close, on_machine};
 
-/// M20 and M21 go along with motion, M22 waits; a sequence program resets them, or nobody does.
+/// M20 and M21 are issued along with motion, M22 waits; a sequence program resets them, or none does.
 const M_CODES: &str = r#"
 [m_code.20]
 timing = "with_motion"
@@ -193,7 +194,7 @@ fn d36_without_timeout_ms_nothing_ends_a_wait_and_the_state_shows_since_when() {
         let first = since(state);
         assert_eq!(first, open(&rig).await[0].since);
         rig.sleep(600.0).await;
-        // the state is said again
+        // the state is published again
         rig.cs.set_optional_stop(true).await.unwrap();
         let state = rig.cs.state().await.unwrap();
         assert_eq!(state.execution, Execution::Wait);

@@ -1,4 +1,4 @@
-//! What is planned of a program before it runs is what then happens: its path, its times, the time left.
+//! The plan of a program matches its execution: its path, its times, the time left.
 
 use plc_api::Execution;
 use plc_api::types::planned::{ManualText, PathQuery, PlannedPath, Rehearsal, RehearsalOutcome};
@@ -236,7 +236,7 @@ fn a_program_without_end_is_planned_up_to_a_limit() {
     });
 }
 
-/// What runs as long as the program, from line to line.
+/// Runs during the whole program, line by line.
 async fn time_left_is_right(rig: &Rig, changes: &[(f64, OverrideChange)]) {
     rig.load(PART).await;
     rehearsal(rig).await;

@@ -1,4 +1,4 @@
-//! G500 planned anew while it runs: feed override above 100 percent.
+//! G500 is replanned while it runs: feed override above 100 percent.
 
 use plc_api::Execution;
 use plc_api::types::request::OverrideChange;

@@ -35,7 +35,7 @@ fn m1i_in_single_block_the_place_is_that_of_the_block_that_has_ended_whether_it_
         rig.cs.start().await.unwrap();
         for line in [1, 2, 3, 5, 6] {
             rig.interrupted(Reason::SingleBlock).await;
-            // the place is told five times a second
+            // the position is published five times a second
             rig.sleep(0.5).await;
             assert_eq!(rig.cs.program().await.unwrap().line, line);
             rig.cs.resume().await.unwrap();

@@ -49,7 +49,7 @@ fn text(state: &State) -> String {
 #[test]
 fn m03_m04_and_m05_are_reset_at_the_speed_and_at_rest() {
     on_machine("", |rig| async move {
-        // from 0 to 90 percent of 1500, from there (it goes on) to -900 of -1000, to 0, to 0 again
+        // from 0 to 90 percent of 1500, from there (it keeps turning) to -900 of -1000, to 0, to 0 again
         let (took_s, rpm) = time_of(&rig, "M03 S1500").await;
         assert_took(took_s, 0.9 * 1500.0 / ACCELERATION);
         let (took_s, _) = time_of(&rig, "M04 S1000").await;

@@ -1,5 +1,5 @@
-//! What may not stop between blocks, judged by the motion and not by how far the program is read (M1); G31 with
-//! a skip input from outside.
+//! Sequences that may not stop between blocks, checked by the motion and not by the progress of reading (M1); G31 with
+//! an external skip input.
 
 use plc_api::Execution;
 use plc_api::types::message::Payload;
@@ -44,7 +44,7 @@ fn m1i_single_block_is_refused_while_the_tool_moves_compensated_though_the_progr
         }
         until_at(&rig, |at| at[0] > 42.0).await;
         let trace = rig.trace();
-        // 5 mm beside the line, and no stop there.
+        // 5 mm next to the line, without a stop there.
         for pair in trace
             .windows(2)
             .filter(|pair| pair[0][0] > 11.0 && pair[1][0] < 29.0)

@@ -206,7 +206,7 @@ fn user(name: &str, token: &str) -> MqttOptions {
     }
 }
 
-/// Opens a WebSocket; what is given waits until it is closed, and tells with which words.
+/// Opens a WebSocket; the returned future waits until it is closed, and returns the close text.
 async fn closed_websocket(address: &str, token: &str) -> impl Future<Output = String> + use<> {
     use futures_util::StreamExt as _;
     use tokio_tungstenite::tungstenite::{Message, client::IntoClientRequest as _};

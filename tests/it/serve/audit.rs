@@ -113,7 +113,7 @@ fn of_programs() -> Vec<Request> {
     ]
 }
 
-/// Requests that set a value, or change what is kept.
+/// Requests that set a value, or change stored data.
 fn of_values() -> Vec<Request> {
     let tool = ToolData {
         id: 9,
@@ -223,7 +223,7 @@ async fn lines(served: &Served, token: &str, event: &str) -> Vec<Value> {
     all.into_iter().filter(|line| line["event"] == event).collect()
 }
 
-/// Waits until the journal tells of all these requests.
+/// Waits until the journal contains all these requests.
 async fn all_told(served: &Served, token: &str, over: &str, requests: &[String]) {
     let mut missing = requests.to_vec();
     let what = format!("lines of requests over {over}");
@@ -295,7 +295,7 @@ async fn publish(served: &Served, token: &str, samples: &[Request]) -> Vec<Strin
             .unwrap();
         sent.push(name(sample));
     }
-    // the client stays connected until all are there
+    // the client stays connected until all have arrived
     drop(connection);
     sent
 }
@@ -377,7 +377,7 @@ async fn what_a_sequence_program_in_the_process_changes_is_told_in_its_name() {
             Request::Command { .. } => {
                 told("command", &|line| line["client_id"] == "boss").await;
             }
-            // of an output that is there, these have lines of their own
+            // of a pending output, these have lines of their own
             Request::Reset(..)
             | Request::AnswerQuestion(..)
             | Request::Lease { .. }
@@ -413,7 +413,7 @@ async fn what_a_sequence_program_in_the_process_changes_is_told_in_its_name() {
         line["user"] == "clamp" && line["said"].to_string().contains("2.5")
     })
     .await;
-    // that a handler is there is no edit
+    // the presence of a handler is no edit
     let lines = plc.journal(0, 1000).await.unwrap();
     let of_presence = |line: &&Value| line["request"].to_string().contains("Handler");
     assert_eq!(lines.iter().find(of_presence), None);

@@ -20,7 +20,7 @@ async fn the_same_key_twice_is_one_effect_and_the_stored_reply() {
         post(&served, "/cs/1/start?wait=1", key),
         post(&served, "/cs/1/start?wait=1", key)
     );
-    // whichever comes second may hear 202 of a start that is under way
+    // the later request may receive 202, because the start is under way
     let done = if both.0.status == 200 { both.0 } else { both.1 };
     let first = done.expect(200).json();
     assert_eq!(

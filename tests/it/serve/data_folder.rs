@@ -1,4 +1,4 @@
-//! Odd, damaged and unwritable things in the data folder: none keeps a machine from starting, and each is told.
+//! Odd, damaged and unwritable files in the data folder: none prevents a start, and each is reported.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, symlink};
@@ -89,7 +89,7 @@ async fn a_damaged_journal_never_keeps_a_machine_from_starting_and_is_named() {
     })
     .await;
     drop(served);
-    // only the first line is left, so the chain of lines cannot go on when it is damaged
+    // only the first line is left, so the chain of lines cannot continue when it is damaged
     let text = fs::read_to_string(&journal).unwrap();
     fs::write(&journal, text.split_inclusive('\n').next().unwrap()).unwrap();
     flip(&journal, 20);

@@ -124,7 +124,7 @@ async fn a_program_keeps_its_dialect_through_restart_change_outside_verify_and_r
     assert_eq!(listed(&served, 7).await.unwrap()["dialect"], "dgshape");
     load(&served, 2, 7).await.expect(200);
     drop(served);
-    // its dialect is kept with its sum: where that is damaged nobody guesses
+    // its dialect is stored with its checksum: if that is damaged, the machine does not guess
     let sums = machine.path("tandem-data/programs/sums");
     let text = fs::read_to_string(&sums).unwrap();
     fs::write(&sums, text.replace("dgshape", "dgshopf")).unwrap();

@@ -1,4 +1,4 @@
-//! A disk that refuses every write: the machine goes on, and says so.
+//! A disk that refuses every write: the machine continues, and reports it.
 
 use serde_json::json;
 

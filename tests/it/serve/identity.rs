@@ -42,7 +42,7 @@ async fn journal(served: &Served, event: &str) -> Vec<Value> {
     lines.into_iter().filter(|line| line["event"] == event).collect()
 }
 
-/// The newest line of an event, once it is there.
+/// Waits for an event, and returns its newest line.
 async fn newest(served: &Served, event: &str, fits: impl Fn(&Value) -> bool) -> Value {
     let what = format!("a line of {event}");
     until(&what, async || {
@@ -171,7 +171,7 @@ async fn a_program_is_changed_loaded_and_started_only_if_it_is_the_one_that_the_
     send(&served, "DELETE", "/programs/50", "", &is_old)
         .await
         .expect(412);
-    // a file that was changed outside counts as it is, noticed or not
+    // a file changed outside is valid in its changed form, noticed or not
     fs::write(machine.path("tandem-data/programs/50.nc"), OLD).unwrap();
     send(&served, "DELETE", "/programs/50", "", &is_new)
         .await
@@ -348,7 +348,7 @@ async fn a_signed_program_that_is_changed_outside_is_no_signed_program_and_a_sig
     until("a wrong signature", is("wrong")).await;
     served.post("/cs/1/start", &Value::Null).await.expect(422);
     served.post("/cs/1/load", &load).await.expect(422);
-    // signed anew, outside as well
+    // signed again, also outside
     fs::write(machine.path(beside), pair().sign(NEW.as_bytes()).as_ref()).unwrap();
     until("a valid signature", is("valid")).await;
     served.post("/cs/1/load?wait=1", &load).await.expect(200);

@@ -1,4 +1,4 @@
-//! What outlives a runtime that is killed at any moment, and what it tells when it is started again.
+//! Data that outlives a kill of the runtime at any moment, and the reports at the next start.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -12,7 +12,7 @@ use crate::support::served::{FREE_PORTS, Served};
 use crate::support::simulated::run;
 use crate::support::wait::until;
 
-/// What is kept may be this much behind.
+/// Maximum age of changes that a kill may lose.
 const BEHIND: Duration = Duration::from_millis(100);
 
 fn machine() -> Machine {
@@ -52,7 +52,7 @@ struct Progress {
     owed: AtomicU32,
 }
 
-/// Writes numbers that grow, one after another, until the machine is gone: whole ranges, tools, offsets, programs.
+/// Writes increasing numbers, one after another, until the machine stops: whole ranges, tools, offsets, programs.
 async fn write_on(http: String, progress: Arc<Progress>, first: u32) {
     let put = async |path: &str, kind: &str, body: &str| {
         let path = format!("/api/v1{path}");
@@ -308,7 +308,7 @@ async fn killed_as_soon_as_the_journal_has_an_output_it_tells_that_it_was_open()
     let machine = machine();
     let mut served = Served::start(&machine);
     served.load(1, 50, "M100 VA3\nM30\n").await;
-    // as many as it takes to meet each moment between two looks at what is kept
+    // enough rounds to hit each moment between two writes
     for round in 0..8 {
         let made = |line: &Value| line["event"] == "output";
         let before = journal(&machine).iter().filter(|line| made(line)).count();
@@ -322,7 +322,7 @@ async fn killed_as_soon_as_the_journal_has_an_output_it_tells_that_it_was_open()
         assert_eq!(last_run["outputs"][0]["m"], 100, "round {round}: {last_run}");
         let warning = alarms(&served).await[0]["text"].clone();
         assert!(warning.as_str().unwrap().contains("M100 VA3"), "{warning}");
-        // told again at a start at which the journal says no more of it
+        // reported again at a start, although the journal no longer contains it
         served = kill(served, &machine);
         let again = served.get("/cs/1/last_run").await.expect(200).json()["last_run"].clone();
         assert_eq!(again, last_run);

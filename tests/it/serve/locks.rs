@@ -26,7 +26,7 @@ async fn a_declared_source_is_on_until_its_handler_has_set_it_and_when_that_has_
     served.load(1, 50, "G01 F6000 X10\nM30\n").await;
     let refusal = served.post("/cs/1/start", &json!({})).await.expect(409).json();
     assert_eq!(refusal["code"], "start_locked");
-    // whoever is not there owns nothing
+    // an offline handler owns nothing
     let set = json!({"value": false, "source": "door", "handler_id": "cell"});
     assert_eq!(
         put(&served, set.clone()).await.expect(503).json()["code"],
@@ -52,7 +52,7 @@ async fn a_declared_source_is_on_until_its_handler_has_set_it_and_when_that_has_
         |state: &serde_json::Value| state["value"] == true && state["sources"][0]["handler_id"] == "cell";
     let lost = bus.history.find("cs/1/input/interlock/state", lost).await;
     assert!(lost["text"].as_str().unwrap().contains("handler cell"), "{lost}");
-    // an operator goes on without it, with a mark
+    // an operator continues without it, with a mark
     let force = json!({"value": false, "source": "door", "force": true, "handler_id": "panel"});
     put(&served, force).await.expect(204);
     let forced = served.get("/cs/1/inputs/interlock").await.expect(200).json();

@@ -1,4 +1,4 @@
-//! Damaged values of the store are no values, and how a person goes on.
+//! Damaged values of the store are not used, and a person can recover from them.
 
 use std::fs;
 use std::time::Duration;
@@ -23,7 +23,7 @@ fn rot_store(machine: &Machine, text: &str) {
     }
 }
 
-/// What the command `store` says, and its exit code.
+/// Returns the output of the command `store`, and its exit code.
 fn store(machine: &Machine, arguments: &[&str]) -> (i32, String) {
     let all = [&["store"], arguments, &["--config", "tandem.toml"]].concat();
     let ran = run(machine.folder(), &all);
@@ -236,7 +236,7 @@ async fn an_empty_store_is_told_and_a_person_takes_the_last_good_generation() {
     let p = served.get("/variables/p?from=3&count=2").await.expect(200).json();
     assert_eq!(p["values"], json!(["NaN", -0.0]));
     drop(served);
-    // and the same of an exported file, into a folder of nothing
+    // likewise for an exported file, into an empty folder
     fs::remove_dir_all(machine.path("tandem-data")).unwrap();
     drop(Served::start(&machine));
     machine.write("kept.json", &exported);
@@ -290,7 +290,7 @@ async fn the_journal_tells_who_has_imported_or_repaired_values_at_the_command_li
         import["user"].as_str().is_some_and(|user| !user.is_empty()),
         "{import}"
     );
-    // while it runs, too, what was noted before is still there
+    // earlier records remain while it runs, too
     let served = Served::start(&machine);
     let (code, verified) = journal(&["verify", "--head", head]);
     assert_eq!(code, 0, "{verified}");

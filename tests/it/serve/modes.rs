@@ -32,7 +32,7 @@ async fn mdi_and_home_over_rest_answer_when_they_have_been_run_and_refuse_with_d
         .expect(200);
     let position = served.get("/cs/1/position").await.expect(200).json();
     assert_eq!(position["machine"]["X"], 0.0);
-    // An alarm ends an input: who waits is told.
+    // An alarm ends an input: the waiting client is notified.
     let answer = served
         .post("/cs/1/mdi?wait=1", &json!({"text": "G00 X900"}))
         .await;
@@ -66,7 +66,7 @@ async fn a_jog_over_mqtt_runs_while_it_is_refreshed() {
         tokio::time::sleep(std::time::Duration::from_millis(50)).await;
         bus.publish("cs/1/command/jog", &command(id)).await;
     }
-    // A refresh is done at once, the jog when nobody refreshes it any more.
+    // A refresh is done at once, the jog when its refreshes end.
     let done = |reply: &Value| reply["command_id"] != "jog-0" && reply["status"] == "done";
     bus.history.find("reply/pendant", done).await;
     let ended = |reply: &Value| reply["command_id"] == "jog-0" && reply["status"] == "done";

@@ -132,7 +132,7 @@ async fn a_process_whose_place_another_took_writes_nothing_over_mqtt() {
         is_set
     };
     writes(&old, "a").await;
-    // what follows on the same connection has been carried out, and what was before it
+    // a later message on the same connection has been processed, and so have all earlier ones
     old.publish("handler/cell/io/out/gate/set", &of("a")).await;
     let presence = json!({"online": true, "handles": [], "instance": "a"});
     old.publish("handler/cell/presence", &presence).await;

@@ -33,7 +33,7 @@ const CHANGES: [(&str, &str, f64); 13] = [
     ("position", "X", 8.0),
 ];
 
-/// Changes after which a run is as it was planned.
+/// Changes that do not affect a planned run.
 const UNCHANGED: [&str; 2] = ["nothing", "variable that is not read"];
 
 /// Moves to P10 and Q10, and then back and forth in the given number of blocks; the block `/1` moves to 6.5. A dwell ends in

@@ -144,7 +144,7 @@ async fn axes_of_a_kill_in_motion_stand_at_a_late_point_of_the_path() {
         (x > 5.0).then_some(x)
     })
     .await;
-    // far more than what is kept may be behind on a busy computer
+    // much longer than the delay of storing on a busy computer
     tokio::time::sleep(Duration::from_secs(2)).await;
     let later = x_of(&served).await;
     let begun = std::time::Instant::now();

@@ -94,7 +94,7 @@ async fn a_program_for_which_all_programs_leave_no_room_is_refused_with_the_limi
     served.get("/programs/51").await.expect(404);
     let active = served.get("/alarms").await.expect(200).json();
     assert_eq!(active["alarms"], json!([]));
-    // what replaces a program has its room, and what is deleted gives it back
+    // a replacement uses the space of the old program, and a deletion frees it
     served.put_program(50, &large).await.expect(200);
     served.put_program(50, "M30\n").await.expect(200);
     served.put_program(51, &large).await.expect(201);

@@ -1,6 +1,6 @@
-//! Whoever has a token reaches `stop`, whatever hosts without one do: kept connections, heads and bodies that hardly come,
-//! floods. On the loopback a short form; with `TANDEM_LONG` each attacker and the judge has a network of its own, for which
-//! root and `ip` (iproute2) are needed.
+//! A client with a token reaches `stop`, whatever hosts without a token do: idle connections, slow headers and bodies,
+//! floods. The short form uses the loopback; with `TANDEM_LONG` each attacker and the observer has a network of its
+//! own, which requires root and `ip` (iproute2).
 
 #![allow(clippy::print_stdout, reason = "what was measured is told")]
 
@@ -29,18 +29,18 @@ const KEPT: usize = 64;
 /// Tasks of each attacker that connect again as soon as the last connection has ended.
 const FLOODS: usize = 2;
 
-/// Time after which an attacker whose connection was closed comes again: in networks of its own, and where other tests run.
+/// Time after which an attacker reconnects after a close: in networks of its own, and where other tests run.
 const AGAIN_MS: u64 = 5;
 const AGAIN_AMONG_OTHERS_MS: u64 = 500;
 
 /// The longest time in which a stop is accepted.
 const STOP_MAX: Duration = Duration::from_millis(250);
 
-/// The same on the loopback, where attackers, judge and other tests share processors. Reason: a stop that finds no place kept
-/// waits until the time of an attacker's head is over, after 10 s; all that a busy computer adds stays far below.
+/// Limit on the loopback, where attackers, observer and other tests share processors. Reason: a stop without a reserved
+/// slot waits until the time of an attacker's head is over, after 10 s; the delay of a busy computer is far below.
 const STOP_AMONG_OTHERS_MAX: Duration = Duration::from_secs(8);
 
-/// Names the part that a process plays: `attack SOURCE HTTP MQTT AGAIN_MS` or `judge COUNT TOKEN HTTP MQTT`.
+/// Names the role of a process: `attack SOURCE HTTP MQTT AGAIN_MS` or `judge COUNT TOKEN HTTP MQTT`.
 const PART: &str = "TANDEM_REACH_PART";
 
 async fn connect(source: IpAddr, to: SocketAddr) -> std::io::Result<TcpStream> {

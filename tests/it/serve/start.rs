@@ -13,7 +13,7 @@ use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::served::{FREE_PORTS, Process, Served};
 use crate::support::wait::until;
 
-/// Starts with a configuration that must be refused; gives what was printed.
+/// Starts with a configuration that must be refused; returns the output.
 fn refused(config: &str) -> String {
     let machine = Machine::with_config(config);
     let path = machine.config();

@@ -27,8 +27,8 @@ const ATTACK: Duration = Duration::from_secs(3);
 /// A peer whose bytes are not taken for this long has been stopped.
 const STOPPED_AFTER: Duration = Duration::from_millis(700);
 
-/// Growth of the memory during one attack. Reason: for each peer the largest message, what is on the way to it, and
-/// the buffers of its connection.
+/// Growth of the memory during one attack. Reason: for each peer the largest message, data in transit, and the buffers
+/// of its connection.
 const GROWTH_MAX_MIB: u64 = 8;
 
 /// Bytes of one write of a peer.
@@ -206,7 +206,7 @@ fn packet(first: u8, body: &[u8]) -> Vec<u8> {
     }
 }
 
-/// What peers send over a WebSocket, with its name.
+/// Frames that peers send over a WebSocket, with names.
 fn frames() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("pings of 125 bytes", frame(0x89, &[b'p'; 125])),
@@ -228,7 +228,7 @@ fn frames() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// What peers send over MQTT, with its name.
+/// Packets that peers send over MQTT, with names.
 fn packets() -> Vec<(&'static str, Vec<u8>)> {
     let topic = |text: &str| [&(text.len() as u16).to_be_bytes(), text.as_bytes()].concat();
     let all = topic("#");

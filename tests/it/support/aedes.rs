@@ -51,7 +51,7 @@ fn start_redis(port: u16, folder: &Path) -> Process {
     process
 }
 
-/// The folder with a node and the packages that it needs, beside the other build results.
+/// Returns the folder with a node and its packages, next to the other build results.
 fn packages() -> PathBuf {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/aedes");
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(

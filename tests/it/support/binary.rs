@@ -30,8 +30,8 @@ pub fn example(name: &str) -> PathBuf {
     built(&format!("examples/{name}"))
 }
 
-/// Makes cargo build below this folder, offline, beside these tests and with the profile of this workspace: then most of what a
-/// reader's project needs is there already.
+/// Configures cargo to build below this folder, offline, in the target folder and profile of these tests, which already
+/// contain most of a reader's dependencies.
 pub fn build_beside(folder: &Path) {
     let manifest = std::fs::read_to_string(root().join("Cargo.toml")).expect("the manifest of the workspace");
     let manifest: toml::Table = manifest.parse().expect("a manifest");

@@ -19,7 +19,7 @@ pub type Start = (PathBuf, Vec<String>);
 
 /// A link between nodes, or from one to what they share.
 pub struct Link {
-    /// Who is parted when it is torn.
+    /// Nodes that are separated when it is torn.
     pub ends: Vec<usize>,
     pub wire: Wire,
 }
@@ -31,7 +31,7 @@ pub struct Cluster {
     mqtt: [u16; NODES],
     links: Vec<Link>,
     nodes: [Option<Process>; NODES],
-    /// What the nodes share.
+    /// Processes shared by the nodes.
     _beside: Vec<Process>,
 }
 

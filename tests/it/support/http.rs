@@ -44,7 +44,7 @@ pub async fn request(address: &str, method: &str, path: &str, kind: &str, body: 
     request_as(address, method, path, kind, body, None).await
 }
 
-/// The same with a token.
+/// Sends a request with a token.
 pub async fn request_as(
     address: &str,
     method: &str,
@@ -59,7 +59,7 @@ pub async fn request_as(
     request_with(address, method, path, kind, body, &token).await
 }
 
-/// The same with header lines, each ended by CR and LF.
+/// Sends a request with header lines, each ended by CR and LF.
 pub async fn request_with(
     address: &str,
     method: &str,
@@ -89,7 +89,7 @@ pub async fn try_request(address: &str, method: &str, path: &str, kind: &str, bo
     try_request_with(address, method, path, kind, body, "").await
 }
 
-/// The same with header lines, each ended by CR and LF.
+/// Tries a request with header lines, each ended by CR and LF.
 pub async fn try_request_with(
     address: &str,
     method: &str,

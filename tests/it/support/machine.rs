@@ -48,8 +48,8 @@ rapid_velocity = 100.0
 rapid_acceleration = 1000.0
 "#;
 
-/// The coordinate systems that go with [`MOTORS`]. The second one ends the text without a table, so that a test can
-/// add keys to it or tables behind it.
+/// The coordinate systems that go with [`MOTORS`]. The second one ends the text without a table, so that a test can add
+/// keys to it or append tables.
 pub const COORDINATE_SYSTEMS: &str = r"
 [[coordinate_system]]
 number = 1
@@ -81,8 +81,8 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// The machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`], with `more` behind them, such as `[m_code.N]` tables. Tests run
-    /// side by side: a servo that is late by less than `servo_late_ms` is not what they are about.
+    /// Returns the machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`] with `more` appended, such as `[m_code.N]` tables.
+    /// Tests run in parallel, so a servo that is late by less than `servo_late_ms` is no failure.
     pub fn new(more: &str) -> Self {
         Self::with_config(&format!(
             "[machine]\nname = \"test-1\"\nservo_late_ms = 1500\n{MOTORS}{COORDINATE_SYSTEMS}{more}"

@@ -1,4 +1,4 @@
-//! What tests share: the built command, machines, simulations, served runtimes and their clients.
+//! Shared parts of the tests: the built command, machines, simulations, served runtimes and their clients.
 
 pub mod aedes;
 pub mod binary;

@@ -1,4 +1,4 @@
-//! Somebody who listens to a machine over MQTT with a client of his own.
+//! A listener of a machine over MQTT, with its own client.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -14,7 +14,7 @@ use super::wait::{History, within};
 /// A connected client; everything below the machine's root is in `history`.
 pub struct Bus {
     pub history: History,
-    /// What is no message of the interface, with the reason.
+    /// Messages outside of the interface, with the reason.
     pub unreadable: History,
     client: AsyncClient,
     root: String,
@@ -30,7 +30,7 @@ impl Bus {
         bus
     }
 
-    /// The same for a machine that may be away.
+    /// Listens to a machine that may be offline.
     pub async fn listen(broker: &str, machine: &str) -> Self {
         static LISTENERS: AtomicU32 = AtomicU32::new(0);
         let (host, port) = broker.rsplit_once(':').expect("host:port");

@@ -37,7 +37,7 @@ pub async fn rmqtt() -> Cluster {
     Cluster::start(folder, starts, mqtt, links, Vec::new())
 }
 
-/// A node, built beside the other build results.
+/// Builds a node, next to the other build results.
 fn build() -> PathBuf {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| own.join("target"), PathBuf::from);

@@ -53,7 +53,7 @@ fn check(schema: &Value, value: &Value) -> Result<(), String> {
             whole["components"] = all.openapi["components"].clone();
             let mut options = jsonschema::options();
             for width in ["uint8", "uint16", "uint32", "uint64"] {
-                // their bounds stand beside them
+                // the schema has their bounds
                 options = options.with_format(width, |_: &str| true);
             }
             let options = options.should_validate_formats(true);
@@ -84,7 +84,7 @@ fn fits(template: &str, path: &str) -> bool {
     }
 }
 
-/// What is wrong with a message on a path below the machine's root.
+/// Returns an error if a message on a path below the machine's root is invalid.
 pub fn check_message(path: &str, message: &Value) -> Result<(), String> {
     let channels = documents().asyncapi["channels"].as_object().expect("channels");
     let address = format!("tandem/v1/{{machine}}/{path}");
@@ -108,7 +108,7 @@ fn named(name: &str) -> Value {
     json!({"$ref": format!("#/components/schemas/{name}")})
 }
 
-/// What is wrong with a frame that a WebSocket's server sends.
+/// Returns an error if a frame of a WebSocket's server is invalid.
 pub fn check_frame(frame: &Value) -> Result<(), String> {
     let Some(topic) = frame["topic"].as_str() else {
         return check(&named("WebSocketError"), frame).map_err(|error| format!("{error} in {frame}"));
@@ -121,7 +121,7 @@ pub fn check_frame(frame: &Value) -> Result<(), String> {
     check_message(topic, &message)
 }
 
-/// What is wrong with a frame that a WebSocket's client sends.
+/// Returns an error if a frame of a WebSocket's client is invalid.
 pub fn check_asked(frame: &Value) -> Result<(), String> {
     check(&named("WebSocketRequest"), frame).map_err(|error| format!("{error} in {frame}"))
 }
@@ -134,7 +134,7 @@ fn operations(path: &str) -> Option<&'static Value> {
     found.map(|(_, operations)| operations)
 }
 
-/// What is wrong with a JSON body that the machine has accepted.
+/// Returns an error if a JSON body that the machine has accepted is invalid.
 pub fn check_accepted(method: &str, path: &str, body: &str) -> Result<(), String> {
     let operations = path.strip_prefix("/api/v1").and_then(operations);
     let Some(operations) = operations.filter(|_| !body.is_empty()) else {
@@ -148,7 +148,7 @@ pub fn check_accepted(method: &str, path: &str, body: &str) -> Result<(), String
     check(schema, &value).map_err(|error| format!("{method} {path} was accepted: {error} in {body}"))
 }
 
-/// What is wrong with an answer of `/api/v1`: a status or a form that the document does not name.
+/// Returns an error if an answer of `/api/v1` has a status or a form that the document does not name.
 pub fn check_answer(method: &str, path: &str, status: u16, body: &str) -> Result<(), String> {
     let Some(path) = path.strip_prefix("/api/v1") else {
         return Ok(());

@@ -35,7 +35,7 @@ impl Process {
         Self::start_with(program, folder, arguments, Stdio::null())
     }
 
-    /// The same for a process that [`Process::say`] tells something.
+    /// Starts a process that receives input by [`Process::say`].
     pub fn start_listening(program: &Path, folder: &Path, arguments: &[&str]) -> Self {
         Self::start_with(program, folder, arguments, Stdio::piped())
     }
@@ -150,7 +150,7 @@ impl Process {
 impl Drop for Process {
     /// In a test that fails, shows what the process has said last.
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
         if std::thread::panicking() {
@@ -180,7 +180,7 @@ impl Served {
         Self::of(Process::start(tandem(), machine.folder(), &arguments))
     }
 
-    /// The same as a process whose disk can be made to refuse: [`Process::limit_file_bytes`].
+    /// Starts a process whose disk can be made to fail: [`Process::limit_file_bytes`].
     pub fn start_with_failing_disk(machine: &Machine) -> Self {
         let config = machine.config();
         let path = |path: &Path| path.to_str().expect("a path in UTF-8").to_owned();
@@ -260,7 +260,7 @@ impl Served {
             .expect(200);
     }
 
-    /// A command that must be carried out.
+    /// Sends a command that must be executed.
     pub async fn command(&self, cs: u8, verb: &str) {
         self.post(&format!("/cs/{cs}/{verb}?wait=1"), &Value::Null)
             .await
@@ -322,7 +322,7 @@ impl Served {
     }
 }
 
-/// What a WebSocket says; dropping it fails a test in which a frame was not of its form.
+/// Messages of a WebSocket; dropping it fails a test in which a frame was invalid.
 #[derive(Default)]
 pub struct Watch {
     pub history: History,

@@ -130,7 +130,7 @@ impl Simulated {
         self.json["work"][axis].as_f64().expect("a work position")
     }
 
-    /// Where an axis is when each M code is put out.
+    /// Returns the position of an axis at the issue of each M code.
     pub fn at_outputs(&self, axis: usize) -> Vec<f64> {
         let outputs = self.events.iter().filter(|event| event["event"] == "output");
         let times = outputs.map(|output| output["t_s"].as_f64().expect("a time"));
@@ -140,7 +140,7 @@ impl Simulated {
             .collect()
     }
 
-    /// Positions of an axis while a line of a program is carried out, and the one before: sample 0 is at rest.
+    /// Returns positions of an axis during a line of a program and the one before: sample 0 is at rest.
     pub fn samples(&self, program: u16, line: u32, axis: usize) -> Vec<f64> {
         let positions = |rows: &[Row]| rows.iter().map(|row| row.axes[axis]).collect::<Vec<_>>();
         let first = self

@@ -1,4 +1,4 @@
-//! Waiting that ends: a test that would hang fails instead and says what it waited for.
+//! Waits with a limit: a test that would hang fails instead, and names the missing condition.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -17,12 +17,12 @@ pub async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {
         .unwrap_or_else(|_| panic!("{what}: not within {} s", PATIENCE.as_secs()))
 }
 
-/// Asks again and again until the answer is there.
+/// Repeats a query until it returns a value.
 pub async fn until<T>(what: &str, ask: impl AsyncFnMut() -> Option<T>) -> T {
     until_within(PATIENCE, what, ask).await
 }
 
-/// The same for what takes longer.
+/// Repeats a query with a longer limit.
 pub async fn until_within<T>(limit: Duration, what: &str, mut ask: impl AsyncFnMut() -> Option<T>) -> T {
     let end = Instant::now() + limit;
     loop {
@@ -35,7 +35,7 @@ pub async fn until_within<T>(limit: Duration, what: &str, mut ask: impl AsyncFnM
     }
 }
 
-/// What was said on topics, in order. Cloning gives another handle to the same history.
+/// Recorded messages on topics, in order. A clone is another handle to the same history.
 #[derive(Clone, Default)]
 pub struct History {
     said: Arc<Mutex<Vec<(String, Value)>>>,

@@ -1,4 +1,4 @@
-//! A wire between two programs that can be cut without either of them being told.
+//! A wire between two programs that can be cut without a notification to either.
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
@@ -8,7 +8,7 @@ use tokio::task::JoinHandle;
 
 use super::wait::within;
 
-/// What a broker of MQTT 3.1.1 does with a client that speaks 5 (MQTT-3.1.2-2).
+/// Answer of a broker of MQTT 3.1.1 to a client that uses 5 (MQTT-3.1.2-2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
     /// It answers that it does not take that version, and hangs up.
@@ -17,7 +17,7 @@ pub enum Refusal {
     HangUp,
 }
 
-/// Carries connections to an address. While it is cut, what is sent waits in it, and nobody can connect.
+/// Forwards connections to an address. While it is cut, data waits in it, and no client can connect.
 pub struct Wire {
     address: String,
     whole: watch::Sender<bool>,
@@ -76,7 +76,7 @@ impl Wire {
         &self.address
     }
 
-    /// Waits until somebody has connected who was hung up on, because nobody is at the other end.
+    /// Waits until a connection has been closed because the other end does not exist.
     pub async fn hangs_up(&mut self) {
         within("a connection that is hung up on", self.hung_up.changed())
             .await
@@ -87,7 +87,7 @@ impl Wire {
         self.whole.send_replace(false);
     }
 
-    /// Ends the connections, so that both sides are told, and nobody can connect until [`Wire::mend`].
+    /// Ends the connections, so that both sides are notified, and no client can connect until [`Wire::mend`].
     pub fn tear(&self) {
         self.cut();
         self.torn.send_modify(|count| *count += 1);
@@ -112,7 +112,7 @@ async fn carry(
     hung_up: watch::Sender<u32>,
 ) {
     if !*whole.borrow() {
-        // a connection would not have come about: it ends, unused, once the other side can be told
+        // a connection would have failed: it ends, unused, once the other side can be notified
         let _ = whole.wait_for(|whole| *whole).await;
         return;
     }

@@ -1,4 +1,4 @@
-//! What the architecture page names is there.
+//! Everything that the architecture page names exists.
 
 use std::path::Path;
 

@@ -1,13 +1,13 @@
 //! Files that import each other in a circle are few, and each circle is listed.
 //!
-//! A file and those below it in its folder are one subject: what a child takes from the files above it counts for no
-//! circle. All else that a file names by `crate`, `self`, `super` or a child of its own is an arrow.
+//! A file and the files below it in its folder are one subject: imports of a child from the files above it form no
+//! circle. Everything else that a file names by `crate`, `self`, `super` or its own child is an arrow.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{CRATES, files, read, without_unit_tests};
 
-/// A circle: the sources of its crate, its files, and why it is there.
+/// A circle: the sources of its crate, its files, and its reason.
 type Circle = (&'static str, &'static [&'static str], &'static str);
 
 /// Circles that are meant.
@@ -70,7 +70,7 @@ fn single(tree: &str) -> Vec<String> {
         .collect()
 }
 
-/// What a file names: the paths of its `use` lines, and those within its code that begin with `crate` or `super`.
+/// Returns the paths that a file names: its `use` lines, and paths in its code that begin with `crate` or `super`.
 fn named(code: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut rest = String::new();

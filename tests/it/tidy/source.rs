@@ -81,7 +81,7 @@ fn functions_are_found_and_measured() {
     assert_eq!(functions(text), [(1, 5), (11, 3)]);
 }
 
-/// Lines that hold a word which must not stand there.
+/// Returns lines with a forbidden word.
 fn lines_with(endings: &[&str], is_wrong: impl Fn(&str) -> bool) -> Vec<String> {
     let mut found = Vec::new();
     for path in files(endings) {

@@ -226,7 +226,7 @@ fn may_publish((user, role): (&str, &str), sender: &str, roles: &[&str]) -> bool
     is_own && roles.contains(&role)
 }
 
-/// Whether a user may publish its own presence, or that of another handler; and the same of heartbeats.
+/// Returns whether a user may publish its own presence or heartbeats, or those of another handler.
 fn may_report((user, role): (&str, &str), path: &str) -> bool {
     let is_own = path.split('/').nth(1) == Some(user);
     match role {
@@ -237,7 +237,7 @@ fn may_report((user, role): (&str, &str), path: &str) -> bool {
     }
 }
 
-/// What each user publishes, and whether the rules let it pass.
+/// Publications of each user, and whether the rules permit them.
 fn attempts(
     requests: &[(String, &[&str])],
     states: &[(String, &[&str])],

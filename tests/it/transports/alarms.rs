@@ -7,7 +7,7 @@ use tokio::sync::mpsc;
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};
 
-/// STOPPED by an alarm, with so many that count for it.
+/// Waits until it is STOPPED by an alarm, with this number of alarms that affect it.
 async fn stopped(system: &CoordinateSystem, alarms: u32) {
     let is_stopped = |state: &plc_api::types::state::State| {
         (state.execution, state.reason, state.alarm_count)
@@ -82,7 +82,7 @@ async fn alarms_of_one_and_of_all(reached: &Reached) {
     stopped(&second, 2).await;
     let of_second = (10_021, Some(2), "the conveyor is jammed".to_owned());
     assert_eq!(standing(&plc, 2).await, [all, of_second.clone()]);
-    // a reset of one clears what is its own and what is of all, and leaves the other where it is
+    // a reset of one clears its own alarms and those of all, and leaves the other unchanged
     within("reset", first.reset()).await.expect("reset");
     assert_eq!(standing(&plc, 1).await, [of_second]);
     stopped(&second, 1).await;

@@ -65,7 +65,7 @@ async fn an_output_survives_its_death(
 
     before(&broker).await;
     broker.kill();
-    // The work ends while nobody can be told.
+    // The work ends while the machine cannot be notified.
     go_on.notify_one();
     let state = served.state(1).await;
     assert_eq!(

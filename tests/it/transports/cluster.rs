@@ -34,7 +34,7 @@ const RUNTIME: usize = 0;
 const HMI: usize = 1;
 const HANDLER: usize = 2;
 
-/// What happens to a node in the middle of a run.
+/// Event of a node in the middle of a run.
 #[derive(Debug, Clone, Copy)]
 enum Trouble {
     /// It is killed and started again.
@@ -81,7 +81,7 @@ async fn serve(cluster: &Cluster, done: &Done) -> tokio::task::JoinHandle<()> {
     .await;
     let done = Arc::clone(done);
     tokio::spawn(async move {
-        // what was open when it was lost is looked at before it is done again
+        // an output that was pending at the loss is inspected before it is done again
         let handler = move |output: AuxOutput| {
             let mut done = done.lock().unwrap();
             let times = done.entry(output.id().to_owned()).or_default();
@@ -126,7 +126,7 @@ async fn befall(cluster: &mut Cluster, trouble: Trouble) {
     match trouble {
         Trouble::Dies(node) => {
             cluster.kill(node);
-            // with a node away NATS Server 2.9 may answer nobody who subscribes anew; what is asked waits
+            // with a node offline NATS Server 2.9 may not answer new subscribers; requests wait
             tokio::time::sleep(AWAY).await;
             cluster.start_again(node);
         }

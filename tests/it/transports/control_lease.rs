@@ -42,7 +42,7 @@ async fn start_with(plc: &Plc, fence: u64) -> Result<(), Error> {
 /// Waits until this commander knows who holds the lease.
 async fn holder_is(plc: &Plc, holder: Option<&str>) {
     until(&format!("the holder is {holder:?}"), async || {
-        // over MQTT a client may be told later
+        // over MQTT a client may be notified later
         let state = plc.coordinate_system(1).lease().await.ok()?;
         (state.holder.as_deref() == holder).then_some(())
     })

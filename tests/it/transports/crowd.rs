@@ -1,4 +1,4 @@
-//! Many at once: two who start, one who floods, and those who read nothing.
+//! Many clients at once: two that start, one that floods, and some that read nothing.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -210,7 +210,7 @@ async fn over_mosquitto_who_reads_nothing_holds_up_neither_motion_nor_others() {
     who_reads_nothing_holds_up_neither_motion_nor_others(&reached, &broker.address()).await;
 }
 
-/// Whether a broker takes a client, with a session that outlives the connection or not. What it does not take it closes.
+/// Returns whether a broker accepts a client, with or without a session that outlives the connection.
 async fn is_let_in(broker: &str, id: u16, outlives: bool) -> bool {
     // MQTT 3.1.1, a minute of keep-alive, a client id of four letters
     let mut connect = b"\x10\x10\x00\x04MQTT\x04\x02\x00\x3c\x00\x04".to_vec();

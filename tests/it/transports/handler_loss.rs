@@ -86,7 +86,7 @@ async fn a_handler_that_returns_leaves_it_until_it_is_redelivered(reached: &Reac
         online(served).await.then_some(())
     })
     .await;
-    // on_redelivery is `ask`: what the dead handler had begun is not begun again by itself.
+    // on_redelivery is `ask`: work that the dead handler had begun is not repeated automatically.
     tokio::time::sleep(std::time::Duration::from_millis(500)).await;
     let state = served.state(1).await;
     assert_eq!(

@@ -1,4 +1,4 @@
-//! Several programs that were started with one `handler_id`, and a lost output that nobody does again unasked.
+//! Several programs that were started with one `handler_id`, and a lost output that is not repeated without a request.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -122,7 +122,7 @@ impl Raw {
         self.say(&presence).await;
     }
 
-    /// What a claim or reset of the open output is answered.
+    /// Claims or resets the pending output, and returns the answer.
     async fn send(&self, served: &Served, what: &str, instance: Option<&str>) -> Value {
         let state = served.execution(1, "WAIT").await;
         let mut body = json!({
@@ -228,7 +228,7 @@ async fn a_handler_that_comes_back_gets_nothing_that_it_had_claimed_until_it_is_
         (&json!("accepted"), &json!("redo"))
     );
     assert_eq!(raw.send(&served, "reset", None).await["status"], "accepted");
-    // what nobody had claimed is told to whoever comes, as ever
+    // an unclaimed output is offered to each new handler, as always
     let seq = served.execution(1, "WAIT").await["waiting_on"]["seq"].clone();
     raw.come(&json!({"validates": true})).await;
     let told = raw.bus.history.find("cs/1/m_code/60/output", |output| {

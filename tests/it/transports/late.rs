@@ -1,4 +1,4 @@
-//! What comes twice, too late, or from before the runtime was there.
+//! Messages that arrive twice, too late, or from before the start of the runtime.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ fn load(command_id: &str, program: u16) -> Value {
     json!({"command_id": command_id, "client_id": "panel", "args": {"program": program}})
 }
 
-/// What was replied to a command, in order.
+/// Returns the replies to a command, in order.
 fn replies(bus: &Bus, command_id: &str) -> Vec<Value> {
     let replies = bus.history.on("reply/panel").into_iter();
     replies
@@ -25,7 +25,7 @@ fn replies(bus: &Bus, command_id: &str) -> Vec<Value> {
         .collect()
 }
 
-/// Waits until this runtime hears the broker.
+/// Waits until this runtime receives messages of the broker.
 async fn listens(bus: &Bus, served: &Served) {
     let boot_id = served.state(1).await["boot_id"].clone();
     let online = |presence: &Value| presence["online"] == true && presence["boot_id"] == boot_id;
@@ -59,7 +59,7 @@ async fn a_retained_command_is_never_acted_on_by_a_later_start_of_the_runtime() 
     let alarms = served.get("/alarms/history").await.expect(200).body;
     assert!(alarms.contains("retained command early of panel"), "{alarms}");
 
-    // one that comes while the runtime is there shows its flag over MQTT 5
+    // a message that arrives while the runtime is online shows its flag over MQTT 5
     bus.publish_retained("cs/1/command/load", &load("live", 50)).await;
     let refused = bus.reply("panel", "live").await;
     assert_eq!(
@@ -117,7 +117,7 @@ async fn a_broker_that_has_spoken_mqtt_5_is_not_left_for_3_1_1_because_it_hangs_
 async fn commands_that_a_persistent_session_kept_while_the_runtime_was_away_are_not_carried_out() {
     let broker = Mosquitto::start();
     let machine = machine(&broker_at(&broker.address()));
-    // somebody made the runtime's session one that the broker keeps
+    // another client made the broker keep the runtime's session
     let (host, port) = (
         "127.0.0.1",
         broker.address().rsplit_once(':').unwrap().1.to_owned(),

@@ -58,7 +58,7 @@ async fn a_link_cut_for_longer_than_keep_alive_holds_up_no_motion_and_loses_no_o
         (&json!("WAIT"), &output["seq"]),
         "what waits goes on waiting"
     );
-    // said while the machine is away: reaches nobody, then or later
+    // published while the machine is offline: it is never delivered
     let stop = json!({"command_id": "missed", "client_id": "panel", "args": {}});
     bus.publish("cs/1/command/stop", &stop).await;
 

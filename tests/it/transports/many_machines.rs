@@ -14,7 +14,7 @@ use crate::support::wait::within;
 /// Outputs of M100 in a program.
 const OUTPUTS: u32 = 20;
 
-/// A machine of this name, whose program 50 puts out M100 with VA 1 to [`OUTPUTS`] and VB its own number.
+/// Returns a machine whose program 50 issues M100 with VA 1 to [`OUTPUTS`] and its own number in VB.
 fn machine(name: &str, number: u32, broker: &Mosquitto) -> (Machine, Served) {
     below("", name, number, broker)
 }
@@ -38,7 +38,7 @@ fn below(prefix: &str, name: &str, number: u32, broker: &Mosquitto) -> (Machine,
 /// VA and VB of the outputs that a handler served.
 type Seen = Arc<Mutex<Vec<[Option<f64>; 2]>>>;
 
-/// Serves M100 under one and the same handler id, and notes whose output it was.
+/// Serves M100 under one common handler id, and records the machine of each output.
 fn serve(plc: &Plc) -> (Seen, tokio::task::JoinHandle<()>) {
     let seen = Seen::default();
     let sink = Arc::clone(&seen);

@@ -1,6 +1,7 @@
-//! A broker of several nodes: the runtime and its clients go on at another one when theirs dies.
+//! A broker of several nodes: the runtime and its clients continue at another node when theirs dies.
 //!
-//! The nodes are brokers that know nothing of each other: all that the second one has, it was told after the first one died.
+//! The nodes are brokers without knowledge of each other: all data of the second one arrives after the death of the
+//! first.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};

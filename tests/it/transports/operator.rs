@@ -47,7 +47,7 @@ async fn asked_and_validated(reached: &Reached) {
     })
     .await;
     let system = plc.coordinate_system(1);
-    // program 50 puts out M100 VA7, program 52 VA1 and VA2
+    // program 50 issues M100 VA7, program 52 VA1 and VA2
     let Err(Error::Refused(refusal)) = within("load 50", system.load(50)).await else {
         panic!("M100 VA7 was not refused");
     };

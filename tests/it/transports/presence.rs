@@ -1,4 +1,4 @@
-//! A presence has an age: whoever does not say for so long that it is there has gone, though no last will tells of it.
+//! A presence expires: a client that does not renew it is offline, even without a last will.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,7 +43,7 @@ async fn connect(served: &Served, expires_ms: u64) -> Plc {
     within("Plc::connect", connecting).await.expect("a machine there")
 }
 
-/// A sequence program whose M100 works until it is told to go on.
+/// A sequence program whose M100 works until it is released.
 fn serve(plc: &Plc) -> (JoinHandle<()>, Arc<Notify>) {
     let go_on = Arc::new(Notify::new());
     let (plc, told) = (plc.clone(), Arc::clone(&go_on));

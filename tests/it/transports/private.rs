@@ -96,8 +96,8 @@ async fn with_a_certificate_http_websocket_and_the_broker_speak_tls_only() {
         answer.starts_with("HTTP/1.1 400") && answer.contains("https://"),
         "{answer}"
     );
-    // a client that does not trust the certificate has nothing to do with the machine, and without TLS nobody is let in;
-    // each tries until its time is over, all at once
+    // a client that does not trust the certificate cannot reach the machine, and none is accepted without TLS; each
+    // tries until its time is over, all at once
     let stranger = || MqttOptions {
         tls: TlsFiles::default(),
         ..options(&machine, Some(("hmi-1", token.as_str())))

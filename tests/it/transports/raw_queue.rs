@@ -1,4 +1,4 @@
-//! The raw queue over each transport: what is taken there is owned, and given back when its owner dies.
+//! The raw queue over each transport: a claimed output has an owner, and is released when its owner dies.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ async fn claim(plc: &Plc) -> RawOutput {
     output
 }
 
-/// Claims the next output on a connection of its own, which breaks without a word.
+/// Claims the next output on a connection of its own, which breaks without notice.
 async fn claim_and_die(url: String) {
     let (claimed, is_claimed) = oneshot::channel();
     let (die, must_die) = std::sync::mpsc::channel::<()>();
@@ -65,7 +65,7 @@ async fn who_dies_with_a_claim_gives_it_back(reached: &Reached) {
     }
     lost(&system).await;
 
-    // it is there again, and is not told to do it again
+    // it is online again, and does not receive the output again
     let mut outputs = reached.plc.outputs().on(100).handler_id("raw");
     let unasked = tokio::time::timeout(Duration::from_millis(300), outputs.next()).await;
     assert!(unasked.is_err(), "a lost output was given out unasked");

@@ -25,7 +25,7 @@ async fn register(http: &str, presence: &Value) -> Answer {
     request(http, "PUT", path, "application/json", &presence.to_string()).await
 }
 
-/// What a claim or another request about an output is answered.
+/// Sends a claim or another request about an output, and returns the answer.
 async fn say(http: &str, output: &Value, what: &str, body: &Value) -> Value {
     let path = format!("/api/v1/cs/1/m_codes/{}/{what}", output["seq"]);
     let answer = request(http, "POST", &path, "application/json", &body.to_string()).await;
@@ -71,7 +71,7 @@ fn served() -> (Machine, Served) {
     (machine, served)
 }
 
-/// Starts a run that waits at M60, and returns what is pending.
+/// Starts a run that waits at M60, and returns the pending output.
 async fn at_m60(served: &Served) -> Value {
     served.load(1, 60, THREE_PARTS).await;
     served.command(1, "start").await;

@@ -9,7 +9,7 @@ use plc_api::{Execution, SequenceProgram};
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};
 
-/// P10 releases the start, M100 is reset where X stands at 5, and P21 says how many tools VA names, twice.
+/// P10 releases the start, M100 is reset at X5, and P21 is set to the number of tools in VA, twice.
 struct Cell;
 
 impl ScanProgram for Cell {

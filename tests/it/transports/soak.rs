@@ -1,5 +1,5 @@
-//! A full shop: 200 subscribers and 50 commands a second beside a program that runs with its handler. 20 s; with
-//! `TANDEM_LONG` 5 min, with `SOAK_SECONDS` as long as it says. It prints what it has measured.
+//! A full shop: 200 subscribers and 50 commands a second, in addition to a program that runs with its handler. Takes 20
+//! s; with `TANDEM_LONG` 5 min, with `SOAK_SECONDS` that time. It prints the measured values.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -34,7 +34,7 @@ fn duration() -> Duration {
     Duration::from_secs(seconds)
 }
 
-/// What one subscriber has heard.
+/// Messages that one subscriber has received.
 #[derive(Default)]
 struct Heard {
     /// `seq` of the notices of outputs, in order.
@@ -182,15 +182,15 @@ fn ask_for_real_time() {
 #[cfg(not(unix))]
 fn ask_for_real_time() {}
 
-/// How many overruns of the servo thread the computer itself explains: what a thread that does nothing is late beside
-/// it, three times, since the two are not hit by the same stalls, and one cycle in a hundred.
+/// Returns the overruns of the servo thread that the computer itself explains: three times the delays of an idle thread
+/// next to it, since the two are not hit by the same stalls, and one cycle in a hundred.
 fn overruns_explained(noise: u64, cycles: u64) -> u64 {
     3 * noise + cycles / 100
 }
 
 #[test]
 fn a_servo_that_the_load_holds_up_is_not_explained_by_the_noise_of_a_quiet_computer() {
-    // one cycle in twenty late, beside a thread that is late in one of a thousand
+    // one cycle in twenty late, next to a thread that is late in one of a thousand
     assert!(1000 > overruns_explained(20, 20_000));
     assert!(100 <= overruns_explained(20, 20_000));
     assert!(4000 <= overruns_explained(2000, 20_000));

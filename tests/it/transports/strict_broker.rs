@@ -9,7 +9,7 @@ use crate::support::machine::Machine;
 use crate::support::mqtt::Bus;
 use crate::support::served::Served;
 
-/// A machine at this broker, and somebody who hears that it is there.
+/// Starts a machine at this broker, and a listener that sees it online.
 async fn served_at(broker: &Mosquitto) -> (Machine, Served, Bus) {
     let machine = machine(&broker_at(&broker.address()));
     let served = Served::start(&machine);

@@ -35,7 +35,7 @@ fn make_certificates(folder: &Path) {
     }
 }
 
-/// What `tandem` prints.
+/// Returns the output of `tandem`.
 fn printed(folder: &Path, arguments: &[&str]) -> String {
     let output = Command::new(tandem())
         .args(arguments)
@@ -151,7 +151,7 @@ async fn a_program_runs_over_a_mosquitto_with_tls_client_certificates_and_passwo
     within("its end", done).await.expect("completed");
     assert_eq!(system.tool().await.expect("a tool").id, 7);
 
-    // who may only look is not heard, by the broker's rules
+    // messages of a read-only user are dropped, by the broker's rules
     let watcher = plant
         .connect(plant.options("watcher", plant.files()))
         .await

@@ -29,14 +29,14 @@ class Address:
         """Read an address.
 
         Raises:
-            AddressError: what is wrong with it, and what to write; without the password.
+            AddressError: describes the mistake and the correct form, without the password.
         """
         scheme, found, rest = text.partition("://")
         if not found:
             scheme, rest = "mqtt", text
         authority, _, path = rest.partition("/")
         login, found, hosts = authority.rpartition("@")
-        # what stands before an @ may be a password, wherever it is
+        # text before an @ may be a password, wherever the @ is
         shown = f"{scheme}://{rest.rpartition('@')[2]}"
 
         def wrong(reason: str) -> AddressError:

@@ -1,4 +1,4 @@
-"""What a program says of its alarms: text, remedy, languages."""
+"""Alarms that a program declares: text, remedy, languages."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .messages import AlarmWords
 
 LANGUAGES_MAX = 8
 ALARMS_MAX = 256
-"""Alarms of which one program may say something."""
+"""Maximum number of alarms that one program may declare."""
 
 _TAG = re.compile(r"[A-Za-z0-9-]{2,16}")
 
 
 @dataclass(frozen=True)
 class UserAlarm:
-    """An alarm with all that is said of it, for a constant.
+    """An alarm with text, remedy and languages, for a constant.
 
     ::
 
@@ -39,14 +39,14 @@ class UserAlarm:
     code: int
     """The machine shows 10000 + code."""
     text: str
-    """What happened, in the operator's words."""
+    """Description of the fault for the operator."""
     remedy: str | None = field(default=None, kw_only=True)
-    """What to do."""
+    """The remedy."""
     languages: Mapping[str, AlarmWords] = field(default_factory=dict, kw_only=True)
-    """The same in other languages, by their tags, such as ``de`` or ``pt-BR``."""
+    """Text and remedy in other languages, by language tag, such as ``de`` or ``pt-BR``."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Reject invalid values."""
         if not 0 <= self.code <= CODE_MAX:
             raise ProgramError(f"alarm {self.code}: write 0 to {CODE_MAX}")
         if len(self.languages) > LANGUAGES_MAX:
@@ -59,11 +59,11 @@ class UserAlarm:
                 raise ProgramError(f"alarm {self.code}: text and remedy: write 1 to {TEXT_MAX} characters")
 
     def alarm(self, detail: object = None) -> Alarm:
-        """Make the alarm to raise, with more of what happened behind its text."""
+        """Make the alarm to raise, with details appended to its text."""
         return Alarm(self.code, self.text if detail is None else f"{self.text}: {detail}")
 
     def to_json(self) -> dict[str, Any]:
-        """Its form in the presence."""
+        """Return the declaration as the presence message carries it."""
         json: dict[str, Any] = {"code": self.code, **AlarmWords(self.text, self.remedy).to_json()}
         if self.languages:
             json["languages"] = {tag: words.to_json() for tag, words in self.languages.items()}

@@ -1,4 +1,4 @@
-"""The connection to a machine: it is made again whenever it is lost, and what was not answered is sent again."""
+"""The connection to a machine. It is restored after each loss, and unanswered requests are sent again."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ log = logging.getLogger("tandem_plc")
 ANSWER_TIMEOUT_S = 5.0
 PRESENT_TIMEOUT_S = 10.0
 PRESENCE_EXPIRES_S = 15.0
-"""The machine takes handlers for lost when it has not heard of them for so long; it is told at a third of it."""
+"""The machine considers handlers lost after this time without a presence; one is published every third of it."""
 LOOK_AT_AGE_S = 1.0
-"""How often the age of the machine's presence is looked at."""
+"""Interval of the checks of the machine's presence."""
 OUTBOX_MAX = 1_024
-"""Requests that wait for their end; more are refused."""
+"""Maximum number of unfinished requests; further ones are refused."""
 
 USER_MAX = 46
-"""Characters of a user name that begins the client id: a client id has 64 characters at most."""
+"""Characters of the user name at the start of the client id, because a client id has at most 64 characters."""
 _SET_BY_HANDLERS = re.compile(r"cs/\d+/(tool|spindle|variable)/(get|set)|alarm/raise")
-"""What handlers set without naming themselves in the payload."""
+"""Topics that handlers publish to without their name in the payload."""
 _BACKOFF_FIRST_S = 0.1
 _BACKOFF_MAX_S = 5.0
 
 
 @dataclass(eq=False)
 class Request:
-    """A message that is not known to have arrived; it is sent again on each new connection."""
+    """A message whose arrival is not confirmed; it is sent again on each new connection."""
 
     path: str
     topic: str
@@ -56,15 +56,15 @@ class Request:
     result_of: tuple[str, int, str, str] | None = None
     """Ends with a result: its path, ``seq``, ``handler_id``, and ``claim`` or ``reset``."""
     boot_id: str | None = None
-    """Of a command: the boot to which it was sent first; it is not sent to another one."""
+    """For a command: the boot to which it was first sent; it is never sent to another boot."""
     was_sent: bool = False
     is_sent: bool = False
-    """On the connection of now."""
+    """It was sent on the current connection."""
 
 
 @dataclass
 class Credentials:
-    """Who connects; what the address says is taken where this says nothing."""
+    """Credentials of the client; the address supplies missing ones."""
 
     user: str | None = None
     password: str | None = field(default=None, repr=False)
@@ -72,7 +72,7 @@ class Credentials:
 
 
 class Connection:
-    """Keeps a connection to one machine, and carries requests and messages."""
+    """Keeps a connection to one machine, and transfers requests and messages."""
 
     def __init__(self, address: str, credentials: Credentials | None = None, handler_id: str | None = None) -> None:
         self.address = Address.parse(address)
@@ -80,18 +80,18 @@ class Connection:
         is_named = bool(user) and len(user or "") <= USER_MAX and not set(user or "") & set("/+#\0")
         name = f"py-{secrets.token_hex(6)}"
         self.client_id = f"{user}-{name}" if is_named else name
-        """It begins with the user, to whom the access rules of a broker tie the topics of a client."""
+        """Begins with the user, because a broker's access rules tie the topics of a client to its user."""
         self._topic_id = str(user) if is_named else self.client_id
         self.hub = Hub()
         self.handler_id = handler_id
         self.instance = secrets.token_hex(16)
-        """Tells this process from others of the same handler id; the same over all connections."""
+        """Distinguishes this process from others with the same handler id; unchanged over all connections."""
         self.will: str | None = None
-        """Payload of the handler's presence after a loss of the connection."""
+        """Payload of the handler's last will, published if the connection is lost."""
         self.on_message: Callable[[str, Any], None] = lambda _path, _message: None
-        """Hears each message of the machine before anybody who follows its topic."""
+        """Receives each message of the machine before the followers of its topic do."""
         self.on_connected: Callable[[], None] = lambda: None
-        """Hears of the machine on each new connection and at each boot, before requests are sent again."""
+        """Called on each new connection and at each boot, before requests are sent again."""
         self._credentials = credentials or Credentials()
         self._link: Link | None = None
         self._is_present = False
@@ -103,16 +103,16 @@ class Connection:
         self._refused: asyncio.Future[ConnectError] | None = None
         self._news = asyncio.Event()
         self.connections = 0
-        """Connections so far."""
+        """Number of connections so far."""
         self._heard_at = 0.0
-        """When the machine was heard last; each connection begins anew."""
+        """Time of the last presence message; restarted with each connection."""
         self._is_missed = False
-        """The machine has not said in time that it is there."""
+        """No presence arrived within ``expires_ms``."""
         self._must_reconnect = False
 
     @property
     def boot_id(self) -> str | None:
-        """The boot of the runtime that is online; ``None`` while it is away."""
+        """The boot of the runtime that is online; ``None`` while it is offline."""
         presence: Presence | None = self.hub.last("presence")
         return presence.boot_id if presence is not None and presence.online else None
 
@@ -124,10 +124,10 @@ class Connection:
     # --- life
 
     async def start(self, timeout_s: float = PRESENT_TIMEOUT_S) -> None:
-        """Connect, and wait until the machine is there.
+        """Connect, and wait for the machine.
 
         Raises:
-            ConnectError: it is not, within the time; or the broker refuses this client.
+            ConnectError: the machine is not online within the time, or the broker refuses this client.
         """
         self._refused = asyncio.get_running_loop().create_future()
         self._task = asyncio.create_task(self._keep_connected(), name=f"tandem {self.address.shown}")
@@ -143,7 +143,7 @@ class Connection:
         raise ConnectError(f"no connection to {self.address.shown}: {self._trouble}")
 
     async def until(self, holds: Callable[[], bool]) -> None:
-        """Wait until something holds; it is asked again after each message and each loss of the connection."""
+        """Wait until a condition holds; checked after each message and each loss of the connection."""
         while not holds():
             self._news.clear()
             await self._news.wait()
@@ -152,7 +152,7 @@ class Connection:
         await self.until(lambda: self.is_connected and self.hub.last("birth") is not None)
 
     async def stop(self) -> None:
-        """Close the connection; what waits for an answer gets none."""
+        """Close the connection; pending requests get no answer."""
         task, self._task = self._task, None
         if task is not None:
             task.cancel()
@@ -174,7 +174,7 @@ class Connection:
             was_connected = await self._one_connection(*nodes[at])
             if was_connected:
                 wait_s, failures = _BACKOFF_FIRST_S, 0
-            # one node after the other, with a wait after each round and each connection
+            # tries one node after the other, with a wait after each round and each connection
             failures += 1
             at = (at + 1) % len(nodes)
             if was_connected or failures % len(nodes) == 0:
@@ -187,7 +187,7 @@ class Connection:
         for request in list(self._requests):
             request.is_sent = False
             if request.result_of is not None and request.result_of[-1] == "claim":
-                # the registration of its handler was lost with the connection: it would be refused
+                # the handler's registration was lost with the connection, so the machine would refuse the claim
                 self._end(request, error=NotConnected("the connection was lost; register, then claim again"))
         is_open = False
         try:
@@ -242,10 +242,10 @@ class Connection:
         own = [] if self.handler_id is None else ["presence", "result"]
         return [*FILTERS, f"reply/{self.client_id}", *(f"handler/{self.handler_id}/{level}" for level in own)]
 
-    # --- what comes in
+    # --- incoming messages
 
     def _look_at_age(self) -> None:
-        """A machine that has not said in time that it is there counts as offline: no last will may tell of it."""
+        """Set the machine offline if its presence has expired: a last will may not arrive."""
         presence: Presence | None = self.hub.last("presence")
         if presence is None or not presence.online or presence.expires_ms is None:
             return
@@ -269,7 +269,7 @@ class Connection:
             return
         if isinstance(message, Presence) and not retained:
             self._heard_at = asyncio.get_running_loop().time()
-            # a part of a cluster that was cut off may not tell what was said meanwhile: all is read and said anew
+            # a separated part of a cluster may have missed messages: connect, read and publish everything again
             self._must_reconnect = self._is_missed
         self._take(path, message)
 
@@ -343,7 +343,7 @@ class Connection:
         else:
             request.done.set_exception(error)
 
-    # --- what goes out
+    # --- outgoing messages
 
     async def request(
         self,
@@ -355,12 +355,12 @@ class Connection:
         result_of: tuple[str, int, str, str] | None = None,
         timeout_s: float = ANSWER_TIMEOUT_S,
     ) -> Any:
-        """Send a message, and wait for its end: the answer, or else that the broker has it.
+        """Send a message, and wait for its answer, or for the broker's acknowledgement if it has none.
 
         Raises:
             Refused: the machine refuses it.
-            NotConnected: there was no connection in all that time, and it was not sent.
-            NoAnswer: it was sent, and no answer came.
+            NotConnected: there was no connection within the time limit, and it was not sent.
+            NoAnswer: it was sent, but not answered.
         """
         if len(self._requests) >= OUTBOX_MAX:
             raise NotConnected(f"{OUTBOX_MAX} requests wait for an answer already; nothing was sent")
@@ -382,7 +382,7 @@ class Connection:
                 self._requests.remove(request)
 
     def post(self, path: str, payload: dict[str, Any], *, retain: bool = False) -> None:
-        """Send a message whose fate does not matter; it is dropped where there is no connection."""
+        """Send a message without waiting for its arrival; drop it if there is no connection."""
         if self._link is not None and self._is_present:
             text = json.dumps(payload, separators=(",", ":"), allow_nan=False)
             self._link.publish(self._topic_of(path, payload), text, retain=retain)
@@ -412,7 +412,7 @@ class Connection:
             return
         if request.command_id is not None:
             if request.boot_id is not None and request.boot_id != boot_id:
-                return  # another boot would not know the id, and carry it out a second time
+                return  # another boot would not know the id, and would execute the command a second time
             request.boot_id = boot_id
         packet = link.publish(request.topic, request.payload, retain=request.retain)
         if packet is not None:

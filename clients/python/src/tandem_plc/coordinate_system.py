@@ -30,16 +30,15 @@ if TYPE_CHECKING:
 M = TypeVar("M")
 
 COMMAND_TIMEOUT_S = 5.0
-"""How long a command may take until its effect, where it does not move."""
+"""Time limit of a command that does not move axes."""
 
 
 class CoordinateSystem:
-    """Commands return when they have had their effect.
+    """Commands return after their effect.
 
-    Each command takes ``command_id``, which names it: a command that is repeated with the id of
-    :class:`~tandem_plc.NoAnswer` is not carried out twice. All commands raise ``Refused`` (nothing has changed),
-    ``CommandFailed`` (it was accepted, and something prevented its effect), ``NotConnected`` (nothing was sent) or
-    ``NoAnswer`` (nobody knows).
+    Each command takes ``command_id``, which names it: a command repeated with the id of a :class:`~tandem_plc.NoAnswer`
+    is not executed twice. All commands raise ``Refused`` (nothing has changed), ``CommandFailed`` (it was accepted, but
+    could not take effect), ``NotConnected`` (nothing was sent) or ``NoAnswer`` (the effect is unknown).
     """
 
     def __init__(self, plc: Plc, number: int) -> None:
@@ -53,27 +52,27 @@ class CoordinateSystem:
         return await self.command("load", {"program": program}, command_id=command_id)
 
     async def start(self, *, command_id: str | None = None) -> CommandReply:
-        """Start the loaded program from its head: ACTIVE."""
+        """Start the loaded program at line 1: ACTIVE."""
         return await self.command("start", command_id=command_id)
 
     async def hold(self, *, command_id: str | None = None) -> CommandReply:
-        """Feed hold: FEED_HOLD once the axes are at rest."""
+        """Feed hold: FEED_HOLD once the axes are stationary."""
         return await self.command("hold", command_id=command_id)
 
     async def resume(self, *, command_id: str | None = None) -> CommandReply:
-        """Go on after a pause."""
+        """Resume after a pause."""
         return await self.command("resume", command_id=command_id)
 
     async def stop(self, *, command_id: str | None = None) -> CommandReply:
-        """Decelerate on the path and end the run; open outputs are cancelled."""
+        """Decelerate on the path and end the run; pending outputs are cancelled."""
         return await self.command("stop", command_id=command_id)
 
     async def abort(self, *, command_id: str | None = None) -> CommandReply:
-        """Brake each motor at once and end the run; open outputs are cancelled."""
+        """Brake each motor at once and end the run; pending outputs are cancelled."""
         return await self.command("abort", command_id=command_id)
 
     async def reset(self, *, command_id: str | None = None) -> CommandReply:
-        """End the run, cancel open outputs, and clear alarms."""
+        """End the run, cancel pending outputs, and clear alarms."""
         return await self.command("reset", command_id=command_id)
 
     async def back_trace(self, on: bool, *, command_id: str | None = None) -> CommandReply:
@@ -99,7 +98,7 @@ class CoordinateSystem:
     async def home(
         self, axes: Sequence[str] = (), *, timeout_s: float = 600.0, command_id: str | None = None
     ) -> CommandReply:
-        """Move axes to their first reference points, then READY; none named: all."""
+        """Move axes to their first reference points, then READY; without names, all axes."""
         args = {"axes": list(axes)} if axes else {}
         return await self.command("home", args, command_id=command_id, timeout_s=timeout_s)
 
@@ -137,7 +136,7 @@ class CoordinateSystem:
         return await self.command("jog", {"refresh_id": refresh_id, "end": True}, command_id=command_id)
 
     async def acknowledge_alarm(self, alarm_id: int, *, command_id: str | None = None) -> CommandReply:
-        """Record that an alarm has been seen, and by whom; it stays active until a reset."""
+        """Record that an alarm has been seen, and by which user; it stays active until a reset."""
         return await self.command("alarm_acknowledge", {"id": alarm_id}, command_id=command_id)
 
     async def command(
@@ -148,7 +147,7 @@ class CoordinateSystem:
         command_id: str | None = None,
         timeout_s: float = COMMAND_TIMEOUT_S,
     ) -> CommandReply:
-        """Carry out a command by its verb and arguments, and return when it has had its effect."""
+        """Execute a command by its verb and arguments, and return after its effect."""
         payload: dict[str, Any] = {"args": args} if args else {}
         fence = self._plc._fences.get(self.number)
         if fence is not None:
@@ -160,12 +159,12 @@ class CoordinateSystem:
         return reply
 
     async def run(self, program: int | None = None, *, parts: int = 1) -> Run:
-        """Load a program where one is named, run it once for each part, and wait until the run has ended.
+        """Load a program if one is given, run it once for each part, and wait until the run has ended.
 
-        A part after the first begins after PROGRAM_COMPLETED alone; the interlock and the start lock hold it back.
+        Each further part begins only after PROGRAM_COMPLETED; the interlock and the start lock delay it.
 
         Raises:
-            CommandFailed: a later run has taken its place before this one was heard to end.
+            CommandFailed: a later run replaced this one before its end was received.
         """
         args: dict[str, Any] = {"parts": parts} if program is None else {"program": program, "parts": parts}
         async with self._following("run") as states:
@@ -190,7 +189,7 @@ class CoordinateSystem:
             Its number, which this connection sends with each of its commands.
 
         Raises:
-            Refused: another holds it.
+            Refused: another client holds it.
         """
         payload: dict[str, Any] = {"holder": holder, "ttl_ms": ttl_ms}
         fence = self._plc._fences.get(self.number)
@@ -204,7 +203,7 @@ class CoordinateSystem:
         return lease.fence
 
     async def release_lease(self) -> None:
-        """Give the control lease back; without one nothing changes."""
+        """Release the control lease; without one, nothing changes."""
         fence = self._plc._fences.pop(self.number, None)
         if fence is not None:
             await self._plc._ask(f"cs/{self.number}/lease/release", {"fence": fence})
@@ -231,10 +230,10 @@ class CoordinateSystem:
         """Set a source of the interlock: while any is on, motion is held and none starts; ``text`` is the reason.
 
         A program that serves the machine owns its sources: they are written again on each connection and at each boot,
-        nobody else clears them, and a machine that cannot be reached is waited for.
+        and no other client can clear them. If the machine is offline, the program waits for it.
 
         Raises:
-            Refused: the source is another handler's.
+            Refused: another handler owns the source.
         """
         await self._set_lock("interlock", value, text, source)
 
@@ -242,19 +241,19 @@ class CoordinateSystem:
         """Set a source of the start lock, as :meth:`set_interlock`: while any is on, no program starts.
 
         Raises:
-            Refused: the source is another handler's.
+            Refused: another handler owns the source.
         """
         await self._set_lock("start_lock", value, text, source)
 
     async def set_overrides(
         self, *, feed: float | None = None, rapid: float | None = None, spindle: float | None = None
     ) -> None:
-        """Set overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; what is left out stays."""
+        """Set overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; omitted ones stay unchanged."""
         given = {"feed": feed, "rapid": rapid, "spindle": spindle}
         await self._set("override", {name: value for name, value in given.items() if value is not None})
 
     async def select_tool(self, number: int) -> None:
-        """Tell which tool is in the spindle; 0: none."""
+        """Set the tool in the spindle; 0: none."""
         await self._set("tool", {"id": number})
 
     async def set_spindle(self, direction: str, rpm: float | None = None) -> None:
@@ -262,11 +261,11 @@ class CoordinateSystem:
         await self._set("spindle", {"direction": direction} if rpm is None else {"direction": direction, "rpm": rpm})
 
     async def raise_alarm(self, alarm: Alarm) -> None:
-        """Raise an alarm that stops this coordinate system and cancels its open outputs."""
+        """Raise an alarm that stops this coordinate system and cancels its pending outputs."""
         await self._plc.raise_alarm(alarm, cs=self.number)
 
     async def read_q(self, first: int, count: int = 1) -> list[float]:
-        """Read Q variables, up to 1024 as they were at one moment."""
+        """Read up to 1024 Q variables, all from one moment."""
         return await self._plc._read_variables(self.number, "Q", first, count)
 
     async def write_q(self, first: int, values: Sequence[float]) -> None:
@@ -274,7 +273,7 @@ class CoordinateSystem:
         await self._plc._write_variables(self.number, "Q", first, values)
 
     async def answer(self, output: PendingOutput, choice: str) -> None:
-        """Answer the question of an open output, as an operator does.
+        """Answer the question of a pending output, as an operator does.
 
         Raises:
             Refused: the output asks nothing.
@@ -343,11 +342,11 @@ class CoordinateSystem:
 
     @property
     def pending(self) -> tuple[PendingOutput, ...]:
-        """Open outputs."""
+        """Pending outputs."""
         return self._last("m_code/pending", Pending).outputs
 
     async def states(self) -> AsyncIterator[State]:
-        """Follow the state: the one of now, then each that comes."""
+        """Follow the state: the current one, then each new one."""
         async with self._following("state") as states:
             async for state in states:
                 yield state
@@ -364,7 +363,7 @@ class CoordinateSystem:
                 yield values.work_offsets
 
     async def pendings(self) -> AsyncIterator[tuple[PendingOutput, ...]]:
-        """Follow the open outputs: those of now, then after each change."""
+        """Follow the pending outputs: the current ones, then after each change."""
         async with self._following("m_code/pending") as pendings:
             async for pending in pendings:
                 yield pending.outputs

@@ -1,4 +1,4 @@
-"""What a program declares of its M codes: their names, and what VA to VH mean."""
+"""Declarations of a program's M codes: their names, and the meaning of VA to VH."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _UNIT_MAX = 16
 
 @dataclass(frozen=True, kw_only=True)
 class Param:
-    """What one parameter is, and which numbers it takes."""
+    """Declaration of one parameter, with the numbers that it accepts."""
 
     name: str | None = None
     """Such as ``"force"``."""
@@ -33,7 +33,7 @@ class Param:
     """It may be left out."""
 
     def takes(self, number: float) -> bool:
-        """Tell whether it takes a number; a whole one may be as far off as calculations make it: 0.1 * 30."""
+        """Return whether it accepts a number; a whole number may have the rounding error of 0.1 * 30."""
         meant = round(number) if self.whole and math.isfinite(number) else number
         return (
             math.isfinite(number)
@@ -43,7 +43,7 @@ class Param:
         )
 
     def range_text(self) -> str:
-        """Say what to write, such as ``1 to 20 kN``."""
+        """Return the permitted values, such as ``1 to 20 kN``."""
         unit = f" {self.unit}" if self.unit else ""
         if self.min is not None and self.max is not None:
             text = f"{self.min:g} to {self.max:g}{unit}"
@@ -61,7 +61,7 @@ class Param:
         return ", ".join(part for part in parts if part) + ("; may be left out" if self.optional else "")
 
     def to_json(self) -> dict[str, Any]:
-        """Its form in the presence."""
+        """Return the declaration as the presence message carries it."""
         said = {"name": self.name, "unit": self.unit, "min": self.min, "max": self.max}
         json = {key: value for key, value in said.items() if value is not None}
         return json | {key: True for key in ("whole", "optional") if getattr(self, key)}
@@ -69,13 +69,13 @@ class Param:
 
 @dataclass(frozen=True)
 class Declared:
-    """What is declared of the M codes of a handler."""
+    """The declaration of a handler's M codes."""
 
     name: str | None
     params: Mapping[str, Param] | None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Reject invalid declarations."""
         if self.name is not None and not 1 <= len(self.name) <= _NAME_MAX:
             raise ProgramError(f"name {self.name!r}: write 1 to {_NAME_MAX} characters")
         for letter, param in (self.params or {}).items():
@@ -89,7 +89,7 @@ class Declared:
                 raise ProgramError(f"V{letter}: min {param.min:g} is above max {param.max:g}")
 
     def to_json(self, m: int, cs: int | None) -> dict[str, Any]:
-        """Its form in the presence."""
+        """Return the declaration as the presence message carries it."""
         json: dict[str, Any] = {"m": m}
         if cs is not None:
             json["cs"] = cs
@@ -100,10 +100,10 @@ class Declared:
         return json
 
     def check(self, m: int, params: Params) -> None:
-        """Look at the parameters of an output.
+        """Check the parameters of an output.
 
         Raises:
-            Alarm: one of them is not as declared.
+            Alarm: one of them does not match the declaration.
         """
         if self.params is None:
             return

@@ -1,4 +1,4 @@
-"""JSON as dataclasses: what comes in is data that may be wrong, and an error says what."""
+"""Converts JSON to dataclasses and validates it: received data may be wrong, and an error names the mistake."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _fields(cls: type) -> tuple[tuple[str, Any, bool], ...]:
 
 
 def decode(cls: type[T], value: object) -> T:
-    """Read a dataclass from parsed JSON; fields that it does not know are passed over.
+    """Read a dataclass from parsed JSON; unknown fields are ignored.
 
     Raises:
         DecodeError: a field is missing or of another type.

@@ -9,7 +9,7 @@ CODE_MAX = 9_999
 """Highest code of a sequence program's alarm."""
 
 TEXT_MAX = 1_000
-"""Characters of an alarm's text; a longer one is cut."""
+"""Maximum number of characters of an alarm's text; a longer one is cut."""
 
 CODE_OF_ERROR = 9_999
 """Code of the alarm that a :class:`TandemError` in a handler becomes."""
@@ -50,7 +50,7 @@ class TandemError(Exception):
 
 
 class AddressError(TandemError):
-    """The address is not one of a machine."""
+    """The address is not a valid address of a machine."""
 
 
 class ProgramError(TandemError):
@@ -58,7 +58,7 @@ class ProgramError(TandemError):
 
 
 class TakenOver(TandemError):
-    """Another process with this handler id serves the machine: this one has ended, or has not begun."""
+    """Another process with this handler id serves the machine: this one has ended, or was refused."""
 
 
 class ConnectError(TandemError):
@@ -66,18 +66,18 @@ class ConnectError(TandemError):
 
 
 class NotConnected(TandemError):
-    """There is no connection, and nothing was sent: nothing has changed."""
+    """There is no connection; nothing was sent and nothing has changed."""
 
 
 class Refused(TandemError):
-    """The machine has refused a request: nothing has changed."""
+    """The machine has refused a request; nothing has changed."""
 
     def __init__(self, code: str, text: str) -> None:
         super().__init__(text)
         self.code = code
         """Machine-readable reason, such as ``not_allowed``, ``start_locked`` or ``invalid``."""
         self.text = text
-        """What, why, and what to do."""
+        """The event, its cause, and the remedy."""
 
 
 class CommandFailed(TandemError):
@@ -89,23 +89,23 @@ class CommandFailed(TandemError):
         self.code = code
         """Machine-readable reason."""
         self.text = text
-        """What prevented it."""
+        """The reason why it had no effect."""
         self.moved = moved or {}
-        """Of ``jog``, ``mdi`` and ``home``: the distance covered by axis letter, mm or degrees."""
+        """Distance covered by ``jog``, ``mdi`` or ``home``, by axis letter, mm or degrees."""
 
 
 class NoAnswer(TandemError):
-    """The machine did not answer in time: nobody knows whether the request has had its effect.
+    """The machine did not answer within the time limit, so the effect of the request is unknown.
 
-    It is safe to repeat a command with ``command_id=error.command_id``: within 10 minutes and one boot the machine
-    answers it as it did before, and does nothing twice.
+    A command can be repeated safely with ``command_id=error.command_id``: within 10 minutes and one boot the machine
+    repeats its answer and does not execute it twice.
     """
 
     def __init__(self, what: str, timeout_s: float, command_id: str | None) -> None:
         super().__init__(f"{what}: no answer within {timeout_s:g} s; whether it has had its effect is not known")
         self.command_id = command_id
-        """Id of the command; ``None`` for what is no command."""
+        """Id of the command; ``None`` if the request was not a command."""
 
 
 class Ended(TandemError):
-    """The output is no longer this handler's: it was cancelled, reset by hand, or belongs to another boot."""
+    """The output no longer belongs to this handler: it was cancelled, reset by hand, or belongs to another boot."""

@@ -1,4 +1,4 @@
-"""The last word on each topic, and who follows it."""
+"""Last message of each topic, and the followers of each topic."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import AsyncGenerator, Callable
 from typing import Any
 
 TOPICS_MAX = 4_096
-"""Topics that are kept; the one that was silent for longest gives way."""
+"""Maximum number of topics kept; the one without messages for the longest time is evicted."""
 
 BACKLOG_MAX = 256
-"""Messages that wait for one follower; the oldest give way to newer ones."""
+"""Maximum number of messages that wait for one follower; the oldest are dropped."""
 
 
 class Follower:
@@ -29,12 +29,12 @@ class Follower:
         self._news.set()
 
     def close(self) -> None:
-        """Say that nothing more comes."""
+        """End the sequence: no further message follows."""
         self.is_closed = True
         self._news.set()
 
     async def next(self) -> Any:
-        """Wait for the next message; ``None`` when nothing more comes."""
+        """Wait for the next message; ``None`` after the last one."""
         while not self._backlog:
             if self.is_closed:
                 return None
@@ -51,7 +51,7 @@ class Hub:
         self._followers: set[Follower] = set()
 
     def publish(self, path: str, message: Any) -> None:
-        """Keep a message as the last one of its topic, and tell whoever follows it."""
+        """Store a message as the last one of its topic, and pass it to the followers."""
         self._last[path] = message
         self._last.move_to_end(path)
         if len(self._last) > TOPICS_MAX:
@@ -61,22 +61,22 @@ class Hub:
                 follower.push(message)
 
     def forget(self, path: str) -> None:
-        """Drop what a topic has said: its retained message was cleared."""
+        """Drop the last message of a topic, because its retained message was cleared."""
         self._last.pop(path, None)
 
     def last(self, path: str) -> Any:
-        """Give the last message of a topic; ``None`` before the first."""
+        """Return the last message of a topic; ``None`` before the first."""
         return self._last.get(path)
 
     def close(self) -> None:
-        """End all that follow a topic."""
+        """End all followers."""
         for follower in self._followers:
             follower.close()
 
     async def follow(self, path: str) -> AsyncGenerator[Any, None]:
-        """Give the last message of a topic, then each one that comes.
+        """Give the last message of a topic, then each later one.
 
-        Of messages that come faster than they are taken, the oldest are left out. It ends with the connection.
+        If messages arrive faster than they are read, the oldest are dropped. It ends with the connection.
         """
         follower = Follower(lambda other: other == path)
         if path in self._last:

@@ -1,4 +1,4 @@
-"""Inputs and outputs of the plant: what its sensors tell, and what sequence programs command its valves."""
+"""Inputs and outputs of the plant: sensor values, and the commands of sequence programs to actuators."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Io:
         """Its value with its owner, and whether it is forced.
 
         Raises:
-            Refused: the configuration does not declare it, or the machine has not told of it yet.
+            Refused: the configuration does not declare it, or the machine has not published it yet.
         """
         message = self._plc._connection.hub.last(self.path)
         if isinstance(message, IoState):
@@ -42,11 +42,11 @@ class Io:
 
     @property
     def value(self) -> bool | float:
-        """What it is now: the forced value, else what its owner has written, else its safe value."""
+        """Current value: the forced value, else the value written by its owner, else its safe value."""
         return self.state.value
 
     async def values(self) -> AsyncIterator[bool | float]:
-        """Follow it: the value of now, then each other one. It ends with the connection."""
+        """Follow it: the current value, then each different one. It ends with the connection."""
         last = None
         async with contextlib.aclosing(self._plc._connection.hub.follow(self.path)) as states:
             async for state in states:
@@ -55,7 +55,7 @@ class Io:
                     yield state.value
 
     async def wait_until(self, fits: Callable[[bool | float], bool] = bool) -> bool | float:
-        """Wait for a value that fits, and give it: until it is on, or such as ``lambda v: v > 12.5``.
+        """Wait for a value that fits, and return it: until it is on, or a condition such as ``lambda v: v > 12.5``.
 
         Raises:
             Refused: the configuration does not declare it.
@@ -70,14 +70,15 @@ class Io:
     async def set(self, value: bool | float) -> None:
         """Write it.
 
-        What a program that serves the machine has written is the program's: it is written again on each connection and
-        at each boot, nobody else writes it while the program is there, and it has its safe value when that has gone. A
-        machine that cannot be reached is waited for. A client without handlers writes what no handler owns.
+        A program that serves the machine owns each output that it writes: the value is written again on each connection
+        and at each boot, and no other client writes it while the program is online. After that it gets its safe value.
+        If the machine is offline, the program waits for it. A client without handlers writes outputs that no handler
+        owns.
 
         Raises:
-            Refused: it is not declared, the value is not of its kind or range, or it is another handler's.
+            Refused: it is not declared, the value has the wrong kind or range, or another handler owns it.
             NotConnected: there is no connection, for a client without handlers.
-            NoAnswer: it was sent, and nobody knows whether it has arrived.
+            NoAnswer: it was sent, but its arrival is unknown.
         """
         self._check(value)
         if self._plc.is_connected:
@@ -85,16 +86,16 @@ class Io:
         await self._plc._levels.set((f"{self.path}/set", ""), {"value": value})
 
     async def force(self, value: bool | float) -> None:
-        """Put a value in the place of the written one, as an operator does, until :meth:`release`.
+        """Replace the written value, as an operator does, until :meth:`release`.
 
         Raises:
-            Refused: it is not declared, or the value is not of its kind or range.
+            Refused: it is not declared, or the value has the wrong kind or range.
         """
         self._check(value)
         await self._put_in_place(value)
 
     async def release(self) -> None:
-        """Take a forced value back: what its owner has written counts again."""
+        """Remove the forced value: the value written by its owner applies again."""
         self._check(None)
         await self._put_in_place(None)
 
@@ -104,7 +105,7 @@ class Io:
         await connection.request(f"{self.path}/force", payload)
 
     def _check(self, value: bool | float | None) -> None:
-        """Judge by what the machine has said: over a broker nobody answers a write that is refused."""
+        """Validate a write against the machine's messages, because the broker does not report a refused write."""
         birth = self._plc.birth
         if birth is None:
             return

@@ -14,24 +14,24 @@ log = logging.getLogger("tandem_plc")
 _RETRY_S = 0.5
 _TIMEOUT_S = 2.0
 LEVELS_MAX = 1024
-"""Sources, inputs and outputs that one program sets. A plant has up to 256 of each."""
+"""Maximum number of sources, inputs and outputs that one program sets; a plant has up to 256 of each."""
 
 Place = tuple[str, str]
-"""The topic that sets it, and of an interlock or start lock the source."""
+"""The topic that sets it, and the source of an interlock or start lock."""
 
 
 def lock_place(cs: int, kind: str, source: str) -> Place:
-    """Give the place of a source; ``kind`` is ``interlock`` or ``start_lock``."""
+    """Return the key of a source; ``kind`` is ``interlock`` or ``start_lock``."""
     return f"cs/{cs}/input/{kind}/set", source
 
 
 def lock_level(value: bool, text: str, source: str) -> dict[str, Any]:
-    """Give what a source is set to."""
+    """Return the payload that sets a source."""
     return {"value": value, "text": text, "source": source}
 
 
 class Levels:
-    """What is wanted of each, and who owns it."""
+    """The wanted values and their owner."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -40,15 +40,15 @@ class Levels:
         self._is_announced = asyncio.Event()
         self._work = asyncio.Event()
         self.owner: str | None = None
-        """The handler that owns them; it must be announced before they are written."""
+        """The handler that owns them; it must be registered before they are written."""
 
     async def set(self, place: Place, level: dict[str, Any]) -> None:
         """Set a level.
 
         Raises:
-            Refused: the machine refuses it, such as for a source that is another handler's.
+            Refused: the machine refuses it, for example because another handler owns the source.
             NotConnected: there is no connection; a program that serves the machine waits for one instead.
-            NoAnswer: it was sent, and nobody knows whether it has arrived.
+            NoAnswer: it was sent, but its arrival is unknown.
         """
         if place not in self._wanted and len(self._wanted) >= LEVELS_MAX:
             raise Refused("invalid", f"one program sets at most {LEVELS_MAX} levels")
@@ -74,24 +74,24 @@ class Levels:
                 return
 
     def want(self, place: Place, level: dict[str, Any]) -> None:
-        """Set a level, without waiting; :meth:`keep_written` writes it."""
+        """Set a level without waiting; :meth:`keep_written` writes it."""
         self._wanted[place] = level
         self._dirty.add(place)
         self._work.set()
 
     def on_announced(self, owner: str) -> None:
-        """Write all again: the machine has been told anew who is there."""
+        """Write all values again after a new registration."""
         self.owner = owner
         self._is_announced.set()
         self._dirty.update(self._wanted)
         self._work.set()
 
     def on_away(self) -> None:
-        """Wait with writing: the machine does not know the owner any more."""
+        """Pause writing: the machine no longer knows the owner."""
         self._is_announced.clear()
 
     async def keep_written(self) -> None:
-        """Write what has changed, for ever."""
+        """Write changed values until the task is cancelled."""
         while True:
             await self._work.wait()
             await self._is_announced.wait()

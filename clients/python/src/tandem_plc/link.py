@@ -22,19 +22,19 @@ log = logging.getLogger("tandem_plc")
 CONNECT_TIMEOUT_S = 5.0
 KEEP_ALIVE_S = 5
 SILENCE_MAX_S = 10.0
-"""A broker that acknowledges nothing for so long, while something waits for it, is left for the next node. Reason: a
-node of a cluster that has lost the others may take messages and never acknowledge them, also when it has found them."""
+"""A broker that acknowledges nothing for this time, although messages wait for it, is left for the next node. A cluster
+node that has lost the others may accept messages and never acknowledge them, even after it has rejoined."""
 PAYLOAD_MAX = 1 << 20
-"""Bytes of one message; more is not read."""
+"""Maximum bytes of one message; longer ones are not read."""
 QUEUE_MAX = 2_048
-"""Messages that wait in the library; more are refused."""
+"""Maximum number of messages that wait in the library; further ones are refused."""
 
 _REFUSED_FOR_GOOD = frozenset({"Bad user name or password", "Not authorized", "Client identifier not valid"})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a connection is made."""
+    """Settings of a connection."""
 
     client_id: str
     user: str | None = None
@@ -45,7 +45,7 @@ class Options:
 
 
 class Link:
-    """A connection, from :meth:`open` to its loss, which :attr:`lost` tells. It is not used twice."""
+    """A connection, from :meth:`open` to its loss, which :attr:`lost` reports. It is not reused."""
 
     def __init__(
         self,
@@ -58,10 +58,10 @@ class Link:
         self._on_acknowledged = on_acknowledged
         self._ready: asyncio.Future[None] = self._loop.create_future()
         self.lost: asyncio.Future[str] = self._loop.create_future()
-        """Why the connection has ended, once it has."""
+        """Reason for the end of the connection, once it has ended."""
         self._unacknowledged: set[int] = set()
         self._silent_since: float | None = None
-        """Since when messages wait for an acknowledgement and none has come."""
+        """Time since when unacknowledged messages wait without any acknowledgement."""
         client = mqtt.Client(
             CallbackAPIVersion.VERSION2,
             client_id=options.client_id,
@@ -93,7 +93,7 @@ class Link:
         """Connect, and wait until the broker has accepted.
 
         Raises:
-            OSError: nobody answers.
+            OSError: the broker does not answer.
             ConnectError: the broker refuses this client.
         """
         await asyncio.to_thread(self._client.connect, host, port, KEEP_ALIVE_S)
@@ -111,7 +111,7 @@ class Link:
             self._awaits(packet)
 
     def publish(self, topic: str, payload: str, *, retain: bool = False) -> int | None:
-        """Send a message with quality of service 1; gives its packet id, ``None`` when it cannot be taken."""
+        """Send a message with quality of service 1; returns its packet id, ``None`` if it cannot be accepted."""
         info = self._client.publish(topic, payload, qos=1, retain=retain)
         if info.rc not in (MQTTErrorCode.MQTT_ERR_SUCCESS, MQTTErrorCode.MQTT_ERR_AGAIN):
             return None
@@ -127,7 +127,7 @@ class Link:
             self._end(f"the broker has acknowledged nothing for {SILENCE_MAX_S:g} s")
 
     async def close(self, reason: str = "closed here") -> None:
-        """Send what waits, say goodbye, and close."""
+        """Send waiting messages, disconnect, and close."""
         if not self.lost.done():
             for _ in range(20):
                 if not self._client.want_write():
@@ -139,7 +139,7 @@ class Link:
         self._end(reason)
 
     def abandon(self) -> None:
-        """Close without a goodbye: the broker sends the will."""
+        """Close without a disconnect message: the broker publishes the will."""
         self._end("closed here")
 
     def _end(self, reason: str) -> None:
@@ -154,7 +154,7 @@ class Link:
             self.lost.set_result(reason)
         if not self._ready.done():
             self._ready.set_exception(ConnectionError(reason))
-            self._ready.exception()  # it may be that nobody waits for it
+            self._ready.exception()  # marks the exception as retrieved, because no task may be waiting for it
 
     def _socket_open(self, _client: mqtt.Client, _data: Any, opened: Any) -> None:
         # in the thread that connects: small messages must not wait for each other
@@ -187,7 +187,7 @@ class Link:
             if status not in (MQTTErrorCode.MQTT_ERR_SUCCESS, MQTTErrorCode.MQTT_ERR_AGAIN):
                 self._end(mqtt.error_string(status))
                 return
-            # what TLS has decoded already wakes nobody
+            # the socket does not report data that TLS has already decoded
             if not (isinstance(self._socket, ssl.SSLSocket) and self._socket.pending()):
                 return
 

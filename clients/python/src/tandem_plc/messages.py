@@ -1,4 +1,4 @@
-"""What the machine says, as frozen dataclasses. Lengths are in mm or degrees, feedrates in mm/min."""
+"""Messages of the machine as frozen dataclasses. Lengths are in mm or degrees, feedrates in mm/min."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Execution(str, enum.Enum):
 
 
 class OutputState(str, enum.Enum):
-    """Where an open output stands."""
+    """Stage of a pending output."""
 
     QUEUED = "QUEUED"
     OUTPUT = "OUTPUT"
@@ -33,10 +33,10 @@ class OutputState(str, enum.Enum):
 
 
 class Redelivery(str, enum.Enum):
-    """What a handler does with an output on which a lost handler may already have worked."""
+    """How a handler treats an output on which a lost handler may already have worked."""
 
     ASK = "ask"
-    """Nothing: an operator decides."""
+    """An operator decides."""
     REDO = "redo"
     """Run the handler again from its start."""
     VERIFY = "verify"
@@ -54,7 +54,7 @@ class CancelReason(str, enum.Enum):
     OPERATOR = "operator"
     """An operator has reset it or failed it."""
     SHUTDOWN = "shutdown"
-    """The runtime or this program ends, or another boot of the runtime is there."""
+    """The runtime or this program ends, or another boot of the runtime is online."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How far a handler is."""
+    """Progress of a handler."""
 
     text: str
     percent: float | None = None
@@ -115,7 +115,7 @@ class State:
 
 @dataclass(frozen=True, kw_only=True)
 class PendingOutput:
-    """One open output."""
+    """One pending output."""
 
     id: str
     seq: int
@@ -142,7 +142,7 @@ class PendingOutput:
 
 @dataclass(frozen=True, kw_only=True)
 class Pending:
-    """All open outputs of a coordinate system."""
+    """All pending outputs of a coordinate system."""
 
     boot_id: str
     outputs: tuple[PendingOutput, ...]
@@ -159,7 +159,7 @@ class Cancel:
 
 @dataclass(frozen=True, kw_only=True)
 class Validate:
-    """Asks whether an M code may be put out with these parameters."""
+    """Asks whether an M code may be issued with these parameters."""
 
     request_id: str
     program: int
@@ -169,7 +169,7 @@ class Validate:
 
 @dataclass(frozen=True, kw_only=True)
 class HandshakeResult:
-    """What became of a claim or reset."""
+    """Result of a claim or reset."""
 
     boot_id: str
     seq: int
@@ -177,27 +177,27 @@ class HandshakeResult:
     status: str
     text: str | None = None
     of: str | None = None
-    """What is answered: ``claim``, ``reset`` and others."""
+    """The answered request: ``claim``, ``reset`` and others."""
     instance: str | None = None
     how: Redelivery | None = None
-    """Of an accepted claim of work that may have been begun."""
+    """For an accepted claim of work that may already have begun."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandlerResult:
-    """What became of a presence."""
+    """Result of a presence."""
 
     boot_id: str
     of: str
     status: str
-    """``accepted``, ``refused``: another instance is there, ``taken_over``, or ``confirm``: is this one still there?"""
+    """``accepted``, ``refused`` (another instance is online), ``taken_over``, or ``confirm`` (requests a presence)."""
     instance: str | None = None
     text: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunEnded:
-    """How a run has ended."""
+    """How a run ended."""
 
     at: str
     how: str
@@ -237,17 +237,17 @@ class Run:
     parts_done: int
     began: str
     took_s: float
-    """From its begin to the end of its last part."""
+    """From its start to the end of its last part."""
     waits: tuple[RunWait, ...]
     """M codes for which the program waited, the longest first."""
     alarms: tuple[RunAlarm, ...]
     hash: str | None = None
     from_line: int | None = None
     end: RunEnded | None = None
-    """``None``: it goes on."""
+    """``None`` while it runs."""
     last_part_s: float | None = None
     waits_for: str | None = None
-    """Why the next part does not begin yet."""
+    """Reason why the next part has not begun yet."""
 
     @property
     def completed(self) -> bool:
@@ -257,7 +257,7 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """The run that goes on, or the last one that ended."""
+    """The current run, or the last one that ended."""
 
     boot_id: str
     run: Run | None = None
@@ -274,7 +274,7 @@ class Lease:
 
 @dataclass(frozen=True, kw_only=True)
 class CommandReply:
-    """How far a command is."""
+    """Progress of a command."""
 
     command_id: str
     status: str
@@ -286,21 +286,21 @@ class CommandReply:
     variables: dict[str, Any] | None = None
     lease: Lease | None = None
     run_id: str | None = None
-    """The run that was begun."""
+    """The run that the command started."""
     moved: dict[str, float] | None = None
-    """Of a ``jog``, ``mdi`` or ``home`` that failed: the distance covered by axis letter, mm or degrees."""
+    """For a failed ``jog``, ``mdi`` or ``home``: the distance covered by axis letter, mm or degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Presence:
-    """Whether the runtime is there."""
+    """Whether the runtime is online."""
 
     boot_id: str
     online: bool
     version: str
     started_at: str
     expires_ms: int | None = None
-    """It is published again at a third of this time; ``None``: it is not."""
+    """It is published again every third of this time; ``None``: it is not repeated."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,22 +325,22 @@ class CoordinateSystemInfo:
 
 @dataclass(frozen=True, kw_only=True)
 class IoDeclaration:
-    """What the configuration says of an input or output of the plant."""
+    """Declaration of an input or output of the plant in the configuration."""
 
     kind: str
     """``bool`` or ``number``."""
     on_loss: bool | float | str
-    """The value once its owner is lost: a safe value, which is also that of a start, or ``keep``."""
+    """The value after its owner is lost: a safe value, which also applies at a start, or ``keep``."""
     at_start: bool | float | str | None = None
-    """With ``keep``: the value at a start, or ``last``, the value that was written last before the start."""
+    """With ``keep``: the value at a start, or ``last``, the last value written before the start."""
     text: str = ""
-    """What it is, for people; empty: its name says it."""
+    """Description for people; empty if the name is sufficient."""
     unit: str | None = None
     min: float | None = None
     max: float | None = None
 
     def wrong(self, value: bool | float) -> str | None:
-        """Say why it cannot have this value; ``None``: it can."""
+        """Return why it cannot have this value; ``None`` if it can."""
         if self.kind == "bool":
             return None if isinstance(value, bool) else f"{value!r}: write True or False"
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
@@ -352,7 +352,7 @@ class IoDeclaration:
 
 @dataclass(frozen=True, kw_only=True)
 class IoForced:
-    """A value in the place of the written one."""
+    """A value that replaces the written one."""
 
     value: bool | float
     by: str
@@ -364,22 +364,22 @@ class IoState:
 
     boot_id: str
     value: bool | float
-    """What counts: the forced value, else what was written."""
+    """The effective value: the forced value, else the written one."""
     written: bool | float
-    """What was written last; the value of a start until then, and ``on_loss`` once its owner is lost."""
+    """The last written value; before that the value at a start, and ``on_loss`` after its owner is lost."""
     owner: str | None
-    """The handler that writes it, which alone does; ``None``: no handler does."""
+    """The only handler that may write it; ``None``: no handler owns it."""
     forced: IoForced | None
-    """An operator has put a value in the place of the written one."""
+    """An operator has replaced the written value."""
     lost: bool = False
-    """Its owner is lost: the value is that of ``on_loss``."""
+    """Its owner is lost, so ``on_loss`` applies."""
     unknown: bool = False
-    """The value that was written last before the start is damaged; ``True`` until it is written or forced."""
+    """The last value written before the start is damaged; ``True`` until it is written or forced."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Birth:
-    """What the machine is."""
+    """Description of the machine."""
 
     boot_id: str
     machine: str
@@ -396,9 +396,9 @@ class LockSource:
     source: str
     value: bool
     handler_id: str | None
-    """Its owner, which alone clears it."""
+    """Its owner, the only client that can clear it."""
     lost: bool
-    """Its owner is not there: the value is that of ``on_loss``."""
+    """Its owner is offline, so ``on_loss`` applies."""
     text: str = ""
     forced_by: str | None = None
 
@@ -431,7 +431,7 @@ class Captured:
     positions: tuple[float, ...]
     """Machine positions, mm or degrees."""
     captured: tuple[bool, ...]
-    """False where the skip input did not come; the position is then where the motor stopped."""
+    """False if the skip input did not come; the position is then where the motor stopped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -445,9 +445,9 @@ class Position:
     feedrate: float
     spindle_rpm: float
     homed: dict[str, bool] = field(default_factory=dict)
-    """Whether the axis counts from the machine's zero; one that does not will not move.
+    """Whether the axis is referenced to the machine's zero; an unreferenced axis does not move.
 
-    Empty from a machine that does not tell.
+    Empty from a machine that does not report it.
     """
 
 
@@ -475,7 +475,7 @@ class ToolData:
     radius: float
     """mm: the offset of G41 and G42."""
     length: float
-    """mm: G43 adds it to Z, G44 takes it away."""
+    """mm: added to Z by G43, subtracted by G44."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -504,13 +504,13 @@ class Overrides:
 
 @dataclass(frozen=True)
 class AlarmWords:
-    """What happened, and what to do, in one language: 1 to 1000 characters each."""
+    """Alarm text and remedy in one language: 1 to 1000 characters each."""
 
     text: str
     remedy: str | None = None
 
     def to_json(self) -> dict[str, str]:
-        """Its form in the presence."""
+        """Return the declaration as the presence message carries it."""
         return {"text": self.text} if self.remedy is None else {"text": self.text, "remedy": self.remedy}
 
 
@@ -531,9 +531,9 @@ class AlarmRecord:
     cleared_at: str | None
     acknowledged_by: str | None
     remedy: str | None = None
-    """What to do."""
+    """The remedy."""
     languages: dict[str, AlarmWords] = field(default_factory=dict)
-    """The same in other languages, by their tags."""
+    """Text and remedy in other languages, by language tag."""
     column: int | None = None
 
 
@@ -546,7 +546,7 @@ class ActiveAlarms:
 
 @dataclass(frozen=True, kw_only=True)
 class HandlerPresence:
-    """Whether a handler is there."""
+    """Whether a handler is online."""
 
     online: bool
     validates: bool = False

@@ -29,8 +29,8 @@ CHECKPOINT_MAX = 4096
 class Output:
     """An auxiliary function output: an M code with its parameters, on which a handler works.
 
-    When it is cancelled, the handler's task is: ``asyncio.CancelledError`` is raised where it waits, and
-    :attr:`cancel_reason` says why. What must be undone belongs in ``finally``.
+    When it is cancelled, the handler's task is cancelled too: ``asyncio.CancelledError`` is raised where it waits, and
+    :attr:`cancel_reason` is the cause. Put clean-up work into ``finally``.
     """
 
     def __init__(
@@ -50,17 +50,17 @@ class Output:
         self._progress: dict[str, Any] | None = None
         self._checkpoint: dict[str, Any] | None = None
         self.boot_id = boot_id
-        """The boot of the runtime that has put it out."""
+        """The boot of the runtime that issued it."""
         self.cs = cs
-        """Coordinate system that has put it out."""
+        """Coordinate system that issued it."""
         self.redelivered = redelivered
-        """True when the work may have been begun before and it was decided to look first: check the machine."""
+        """True if the work may already have begun and the redelivery is ``verify``: check the machine first."""
         self.last_checkpoint: Any = notice.checkpoint
-        """What the last :meth:`checkpoint` of whoever worked on it before has noted; ``None`` where nothing was."""
+        """The last :meth:`checkpoint` of a previous handler of this output; ``None`` if there is none."""
         self.cancelled = False
         """True once it is cancelled."""
         self.cancel_reason: CancelReason | None = None
-        """Why it was cancelled; ``None`` if it is not, or if the reason was lost with a connection."""
+        """Reason of the cancellation; ``None`` if it is not cancelled, or if the reason was lost with a connection."""
 
     @property
     def m(self) -> int:
@@ -69,7 +69,7 @@ class Output:
 
     @property
     def id(self) -> str:
-        """Names this output for ever, also over restarts: what is done once for each output is kept by it."""
+        """Identifies this output permanently, also across restarts: the key of work that must be done only once."""
         return self._notice.id
 
     @property
@@ -84,7 +84,7 @@ class Output:
 
     @property
     def a(self) -> float | None:
-        """VA, as written; ``None`` where it is not."""
+        """VA as written; ``None`` if omitted."""
         return self._notice.params.A
 
     @property
@@ -134,7 +134,7 @@ class Output:
 
     @property
     def run_id(self) -> str:
-        """The program run that has put it out."""
+        """The program run that issued it."""
         return self._notice.run_id
 
     def __repr__(self) -> str:
@@ -147,9 +147,9 @@ class Output:
         return {"boot_id": self.boot_id, "seq": self.seq, **self._identity}
 
     def progress(self, text: str, percent: float | None = None) -> None:
-        """Tell what the handler does now; panels show it while the program waits.
+        """Report the current step of the handler; panels show it while the program waits.
 
-        It is told again after a loss of the connection. No effect once the output is no longer this handler's.
+        It is sent again after a loss of the connection. No effect once the output no longer belongs to this handler.
 
         Args:
             text: at most 200 characters; a longer one is cut.
@@ -162,14 +162,14 @@ class Output:
         self._tell("progress", report)
 
     def checkpoint(self, value: Any) -> None:
-        """Note how far the work has come, in place of what was noted before.
+        """Store how far the work has come, and replace the previous checkpoint.
 
-        When this handler is lost and another takes the output up, that one has it as :attr:`last_checkpoint`. The
-        machine keeps it as long as the output is open. It is told again after a loss of the connection. No effect once
-        the output is no longer this handler's.
+        If this handler is lost, the next one finds it in :attr:`last_checkpoint`. The machine keeps it until the output
+        ends. It is sent again after a loss of the connection. No effect once the output no longer belongs to this
+        handler.
 
         Args:
-            value: anything that has at most 4096 bytes as JSON; ``None`` takes it away.
+            value: at most 4096 bytes as JSON; ``None`` removes the checkpoint.
 
         Raises:
             ValueError: it is too long.
@@ -192,8 +192,8 @@ class Output:
     async def ask(self, text: str, choices: Sequence[str]) -> str:
         """Ask the operator, and wait for one of the choices.
 
-        The question is shown with the output and ends with it. Several are asked one after the other. A caller that is
-        cancelled takes the question back.
+        The question is shown with the output and ends with it. Several questions are asked one after the other. If the
+        caller is cancelled, the question is withdrawn.
 
         Args:
             text: 1 to 200 characters.
@@ -201,7 +201,7 @@ class Output:
 
         Raises:
             ValueError: text or choices are out of range.
-            Ended: the output is no longer this handler's.
+            Ended: the output no longer belongs to this handler.
         """
         _check_question(text, choices)
         async with self._turn:
@@ -224,7 +224,7 @@ class Output:
                         await self._connection.request(path, question, timeout_s=timeout_s)
                     except (NoAnswer, NotConnected):
                         continue
-                # until it is shown it is asked again: the claim may have been lost with the connection
+                # repeats the question until it is shown: the claim may have been lost with the connection
                 done, _ = await asyncio.wait({next_pending}, timeout=None if is_shown else _RETRY_S)
                 if not done:
                     continue

@@ -13,9 +13,9 @@ CODE_OF_PARAMETER = 9_997
 
 @dataclass(frozen=True, kw_only=True)
 class Params:
-    """VA to VH as the program wrote them; ``None`` for what it did not write.
+    """VA to VH as the program wrote them; ``None`` if omitted.
 
-    A function that reads what an M code needs serves twice, in its handler and as its check when a program is loaded::
+    A function that reads the parameters of an M code is used twice, in its handler and as its check at loading::
 
         def pocket(params: Params) -> int:
             return params.whole("A", 1, 24, "the pocket")
@@ -41,10 +41,10 @@ class Params:
             letter: ``"A"`` to ``"H"``.
             low: the smallest value that is right.
             high: the largest value that is right.
-            what: what it is, with its unit, such as ``"the clamping force, kN"``: a part of the alarm's text.
+            what: name with its unit, such as ``"the clamping force, kN"``: a part of the alarm's text.
 
         Raises:
-            Alarm: it is not there, or out of range.
+            Alarm: it is missing or out of range.
             ValueError: there is no such parameter.
         """
         value = self._value(letter)
@@ -58,11 +58,11 @@ class Params:
         """Read a whole number, as :meth:`real` does.
 
         Raises:
-            Alarm: it is not there, out of range, or no whole number.
+            Alarm: it is missing, out of range, or not a whole number.
             ValueError: there is no such parameter.
         """
         value = self.real(letter, low, high, what)
-        # NC text calculates in binary fractions: 0.1 * 30 is meant as 3
+        # NC text calculates in binary fractions: 0.1 * 30 must be accepted as 3
         nearest = round(value)
         if not math.isclose(value, nearest, rel_tol=0.0, abs_tol=1e-9):
             raise Alarm(CODE_OF_PARAMETER, f"V{letter} is {value:g}: write {what}, a whole number from {low} to {high}")

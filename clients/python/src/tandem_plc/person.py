@@ -12,7 +12,7 @@ NOT_AFTER_S = 1.0
 """Time after the newest heartbeat within which a request of a person takes effect."""
 
 _WITHOUT = ("variable/get", "lease/take", "lease/release", "alarm/raise")
-"""Ends of topics after whose messages nothing can move, or that have an end of their own."""
+"""Suffixes of topics whose messages cannot cause motion, or that carry their own time limit."""
 
 
 class PersonConnection:
@@ -40,7 +40,7 @@ class PersonConnection:
 
 
 class PersonLevels:
-    """Sets locks, and inputs and outputs of the plant once, as a person does: nothing is written again."""
+    """Sets locks, inputs and outputs of the plant once, as a person does: nothing is written again."""
 
     owner = None
 

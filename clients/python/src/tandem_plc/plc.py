@@ -40,7 +40,7 @@ class Plc:
             address: ``mqtt://[user:password@]host[:port][,host[:port]..]/[prefix/]machine``, ``mqtts://`` with TLS. Of
                 several nodes of a broker the first that answers is used until it is lost.
             credentials: user, password and TLS, which an address should not contain.
-            timeout_s: how long the machine may take to be there; later it is waited for without limit.
+            timeout_s: time limit for the first contact with the machine; later losses have no time limit.
 
         Raises:
             AddressError: the address is wrong.
@@ -53,11 +53,11 @@ class Plc:
         await self._connection.stop()
 
     def for_person(self, *, within_s: float = NOT_AFTER_S) -> Plc:
-        """Give a handle for what a person has requested just now.
+        """Return a handle for requests that a person has just made.
 
         Its requests expire ``within_s`` after the newest heartbeat that this connection has received: the machine then
-        rejects them as ``expired``, however long they were under way. Take a new handle for each press of a button.
-        Sequence programs need none: what a handler does follows from an output.
+        rejects them as ``expired``, regardless of their time in transit. Take a new handle for each press of a button.
+        Sequence programs need none, because their requests follow from an output.
 
         Raises:
             NotConnected: no heartbeat of the machine has been received.
@@ -69,7 +69,7 @@ class Plc:
         return person
 
     def cs(self, number: int) -> CoordinateSystem:
-        """Give a coordinate system by its number, from 1. If there is none, each call on it is an error."""
+        """Return a coordinate system by its number, from 1. If it does not exist, each call on it fails."""
         return CoordinateSystem(self, number)
 
     def io_in(self, name: str) -> Io:
@@ -87,21 +87,21 @@ class Plc:
 
     @property
     def boot_id(self) -> str | None:
-        """The boot of the runtime that is online; ``None`` while it is away."""
+        """The boot of the runtime that is online; ``None`` while it is offline."""
         return self._connection.boot_id
 
     @property
     def birth(self) -> Birth | None:
-        """What the machine is."""
+        """Description of the machine."""
         birth: Birth | None = self._connection.hub.last("birth")
         return birth
 
     async def until(self, holds: Callable[[], bool]) -> None:
-        """Wait until what the machine has said makes something hold, such as ``lambda: plc.cs(1).interlock.value``."""
+        """Wait until the received messages satisfy a condition, such as ``lambda: plc.cs(1).interlock.value``."""
         await self._connection.until(holds)
 
     async def presences(self) -> AsyncIterator[Presence]:
-        """Follow whether the runtime is there."""
+        """Follow whether the runtime is online."""
         async for presence in self._connection.hub.follow("presence"):
             yield presence
 
@@ -117,11 +117,11 @@ class Plc:
             yield record
 
     async def raise_alarm(self, alarm: Alarm, *, cs: int | None = None) -> None:
-        """Raise an alarm that belongs to no output, such as low air pressure: it stops one coordinate system, or all.
+        """Raise an alarm that belongs to no output, such as low air pressure; it stops one coordinate system or all.
 
         Raises:
             NotConnected: it was not sent.
-            NoAnswer: it was sent, and nobody knows whether it has arrived.
+            NoAnswer: it was sent, but its arrival is unknown.
         """
         payload: dict[str, Any] = {"code": alarm.code, "text": alarm.text}
         if cs is not None:
@@ -129,16 +129,16 @@ class Plc:
         await self._connection.request("alarm/raise", payload)
 
     async def set_skip_input(self, motor: int, value: bool) -> None:
-        """Set the skip input of a motor (G31). Not real time: it captures where the motor is when the servo hears it.
+        """Set the skip input of a motor (G31). Not real time: captures the position when the servo receives it.
 
         Raises:
             NotConnected: it was not sent.
-            NoAnswer: it was sent, and nobody knows whether it has arrived.
+            NoAnswer: it was sent, but its arrival is unknown.
         """
         await self._connection.request(f"motor/{motor}/skip_input/set", {"value": value})
 
     async def read_p(self, first: int, count: int = 1) -> list[float]:
-        """Read P variables, up to 1024 as they were at one moment.
+        """Read up to 1024 P variables, all from one moment.
 
         Raises:
             Refused: there are no such variables.
@@ -146,7 +146,7 @@ class Plc:
         return await self._read_variables(1, "P", first, count)
 
     async def write_p(self, first: int, values: Sequence[float]) -> None:
-        """Write P variables, up to 1024, all or none.
+        """Write up to 1024 P variables, all or none.
 
         Raises:
             Refused: there are no such variables.
@@ -154,11 +154,11 @@ class Plc:
         await self._write_variables(1, "P", first, values)
 
     async def p_changes(self, first: int, count: int = 1) -> AsyncIterator[list[float]]:
-        """Follow P variables: their values now, and again each time that one of them has changed, whoever wrote it.
+        """Follow P variables: their current values, then after each change by any writer.
 
-        A machine publishes the variables that its configuration names in ``[[variables.published]]``, at most 10 times
-        a second; of values that follow each other faster, the latest. A program writes a variable when its block is
-        interpreted, ahead of the motion.
+        A machine publishes the variables listed in ``[[variables.published]]`` of its configuration, at most 10 times a
+        second; if values change faster, the latest. A program writes a variable when its block is interpreted, ahead of
+        the motion.
 
         Raises:
             Refused: the machine does not publish all these variables.
@@ -167,7 +167,7 @@ class Plc:
             yield values
 
     async def tool_changes(self) -> AsyncIterator[tuple[ToolData, ...]]:
-        """Follow the tool table, ascending by number: that of now, and again each time that it has changed."""
+        """Follow the tool table, ascending by number: the current one, then after each change."""
         async for table in self._connection.hub.follow("tools"):
             yield table.tools
 
@@ -198,7 +198,7 @@ class Plc:
 
 
 class Connecting:
-    """A connection that is being made: ``async with`` it, or ``await`` it and close it by hand."""
+    """A pending connection: ``async with`` it, or ``await`` it and close it yourself."""
 
     def __init__(self, plc: Plc, timeout_s: float) -> None:
         self._plc = plc

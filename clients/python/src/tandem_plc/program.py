@@ -1,4 +1,4 @@
-"""A sequence program: handlers by M code, and what is no M code beside them."""
+"""A sequence program: handlers by M code, and its alarms, locks and tasks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Handler = Callable[[Output], Awaitable[None]] | Callable[[Output, Plc], Awaitabl
 """``async def handler(output)`` or ``async def handler(output, plc)``."""
 
 Check = Callable[[Params], object]
-"""Raises :class:`~tandem_plc.Alarm` for parameters that are wrong; what it gives is passed over."""
+"""Raises :class:`~tandem_plc.Alarm` for invalid parameters; its return value is ignored."""
 
 H = TypeVar("H", bound=Handler)
 C = TypeVar("C", bound=Check)
@@ -57,20 +57,20 @@ class Level:
         self._changed: Callable[[Level], None] = lambda _level: None
 
     def set(self, value: bool, text: str | None = None) -> None:
-        """Set it; the machine is told as soon as it can be, and again on each connection and at each boot."""
+        """Set it. The machine receives it as soon as it is connected, and again on each connection and at each boot."""
         self.value = value
         if text is not None:
             self.text = text
         self._changed(self)
 
     def follow(self, changed: Callable[[Level], None]) -> None:
-        """Tell ``changed`` of the level of now, and of each that comes."""
+        """Call ``changed`` with the current level and each later one."""
         self._changed = changed
         changed(self)
 
 
 class SequenceProgram:
-    """What serves M codes of a machine, under one name.
+    """Serves M codes of a machine under one name.
 
     ::
 
@@ -82,18 +82,17 @@ class SequenceProgram:
 
         asyncio.run(program.run("mqtt://127.0.0.1:1883/mill-1"))
 
-    A handler that returns resets its output, and the NC program goes on. :class:`~tandem_plc.Alarm` stops it with its
-    text, and so does any other exception.
+    If a handler returns, its output is reset and the NC program continues. :class:`~tandem_plc.Alarm` stops the NC
+    program with its text; so does any other exception.
     """
 
     def __init__(self, handler_id: str, *, redelivery: Redelivery | None = None) -> None:
-        """Name it: 1 to 64 characters without ``/ + #``, always the same, so that the machine knows it again.
+        """Name it: 1 to 64 characters without ``/ + #``, always the same, so that the machine recognizes it.
 
         Args:
             handler_id: its name.
-            redelivery: what is done with outputs on which this program may have worked before it was lost, where
-                :meth:`on` says nothing else of them. The strictest counts of this and of the configuration; where
-                neither says anything, an operator decides.
+            redelivery: how to treat outputs that this program may have begun before it was lost, unless :meth:`on` sets
+            it. The stricter of this and the machine's configuration applies; if neither is set, an operator decides.
         """
         if not 1 <= len(handler_id) <= 64 or any(char in handler_id for char in "/+#\0"):
             raise ProgramError(f"handler_id {handler_id!r}: write 1 to 64 characters without / + #")
@@ -105,7 +104,7 @@ class SequenceProgram:
         self._levels: list[Level] = []
         self._tasks: list[Task] = []
 
-    # --- what it consists of
+    # --- declarations
 
     def on(
         self,
@@ -122,11 +121,11 @@ class SequenceProgram:
             codes: M numbers, and ranges such as ``range(20, 30)``.
             cs: its coordinate system; ``None``: all that have no handler of their own for the M code.
             validate: checks parameters when a program is loaded: one that raises ``Alarm`` is not loaded.
-            redelivery: what is done with an output on which this program may have worked before it was lost, in place
-                of what the program says of all.
+            redelivery: how to treat an output that this program may have begun before it was lost, instead of the
+            setting of the program.
             name: what the M codes do, such as ``"clamp"``, for alarms and panels.
-            params: what their parameters are, by letter: ``{"A": Param(name="force", unit="kN", min=1, max=20)}``. A
-                program with others is not loaded, and the handler is not begun with others. ``{}``: they take none.
+            params: their parameters, by letter: ``{"A": Param(name="force", unit="kN", min=1, max=20)}``. A program
+            with other parameters is not loaded, and the handler is not started with others. ``{}``: no parameters.
 
         Raises:
             ProgramError: two handlers for one M code, a declaration of what cannot be, or a handler that is no async
@@ -165,9 +164,9 @@ class SequenceProgram:
         self.checks[cs, m] = check
 
     def alarms(self, *alarms: UserAlarm) -> None:
-        """Say what to do about alarms, and what they are in other languages; the machine shows it where one is raised.
+        """Declare remedies and translations of alarms; the machine shows them when an alarm is raised.
 
-        Its configuration may say the same in ``[alarm.N]``, which counts first.
+        ``[alarm.N]`` of the machine's configuration takes precedence.
 
         Raises:
             ProgramError: two different alarms have one code, or there are more than 256.
@@ -180,12 +179,12 @@ class SequenceProgram:
             raise ProgramError(f"{len(self._alarms)} alarms: write up to {ALARMS_MAX}")
 
     def interlock(self, cs: int, source: str, text: str, *, value: bool = True) -> Level:
-        """Own a source of the interlock, which holds motion: a door, the air pressure.
+        """Own a source of the interlock, which holds motion, such as a door or the air pressure.
 
         Args:
             cs: coordinate system.
             source: its name, such as one of ``[input.interlock.source.NAME]``.
-            text: why it is on, in the operator's words.
+            text: the reason for the operator.
             value: on until it is set.
         """
         return self._add_level(Level((cs, "interlock", source), text, value))
@@ -201,19 +200,19 @@ class SequenceProgram:
         return level
 
     def task(self, task: T) -> T:
-        """Register what runs beside the handlers, as a decorator.
+        """Register a task that runs in parallel to the handlers, as a decorator.
 
-        It begins when the machine knows the handlers, so that it may start a program, and runs through losses of the
-        connection. When it raises, the program ends with that exception.
+        It begins after the machine has accepted the handlers, so that it may start a program, and continues after
+        losses of the connection. If it raises, the program ends with that exception.
         """
         _check_async(task, 1, "(plc)")
         self._tasks.append(task)
         return task
 
     def served(self) -> str:
-        """What it serves, as a file for ``[machine] served`` of a configuration.
+        """Return its declarations as a file for ``[machine] served`` of a configuration.
 
-        With it ``tandem check``, ``tandem explain`` and editors know its M codes without it:
+        With it ``tandem check``, ``tandem explain`` and editors know its M codes while it is not running:
         ``Path("served.json").write_text(program.served())``
         """
         serves = []
@@ -222,20 +221,20 @@ class SequenceProgram:
             serves.append(said)
         return json.dumps({"serves": serves}, indent=2) + "\n"
 
-    # --- what it does
+    # --- running
 
     async def run(self, address: str, *, credentials: Credentials | None = None, take_over: bool = False) -> None:
-        """Serve the machine at an address, through every loss of the connection, until this is cancelled.
+        """Serve the machine at an address, across all losses of the connection, until this is cancelled.
 
         Args:
             address: as :meth:`tandem_plc.Plc.connect` takes it.
             credentials: user, password and TLS, which an address should not contain.
-            take_over: take the place of another process of the same name, which ends; otherwise this one is refused.
+            take_over: replace another process of the same name, which ends; otherwise this one is refused.
 
         Raises:
-            TakenOver: another process of the same name is there, or has taken the place of this one.
+            TakenOver: another process of the same name is online, or has replaced this one.
             AddressError: the address is wrong.
-            ConnectError: no machine is there within 10 s, or the broker refuses this client.
+            ConnectError: no machine is online within 10 s, or the broker refuses this client.
             ProgramError: the program has a mistake.
             ExceptionGroup: a task has ended with an exception; on Python 3.10 the exception itself.
         """
@@ -252,20 +251,20 @@ class SequenceProgram:
         returns_within_s: float = RETURNS_WITHIN_S,
         ends_within_s: float | None = None,
     ) -> None:
-        """Serve as :meth:`run` until ``stop`` is there, and lose no work: see :meth:`Serving.leave`.
+        """Serve like :meth:`run` until ``stop`` completes, without losing work: see :meth:`Serving.leave`.
 
         ``asyncio.run(program.run_until("mqtt://127.0.0.1:1883/mill-1", stop_signal()))``
 
         Args:
             address: as :meth:`tandem_plc.Plc.connect` takes it.
-            stop: what is waited for, such as :func:`tandem_plc.stop_signal`.
+            stop: an awaitable, such as :func:`tandem_plc.stop_signal`.
             credentials: user, password and TLS.
             take_over: as of :meth:`run`.
             returns_within_s: as of :meth:`Serving.leave`.
             ends_within_s: as of :meth:`Serving.leave`.
 
         Raises:
-            Exception: what ``stop`` raises, and what :meth:`run` does.
+            Exception: any exception of ``stop`` or :meth:`run`.
         """
         stopped: asyncio.Future[Any] = asyncio.ensure_future(stop)
         try:
@@ -287,9 +286,9 @@ class SequenceProgram:
         take_over: bool = False,
         timeout_s: float = PRESENT_TIMEOUT_S,
     ) -> AsyncIterator[Serving]:
-        """Serve the machine within the block, which begins when it knows the handlers. Raises as :meth:`run`.
+        """Serve the machine within the block, which begins when the handlers are accepted. Raises like :meth:`run`.
 
-        Where it refuses them the block begins, too, and :attr:`Serving.ended` says why.
+        If the machine refuses them, the block begins too, and :attr:`Serving.ended` has the reason.
         """
         self._check()
         connection = Connection(address, credentials, self.handler_id)
@@ -345,19 +344,19 @@ class Serving:
     _runner: Runner = field(repr=False)
 
     async def leave(self, *, returns_within_s: float = RETURNS_WITHIN_S, ends_within_s: float | None = None) -> None:
-        """Take no further output, and return when the handlers that are at work have ended; then end the block.
+        """Accept no further output, and return when all running handlers have ended; then end the block.
 
-        What runs beside the handlers goes on until then. At the end of the block the machine is told that the program
-        comes back: until then its M codes count as served, and NC programs wait at them.
+        Tasks run until then. At the end of the block the machine is notified that the program will return: until then
+        its M codes count as served, and NC programs wait at them.
 
         Args:
-            returns_within_s: time in which it is back, up to 1 h. 0: it does not come back.
-            ends_within_s: how long handlers may go on. Those that are still at work then are cancelled, and their
-                outputs are lost: ``redelivery`` says what becomes of them. ``None``: as long as they need.
+            returns_within_s: time within which it returns, up to 1 h. 0: it does not return.
+            ends_within_s: time limit for running handlers, none with ``None``. After it, running handlers are cancelled
+            and their outputs are lost: ``redelivery`` decides how they are treated.
 
         Raises:
-            ProgramError: ``returns_within_s`` is none.
-            Exception: what has ended the program meanwhile.
+            ProgramError: ``returns_within_s`` is not a valid time.
+            Exception: the error that ended the program in the meantime.
         """
         self._runner.returns_within_ms = check_returns_within(returns_within_s)
         finishing = asyncio.ensure_future(self._runner.finish(ends_within_s))

@@ -1,4 +1,4 @@
-"""The loop of a sequence program: it reads what the machine says, and starts handlers."""
+"""The loop of a sequence program: it receives messages of the machine, and starts handlers."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ if TYPE_CHECKING:
 log = logging.getLogger("tandem_plc")
 
 _RETRY_S = 0.5
-# outputs remembered as begun; `pending` is old by far fewer
+# outputs remembered as begun; a stale `pending` is behind by far fewer
 _BEGUN_MAX = 4096
 _CLEAN_UP_S = 5.0
 _REFUSALS_MAX = 10
-"""Tries of 1 s. Reason: a broker tells of a dead process after one and a half times its keep-alive of 5 s."""
+"""Tries of 1 s, because a broker reports a dead process after one and a half times its keep-alive of 5 s."""
 _INSTANCE_TRIES = 4
 _LEAVE_MAX_S = 2.0
-"""How long a program that stops waits until the machine knows that it takes nothing more."""
+"""Time limit for the machine's confirmation that a stopping program accepts no further output."""
 RETURNS_WITHIN_S = 60.0
 _RETURNS_WITHIN_MAX_S = 3_600.0
 _REFRESHES = 3
-"""Presences within the time of one, so that two may be lost."""
+"""Presences within the expiry time of one, so that two may be lost."""
 
 OutputId = tuple[str, int, int]
 """Boot, coordinate system and sequence number."""
@@ -74,18 +74,18 @@ class Entry(Protocol):
 
     @property
     def redelivery(self) -> Redelivery | None:
-        """What is done with work that may have been begun; ``None``: the machine's configuration says it."""
+        """How to treat work that may already have begun; ``None``: the machine's configuration applies."""
 
     @property
     def declared(self) -> Declared:
-        """What is declared of its M codes."""
+        """Declaration of its M codes."""
 
 
 def check_returns_within(seconds: float) -> int:
-    """Give the time in which a program is back in ms; 0: it does not come back.
+    """Return the time within which a program returns, in ms; 0: it does not return.
 
     Raises:
-        ProgramError: there is no such time.
+        ProgramError: the time is not valid.
     """
     if not 0 <= seconds <= _RETURNS_WITHIN_MAX_S:
         raise ProgramError(f"returns_within_s {seconds:g}: write 0 to {_RETURNS_WITHIN_MAX_S:g}")
@@ -114,7 +114,7 @@ def _m_code(m: int, cs: int | None, entry: Entry) -> dict[str, Any]:
 
 
 def _how(pending: PendingOutput, own: Redelivery | None) -> Redelivery:
-    """Say how an output is taken up, as the machine decides at the claim: of a lost one the strictest counts."""
+    """Return how an output is begun, as the machine decides at the claim: a lost one gets the strictest setting."""
     if not pending.lost:
         return Redelivery.REDO
     if pending.how is not None:
@@ -146,28 +146,28 @@ class Runner:
         self._checks = checks
         self._alarms = alarms
         self.returns_within_ms = 0
-        """Said to the machine at the end; 0: the program does not come back."""
+        """Reported to the machine at the end; 0: the program does not return."""
         self._is_stopping = False
         self._is_known_to_stop = asyncio.Event()
         self._connection = connection
         self._plc = plc
         self._running: dict[OutputId, _Running] = {}
-        # what this instance has taken up, the oldest first
+        # outputs that this instance has begun, the oldest first
         self._begun: dict[OutputId, None] = {}
         self._jobs: set[asyncio.Task[None]] = set()
         self._must_announce = asyncio.Event()
         self._has_announced = False
         self._awaits_acceptance = False
-        """The machine has not answered to the last announcement."""
+        """The machine has not answered the last registration."""
         self._announced_systems: list[int] = []
         self.announced = asyncio.Event()
-        """The machine knows these handlers."""
+        """The machine has accepted these handlers."""
         connection.will = json.dumps(self._offline())
         connection.on_message = self._on_message
         connection.on_connected = self._on_connected
 
     async def run(self) -> None:
-        """Announce the handlers whenever that must be, for ever.
+        """Register the handlers whenever necessary, until cancelled.
 
         Raises:
             TakenOver: another process of this name serves the machine.
@@ -200,7 +200,7 @@ class Runner:
         raise self._ended.result()
 
     async def finish(self, within_s: float | None) -> None:
-        """Take nothing more, and wait until the handlers that are at work have ended, or the time is over."""
+        """Accept no further output, and wait until the running handlers have ended or the time is over."""
         self._is_stopping = True
         self._must_announce.set()
         try:
@@ -209,15 +209,15 @@ class Runner:
             log.warning("%d handlers had not ended within %g s", len(self._running), within_s)
 
     async def _until_idle(self) -> None:
-        # what the machine has claimed for this program before it knew is still done
+        # outputs that the machine claimed for this program before it knew of the stop are still executed
         with contextlib.suppress(asyncio.TimeoutError):
             await within(self._is_known_to_stop.wait(), _LEAVE_MAX_S)
         while tasks := [running.task for running in self._running.values() if running.task is not None]:
             await asyncio.wait(tasks)
-            await asyncio.sleep(0)  # each takes itself out of the table
+            await asyncio.sleep(0)  # each removes itself from the table
 
     async def leave(self) -> None:
-        """End all handlers, and tell the machine that they have gone."""
+        """End all handlers, and notify the machine that they are offline."""
         self._cancel(lambda _id: True, CancelReason.SHUTDOWN)
         tasks = [running.task for running in self._running.values() if running.task is not None]
         if tasks:
@@ -262,7 +262,7 @@ class Runner:
 
     async def _announce(self) -> None:
         if not self._has_announced:
-            # releases claims of an earlier program of the same name whose end was not noticed
+            # releases claims of an earlier program of the same name that ended unnoticed
             await self._connection.request(self._presence_path(), self._offline(), retain=True)
         self._announced_systems = self._systems()
         self._awaits_acceptance = True
@@ -283,7 +283,7 @@ class Runner:
         self._plc._levels.on_away()
         self._must_announce.set()
 
-    # --- what the machine says
+    # --- messages of the machine
 
     def _on_message(self, path: str, message: Any) -> None:
         if isinstance(message, Pending):
@@ -303,21 +303,21 @@ class Runner:
         elif isinstance(message, HandlerResult) and message.instance == self._connection.instance:
             self._on_result(message)
         elif isinstance(message, HandlerPresence) and not message.online and self._has_announced:
-            # the last will of an earlier connection, which came after the announcement
+            # the last will of an earlier connection, which arrived after the registration
             self._must_announce.set()
 
     def _on_result(self, result: HandlerResult) -> None:
-        """Hear what became of the presence."""
+        """Process the machine's answer to the presence."""
         if result.status == "accepted":
             self._on_accepted()
             return
         if result.status == "confirm":
-            # another process has come, and the machine asks whether this one is still there
+            # another process wants the name, and the machine asks whether this one is still online
             self._must_announce.set()
             return
         self._refusals += 1
         if result.status == "refused" and self._refusals <= _REFUSALS_MAX:
-            # the process before this one may just be ending
+            # the previous process may be about to end
             asyncio.get_running_loop().call_later(1.0, self._must_announce.set)
             return
         self._cancel(lambda _id: True, CancelReason.SHUTDOWN)
@@ -351,7 +351,7 @@ class Runner:
                 self._look_at(cs, pending)
 
     def _look_at(self, cs: int, pending: Pending) -> None:
-        """End handlers whose output is over or another handler's, and start handlers of open ones."""
+        """End handlers whose output is over or belongs to another handler, and start handlers of pending ones."""
         if pending.boot_id != self._connection.boot_id or not self.announced.is_set():
             return
         ours = {output.seq for output in pending.outputs if output.handler_id in (None, self._handler_id)}
@@ -364,7 +364,7 @@ class Runner:
                 self._take_up(id_, output, is_claimed=True)
 
     def _is_claimed_for_us(self, output: PendingOutput) -> bool:
-        """Whether the machine has claimed an output for this instance when it made it."""
+        """Return whether the machine already claimed an output for this instance when it issued it."""
         return (
             output.state is OutputState.CLAIMED
             and output.attempt == 1
@@ -373,7 +373,7 @@ class Runner:
         )
 
     def _is_new(self, id_: OutputId) -> bool:
-        """Whether an output was never taken up: an old ``pending`` may come again after its end."""
+        """Return whether an output was never begun here: a stale ``pending`` may arrive after its end."""
         return id_ not in self._running and id_ not in self._begun
 
     def _note_begun(self, id_: OutputId) -> None:
@@ -382,7 +382,7 @@ class Runner:
             del self._begun[next(iter(self._begun))]
 
     def _is_never_begun(self, id_: OutputId, pending: PendingOutput) -> bool:
-        """Whether an output was claimed for this instance and lost on the way, so that it was never taken up (H20)."""
+        """Return whether an output was claimed for this instance but lost in transit, so that it never began (H20)."""
         return pending.lost_instance == self._connection.instance and self._is_new(id_)
 
     # --- outputs
@@ -390,7 +390,7 @@ class Runner:
     def _take_up(self, id_: OutputId, pending: PendingOutput, *, is_claimed: bool) -> None:
         running = self._running.get(id_)
         if running is not None:
-            # the handler still works: only its connection was lost
+            # the handler still works; only its connection was lost
             if pending.lost and not running.is_answering and not running.output.cancelled:
                 self._reclaim(running)
             return
@@ -454,7 +454,7 @@ class Runner:
         except asyncio.CancelledError:
             if output.cancelled:
                 raise
-            # the handler has cancelled itself, or what it waits for was
+            # the handler cancelled itself, or something that it awaited was cancelled
             return Alarm(CODE_OF_EXCEPTION, f"the handler of M{output.m} was cancelled, and not by the machine")
         except TandemError as error:
             log.warning("the handler of M%d: %s", output.m, error)
@@ -465,7 +465,7 @@ class Runner:
         return None
 
     async def _until_answered(self, output: Output, kind: str, more: dict[str, Any]) -> HandshakeResult | None:
-        """Claim or reset until the machine answers; ``None`` when it refuses that for good."""
+        """Claim or reset until the machine answers; ``None`` if it refuses permanently."""
         tries = 0
         result_of = (output._path("result"), output.seq, self._handler_id, kind)
         while True:
@@ -481,7 +481,7 @@ class Runner:
             except Refused as error:
                 tries += 1
                 if "unknown field `instance`" in error.text and tries < _INSTANCE_TRIES:
-                    # a machine that knows no instances; an answer to an earlier try may still come
+                    # a machine without support for instances; an answer to an earlier try may still arrive
                     self._identity.pop("instance", None)
                     continue
                 log.warning("%s of %r is refused: %s", kind, output, error)

@@ -1,4 +1,4 @@
-"""Topics of a machine below its root, and the form of what each says."""
+"""Topics of a machine below its root, and the form of their messages."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _FORMS: dict[str, Any] = {
 }
 
 FILTERS: tuple[str, ...] = tuple(path for path in _FORMS if not path.startswith("handler/"))
-"""What each client subscribes to, beside its ``reply`` and what is said to its handler."""
+"""Topics to which each client subscribes, in addition to its ``reply`` and the topics of its handler."""
 
 _LEVELS = {tuple(path.split("/")): form for path, form in _FORMS.items()}
 
@@ -81,7 +81,7 @@ def form_of(path: str) -> Any | None:
 
 
 def number_at(path: str, level: int) -> int:
-    """Give the number that a level of a path is; -1 where it is none."""
+    """Return the number in a level of a path; -1 if there is none."""
     levels = path.split("/")
     text = levels[level] if level < len(levels) else ""
     return int(text) if text.isascii() and text.isdigit() else -1

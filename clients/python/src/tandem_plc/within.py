@@ -1,6 +1,6 @@
-"""A time limit that loses no cancellation: one that comes together with the result is not passed over.
+"""A time limit that never swallows a cancellation, even one that coincides with the result.
 
-Before Python 3.12 :func:`asyncio.wait_for` gives the result then, and what was to end goes on.
+Before Python 3.12, :func:`asyncio.wait_for` returns the result in this case, and the cancelled task continues.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 async def within(awaited: Awaitable[T], limit_s: float | None) -> T:
-    """Wait for something, not longer than a time in seconds; what has not ended by then is cancelled.
+    """Wait for an awaitable, at most a time in seconds; after it, the awaitable is cancelled.
 
     Raises:
         asyncio.TimeoutError: the time is over.

@@ -1,33 +1,33 @@
-//! The age of the machine's presence. A presence that is too old counts as offline, as if the machine's last will had arrived: when a
-//! node of a broker dies, it publishes no last wills. Pure; the time is a parameter.
+//! The age of the machine's presence. A machine whose presence has expired is treated as offline, as if its last will
+//! had arrived: when a node of a broker fails, it publishes no last wills. Pure; the time is a parameter.
 
 use std::time::{Duration, Instant};
 
 use crate::types::machine::Presence;
 
-/// When the machine was heard last. The age counts only while there is a connection, with each of which it begins anew.
+/// Time of the last presence. The age increases only while there is a connection, and restarts with each connection.
 #[derive(Debug, Default)]
 pub(super) struct MachineAge {
     expires: Option<Duration>,
     heard: Option<Instant>,
-    /// Its presence was too old, and it was not heard again.
+    /// Its presence has expired, and no new one was received.
     was_missed: bool,
 }
 
 impl MachineAge {
-    /// The connection is new.
+    /// Restarts the age after a new connection.
     pub(super) fn begin_anew(&mut self, now: Instant) {
         self.heard = Some(now);
         self.was_missed = false;
     }
 
-    /// The connection is lost.
+    /// Stops the age when the connection is lost.
     pub(super) fn pause(&mut self) {
         self.heard = None;
     }
 
-    /// The machine says its presence. A retained one shows that it was there, not that it is: it renews nothing. True when it was
-    /// missed before: over this connection its broker may have lost more than that.
+    /// Records a presence of the machine. A retained one shows only that the machine was online, so it renews nothing.
+    /// Returns true if the presence had expired before: the broker may have lost more messages over this connection.
     pub(super) fn hear(&mut self, presence: &Presence, retained: bool, now: Instant) -> bool {
         let expires_ms = presence.expires_ms.filter(|_| presence.online);
         self.expires = expires_ms.map(Duration::from_millis);
@@ -37,12 +37,12 @@ impl MachineAge {
         !retained && std::mem::take(&mut self.was_missed)
     }
 
-    /// When the presence is too old, unless it is said again.
+    /// Returns the time at which the presence expires, unless it is renewed.
     pub(super) fn end(&self) -> Option<Instant> {
         Some(self.heard? + self.expires?)
     }
 
-    /// Takes it that the presence is too old: once, until the machine is heard again.
+    /// Returns true if the presence has expired: once, until a new one is received.
     pub(super) fn take_end(&mut self, now: Instant) -> bool {
         let has_ended = self.end().is_some_and(|end| end <= now);
         if has_ended {

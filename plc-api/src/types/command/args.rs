@@ -1,4 +1,4 @@
-//! Arguments of commands as JSON: each verb with arguments of several forms has a reader of its own.
+//! Arguments of commands as JSON: each verb whose arguments have several forms has its own reader.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -7,13 +7,13 @@ use super::Command;
 use crate::types::line_start::{Approach, LineStart};
 use crate::types::run::{PARTS_MAX, RunOrder};
 
-/// Characters of a `refresh_id`.
+/// Largest number of characters of a `refresh_id`.
 const REFRESH_ID_MAX: usize = 128;
 
 /// Largest distance of a jog, mm or degrees.
 const JOG_DISTANCE_MAX: f64 = 1_000_000.0;
 
-/// An error if arguments are no object, or have a member that the verb does not know.
+/// Fails if the arguments are not an object, or have a member that the verb does not know.
 pub(super) fn check_names(verb: &str, known: &[&str], args: &Value) -> Result<(), String> {
     let args = match args {
         Value::Null => return Ok(()),
@@ -37,7 +37,7 @@ pub(super) fn axis(value: &Value) -> Option<char> {
     letters.next().filter(|_| letters.next().is_none())
 }
 
-/// A run of one part or more.
+/// Reads the order of a run of one part or more.
 pub(super) fn run(args: &Value) -> Result<Command, String> {
     let given = |key: &str| args.get(key).filter(|value| !value.is_null());
     let program = given("program").map(|value| {
@@ -57,7 +57,7 @@ pub(super) fn run(args: &Value) -> Result<Command, String> {
     }))
 }
 
-/// From the head, or from a line.
+/// Reads a start at the beginning of the program, or at a line.
 pub(super) fn start(args: &Value) -> Result<Command, String> {
     let given = |key: &str| args.get(key).filter(|value| !value.is_null());
     let number = |key: &str, of: &str| match given(key) {

@@ -1,4 +1,4 @@
-//! Entries of the token file: what is written there, and how it is read.
+//! Entries of the token file: their content, and how they are read.
 
 use std::time::SystemTime;
 
@@ -111,7 +111,7 @@ pub(super) fn read(text: &str) -> Result<Vec<Token>, String> {
     Ok(entries)
 }
 
-/// True for two entries that cannot both be right.
+/// True for two entries that contradict each other.
 fn contradict(one: &Token, other: &Token) -> bool {
     let same_kind = std::mem::discriminant(&one.proof) == std::mem::discriminant(&other.proof);
     one.proof == other.proof || one.name == other.name && (same_kind || one.role != other.role)
@@ -131,10 +131,10 @@ impl std::fmt::Debug for NewToken {
     }
 }
 
-/// Makes a token of 256 random bits, which counts until a time, or without end.
+/// Creates a token of 256 random bits, valid until a time or without limit.
 ///
 /// # Errors
-/// The name cannot be used, or the system provides no random bytes.
+/// Returns an error if the name cannot be used, or if the system provides no random bytes.
 pub fn new_token(name: &str, role: Role, until: Option<SystemTime>) -> Result<NewToken, TokenError> {
     let token = random_secret()?;
     let proof = format!("sha256 = \"{}\"", hex::encode(Sha256::digest(token.as_bytes())));
@@ -142,10 +142,10 @@ pub fn new_token(name: &str, role: Role, until: Option<SystemTime>) -> Result<Ne
     Ok(NewToken { token, entry })
 }
 
-/// The entry of the token file for a user who shows this certificate, in DER.
+/// Returns the entry of the token file for a user who presents this certificate, in DER.
 ///
 /// # Errors
-/// The name cannot be used.
+/// Returns an error if the name cannot be used.
 pub fn certificate_entry(
     name: &str,
     role: Role,
@@ -156,10 +156,11 @@ pub fn certificate_entry(
     entry("certificate", name, role, &proof, until)
 }
 
-/// The entry of the token file for a user who types this PIN.
+/// Returns the entry of the token file for a user who types this PIN.
 ///
 /// # Errors
-/// The name cannot be used, the PIN is too short or too long, or the system provides no random bytes.
+/// Returns an error if the name cannot be used, if the PIN is too short or too long, or if the system provides no
+/// random bytes.
 pub fn pin_entry(name: &str, role: Role, pin: &str, until: Option<SystemTime>) -> Result<String, TokenError> {
     let proof = format!("argon2id = \"{}\"", hash(pin)?);
     entry("person", name, role, &proof, until)

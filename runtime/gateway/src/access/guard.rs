@@ -19,8 +19,8 @@ use crate::server::{Peer, certificate_of, is_urgent};
 use crate::shared::Shared;
 use crate::tls::Fingerprint;
 
-/// Admits requests to routes of the table only, and only from users with the right. Handlers find the [`User`], and
-/// what it has [`Shown`], in the request's extensions. No answer may be stored on its way.
+/// Admits requests only to routes of the table, and only from users with the right. Handlers find the [`User`] and its
+/// [`Shown`] credentials in the request's extensions. Responses must not be cached.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let path = request.extensions().get::<MatchedPath>().cloned();
     let path = path.as_ref().map(MatchedPath::as_str);
@@ -65,13 +65,13 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
     response
 }
 
-/// True for a request that a person causes: all that do more than reading, and the question after the own login, which the HMI asks
-/// while it is used.
+/// True for a request that a person causes: each that does more than read, and the query of the own login, which the
+/// HMI sends while it is used.
 fn is_activity(method: &Method, path: Option<&str>) -> bool {
     !matches!(*method, Method::GET | Method::HEAD) || path.is_some_and(|path| path.ends_with("/login"))
 }
 
-/// Admits a request beside the table of routes that only reads, and only from users who may.
+/// Admits a request outside the table of routes, if it only reads and its user may do so.
 pub(crate) async fn guard_reading(
     State(shared): State<Arc<Shared>>,
     request: Request,
@@ -85,10 +85,10 @@ pub(crate) async fn guard_reading(
     }
 }
 
-/// A request that is not let in.
+/// A rejected request.
 struct Turned {
     response: Response,
-    /// What the journal tells of it, and of whom.
+    /// The journal entry: the kind of access and the user.
     noted: Option<(AccessKind, Option<String>)>,
 }
 
@@ -118,7 +118,7 @@ fn admit(
     }
     let shown = access.user(headers, certificate, is_urgent).map_err(|problem| {
         let response = problem.into_response();
-        // a wrong token; who shows none has not tried
+        // a wrong token; a client without a token has not tried one
         let is_wrong = response.status() == StatusCode::UNAUTHORIZED && token(headers).is_some();
         Turned::away(response, is_wrong.then_some((AccessKind::LoginRefused, None)))
     })?;

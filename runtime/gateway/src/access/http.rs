@@ -20,20 +20,21 @@ const TOKEN_PROTOCOL: &str = "bearer.";
 const USER_BURST: u32 = 1000;
 const USER_PER_SECOND: u32 = 500;
 
-/// The same for hold, stop and abort, beside all others. Further ones are delayed, never rejected.
+/// Rate of hold, stop and abort of one user, separate from other requests. Further ones are delayed, never rejected.
 const URGENT_BURST: u32 = 1000;
 const URGENT_PER_SECOND: u32 = 1000;
 
-/// Holds, stops and aborts without a login, of one host, where they are allowed; more are 429. Reason: a person presses a button.
+/// Holds, stops and aborts without a login of one host, where they are allowed; further ones are 429. Reason: a person
+/// presses a button.
 const STOP_BURST: u32 = 20;
 const STOP_PER_SECOND: u32 = 5;
 
-/// Bytes of the answers to one user, and of its frames, in KiB: burst, and rate per second. After more, its requests are 429,
-/// and its frames wait. Hold, stop and abort are excepted. Reason: to make so many bytes takes up to a third of a processor core.
+/// Bytes of the responses and frames for one user, in KiB: burst, and rate per second. Beyond it, requests are 429 and
+/// frames wait, except for hold, stop and abort. Reason: to produce so much data can use a third of a processor core.
 const USER_KIB_BURST: u32 = 128 * 1024;
 const USER_KIB_PER_SECOND: u32 = 32 * 1024;
 
-/// The same for all requests with a wrong token or none together; they never delay valid ones.
+/// Rate of all requests together that have no token or a wrong one; they never delay valid ones.
 const WRONG_BURST: u32 = 50;
 const WRONG_PER_SECOND: u32 = 10;
 
@@ -43,21 +44,21 @@ pub(crate) struct Access {
     users: Option<Users>,
     // by user name
     rates: Rates<String>,
-    // the same for hold, stop and abort, beside all others
+    // hold, stop and abort by user name, separate from other requests
     urgent: Rates<String>,
     wrong: Rate,
     // KiB for each user name
     kib: Rates<String>,
-    // pages of these origins may use the server, besides its own
+    // pages of these origins may use the server, in addition to its own
     origins: Vec<HeaderValue>,
-    // everyone who reaches the server may hold, stop and abort
+    // every client that reaches the server may hold, stop and abort
     stop_without_login: bool,
     // holds, stops and aborts without a login, by host
     stops: Rates<Account>,
 }
 
 impl Access {
-    /// Without users everyone who reaches the server is `admin`.
+    /// Creates the access control. Without users, every client that reaches the server is `admin`.
     pub(crate) fn new(users: Option<Users>) -> Self {
         Self {
             rates: Rates::new(USER_BURST, USER_PER_SECOND),
@@ -71,7 +72,7 @@ impl Access {
         }
     }
 
-    /// The same where everyone who reaches the server may hold, stop and abort.
+    /// Sets whether every client that reaches the server may hold, stop and abort.
     pub(crate) fn stop_without_login(self, stop_without_login: bool) -> Self {
         Self {
             stop_without_login,
@@ -79,7 +80,7 @@ impl Access {
         }
     }
 
-    /// Whether everyone who reaches the server may hold, stop and abort.
+    /// Whether every client that reaches the server may hold, stop and abort.
     pub(crate) fn allows_stop_without_login(&self) -> bool {
         self.stop_without_login && self.users.is_some()
     }
@@ -91,13 +92,13 @@ impl Access {
         Ok(User::Unidentified.into())
     }
 
-    /// The same, open to pages of these origins.
+    /// Allows access from pages of these origins.
     pub(crate) fn open_to(self, origins: &[String]) -> Self {
         let origins = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
         Self { origins, ..self }
     }
 
-    /// Origins whose pages may use the server, besides its own.
+    /// Returns the origins whose pages may use the server, in addition to its own.
     pub(crate) fn origins(&self) -> &[HeaderValue] {
         &self.origins
     }
@@ -136,14 +137,15 @@ impl Access {
         Ok(shown)
     }
 
-    /// Counts bytes that were made for a user, or read from it. Returns how long the user must wait for more.
+    /// Counts bytes that were produced for a user or read from it. Returns how long the user must wait before the next
+    /// ones.
     pub(crate) fn count_bytes(&self, user: &User, bytes: u64) -> Duration {
         user.name().map_or(Duration::ZERO, |name| {
             self.kib.of(&name.to_owned()).owe_many(bytes as f64 / 1024.0)
         })
     }
 
-    /// How long a hold, stop or abort of a user is delayed to keep to its rate.
+    /// Returns how long a hold, stop or abort of a user is delayed to keep to its rate.
     pub(crate) fn urgent_delay(&self, user: &User) -> Duration {
         match user.name() {
             Some(name) => self.urgent.of(&name.to_owned()).owe(),
@@ -162,12 +164,12 @@ pub(crate) fn too_many(wait: Duration) -> Problem {
     Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_requests", text).retry_after(wait)
 }
 
-/// The refusal of a known user.
+/// Rejects a request of a known user.
 pub(crate) fn forbidden(text: String) -> Problem {
     Problem::new(StatusCode::FORBIDDEN, "forbidden", text)
 }
 
-/// The token of a request. Two tokens count as none.
+/// Returns the token of a request. Two tokens are treated as none.
 pub(crate) fn token(headers: &HeaderMap) -> Option<&[u8]> {
     let mut authorizations = headers.get_all(header::AUTHORIZATION).iter();
     let mut protocols = headers

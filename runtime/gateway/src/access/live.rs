@@ -1,4 +1,4 @@
-//! The tokens in force. Their file is read again when it changes, so tokens are added and revoked without a restart.
+//! The valid tokens. Their file is read again when it changes, so tokens are added and revoked without a restart.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -22,12 +22,12 @@ pub(crate) struct LiveTokens {
 }
 
 impl LiveTokens {
-    /// Tokens that follow their file while anybody holds them.
+    /// Creates tokens that follow their file while any handle exists.
     pub(crate) fn follow(tokens: Arc<Tokens>, supervisor: &Supervisor) -> Self {
         Self::follow_by(tokens, SystemTime::now, supervisor)
     }
 
-    /// The same by a clock of the day.
+    /// Follows the file by a given clock.
     fn follow_by(
         tokens: Arc<Tokens>,
         clock: impl Fn() -> SystemTime + Send + Sync + 'static,
@@ -68,7 +68,7 @@ impl LiveTokens {
     }
 }
 
-/// Checks the file periodically. One that cannot be used changes nothing, and is logged once.
+/// Checks the file periodically. An invalid file changes nothing, and is logged once.
 async fn look_again(
     sender: watch::Sender<Arc<Tokens>>,
     again: Arc<Notify>,
@@ -133,7 +133,7 @@ mod tests {
             new_token("two", Role::Admin, None).unwrap(),
         );
         let write = |text: &str, mode: u32| {
-            // as an editor or a tool does: written beside, then put in its place
+            // as an editor or a tool does: write a temporary file, then rename it
             let beside = folder.path().join("beside");
             std::fs::write(&beside, text).unwrap();
             std::fs::set_permissions(&beside, std::fs::Permissions::from_mode(mode)).unwrap();
@@ -143,7 +143,7 @@ mod tests {
         let mut live = LiveTokens::follow(Arc::new(Tokens::read(&path).unwrap()), &Supervisor::default());
         let knows = |live: &LiveTokens, token: &str| live.now().user_of(token.as_bytes()).is_some();
         assert!(knows(&live, &one.token) && !knows(&live, &two.token));
-        // none of these may take anything away, and the last one counts
+        // none of these may remove a token, and the last one must take effect
         write("nonsense", 0o600);
         tokio::time::sleep(LOOK_INTERVAL + Duration::from_millis(500)).await;
         write(&two.entry, 0o644);

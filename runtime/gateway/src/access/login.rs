@@ -1,7 +1,7 @@
-//! Users who type who they are: a name and a PIN, for which they get a token that counts for some hours.
+//! Logins of persons with a name and a PIN, for which they get a token that is valid for some hours.
 //!
-//! A PIN is short, so guessing it is slow: each check costs memory and time (argon2id), one is made at a time, and tries are limited
-//! for each user and host ([`LoginBudgets`]). Nothing of this concerns a token that somebody has already.
+//! A PIN is short, so guessing must be slow: each check costs memory and time (argon2id), one is made at a time, and
+//! attempts are limited for each user and host ([`LoginBudgets`]). Requests with a valid token are not affected.
 
 use std::net::IpAddr;
 use std::sync::{Arc, LazyLock};
@@ -21,38 +21,38 @@ use super::token::{Token, random_secret};
 use super::{Tokens, User};
 use crate::places::host_of;
 
-/// How long the token of a login counts. Reason: a shift, and some time.
+/// Validity of a login's token. Reason: a shift, and some time.
 pub(crate) const LOGIN_MAX: Duration = Duration::from_hours(12);
 
-/// Logins of one user at one time; for one more the oldest of that user ends.
+/// Logins of one user at one time; a further one ends the oldest.
 const LOGINS_PER_USER_MAX: usize = 16;
 
-/// Why nobody was let in.
+/// Reason for rejecting a login.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refused {
-    /// There is no such user, or the PIN is another.
+    /// The user does not exist, or the PIN is wrong.
     Wrong,
-    /// Too many tries; the next counts after this time.
+    /// Too many attempts; the next is accepted after this time.
     Wait(Duration),
-    /// Too many others are being checked.
+    /// Too many logins are being checked.
     Busy,
 }
 
-/// A user, and the login by which it is here.
+/// A user, and the login by which it was authenticated.
 #[derive(Debug, Clone)]
 pub(crate) struct Shown {
     pub(crate) user: User,
-    /// `None`: a token or a certificate.
+    /// `None` for a token or a certificate.
     pub(super) login: Option<LoginEnd>,
 }
 
 impl Shown {
-    /// True for a person who has logged in.
+    /// True for a person that has logged in.
     pub(crate) fn is_login(&self) -> bool {
         self.login.is_some()
     }
 
-    /// Notes that the person of a login has done something.
+    /// Records activity of the person.
     pub(crate) fn be_active(&self) {
         if let Some(login) = &self.login {
             login.be_active();
@@ -71,13 +71,13 @@ impl From<User> for Shown {
 pub(crate) struct LoginEnd {
     latest: Instant,
     idle_max: Option<Duration>,
-    /// When its person last did something.
+    /// When the person was last active.
     active: Arc<Mutex<Instant>>,
     pub(super) given_back: CancellationToken,
 }
 
 impl LoginEnd {
-    /// When it ends unless its person does something.
+    /// Returns when the login ends without further activity.
     pub(super) fn until(&self) -> Instant {
         let idle = self.idle_max.map(|idle_max| *self.active.lock() + idle_max);
         idle.map_or(self.latest, |idle| idle.min(self.latest))
@@ -97,19 +97,19 @@ struct Login {
 }
 
 impl Drop for Login {
-    /// Connections that were opened with it hear that it has ended.
+    /// Notifies the connections that were opened with this login of its end.
     fn drop(&mut self) {
         self.end.given_back.cancel();
     }
 }
 
-/// The logins in force.
+/// The valid logins.
 pub(crate) struct Logins {
     in_force: Mutex<Vec<Login>>,
     budgets: LoginBudgets,
     /// One check at a time, so that guessing takes one core and 19 MiB at most.
     checks: Semaphore,
-    /// A login without activity for this long ends; `None`: never.
+    /// A login ends after this time without activity. `None` disables this limit.
     idle_max: Option<Duration>,
 }
 
@@ -126,7 +126,7 @@ impl Default for Logins {
 }
 
 impl Logins {
-    /// No login is in force. Each one ends after `idle_max` without activity.
+    /// Creates an empty set of logins. Each login ends after `idle_max` without activity.
     pub(crate) fn new(idle_max: Option<Duration>) -> Self {
         Self {
             in_force: Mutex::default(),
@@ -136,7 +136,7 @@ impl Logins {
         }
     }
 
-    /// A token for the user with this name and PIN.
+    /// Returns a token for the user with this name and PIN.
     pub(crate) async fn log_in(
         &self,
         tokens: &Tokens,
@@ -152,7 +152,7 @@ impl Logins {
         let Ok(_check) = self.checks.acquire().await else {
             return Err(Refused::Busy);
         };
-        // an unknown name takes the time of a known one
+        // an unknown name takes as long as a known one
         let phc = known.as_ref().and_then(|user| user.pin()).map(str::to_owned);
         let check = move || {
             let is_right = is_of(&pin, phc.as_deref().unwrap_or(&NOBODY));
@@ -194,7 +194,7 @@ impl Logins {
         });
     }
 
-    /// The owner of the token of a login, as long as its entry is in the token file.
+    /// Returns the owner of a login's token, as long as its entry is in the token file.
     pub(crate) fn user_of(&self, tokens: &Tokens, presented: &[u8]) -> Option<Shown> {
         let (digest, now): ([u8; 32], _) = (Sha256::digest(presented).into(), Instant::now());
         let logins = self.in_force.lock();
@@ -209,7 +209,7 @@ impl Logins {
         })
     }
 
-    /// Ends the login of a token. False when there is none.
+    /// Ends the login of a token. Returns `false` if there is none.
     pub(crate) fn log_out(&self, presented: &[u8]) -> bool {
         let digest: [u8; 32] = Sha256::digest(presented).into();
         let mut logins = self.in_force.lock();
@@ -219,7 +219,7 @@ impl Logins {
     }
 }
 
-/// The hash of a PIN that nobody has.
+/// Hash of a PIN that belongs to no user.
 static NOBODY: LazyLock<String> =
     LazyLock::new(|| random_secret().and_then(|pin| hash(&pin)).unwrap_or_default());
 

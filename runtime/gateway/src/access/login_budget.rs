@@ -1,6 +1,7 @@
-//! How often a PIN may be tried: budgets for each user and host, so that a stranger elsewhere cannot block a person's login.
+//! Limits on PIN attempts for each user and host, so that a stranger on another host cannot block a person's login.
 //!
-//! Names are counted by a keyed hash, known ones and unknown ones in the same way, so that no refusal tells whether a user exists.
+//! Known and unknown names are counted in the same way, by a keyed hash, so that no rejection reveals whether a user
+//! exists.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasher, RandomState};
@@ -13,25 +14,25 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::{Rate, Rates};
 
-/// Tries of one user from one host: a burst, and then one in so many seconds. Reason: a person who mistypes a few times does not
-/// wait, and 6 digits last for a year of guessing from one host.
+/// Attempts of one user from one host: a burst, and then one per interval. Reason: a person who mistypes a few times
+/// does not wait, and guessing 6 digits from one host takes a year.
 const PAIR_BURST: u32 = 10;
 const PAIR_SECONDS: f64 = 30.0;
 
-/// The same of one user from all hosts together from which that user has never logged in. Reason: ten hosts at the full rate of their
-/// own do not use it up.
+/// Attempts of one user from all hosts together from which that user has never logged in. Reason: ten hosts at their
+/// full rate do not use it up.
 const USER_BURST: u32 = 100;
 const USER_SECONDS: f64 = 3.0;
 
-/// The same of all users from one host, other than those who have logged in from there.
+/// Attempts of all users from one host, except users who have logged in from there.
 const HOST_BURST: u32 = 10;
 const HOST_SECONDS: f64 = 15.0;
 
-/// Hosts that are remembered for one user; for one more, the one that was used longest ago is forgotten.
+/// Hosts remembered for one user; a further one replaces the one that was used longest ago.
 const HOSTS_PER_USER_MAX: usize = 16;
 
-/// Logins that wait for the check of another one: in all, of one host, and of users from hosts from which they have never logged in.
-/// Reason: a check takes 50 ms, so that the last one waits for 1.6 s.
+/// Logins that wait for another one's check: in total, of one host, and of users from hosts from which they have never
+/// logged in. Reason: a check takes 50 ms, so the last one waits 1.6 s.
 const WAITING_MAX: usize = 32;
 const WAITING_PER_HOST_MAX: usize = 2;
 const WAITING_UNFAMILIAR_MAX: usize = 24;
@@ -67,7 +68,7 @@ impl Default for LoginBudgets {
     }
 }
 
-/// One try of a login.
+/// One attempt of a login.
 pub(super) struct LoginTry {
     name: NameHash,
     host: IpAddr,
@@ -75,13 +76,13 @@ pub(super) struct LoginTry {
     is_familiar: bool,
 }
 
-/// A place among the logins that wait for their check.
+/// A slot among the logins that wait for their check.
 pub(super) struct WaitingPlace {
     _places: Vec<OwnedSemaphorePermit>,
 }
 
 impl LoginBudgets {
-    /// Counts a try. The error is the time until the next one counts.
+    /// Counts an attempt. The error is the time until the next one is accepted.
     pub(super) fn count(&self, name: &str, host: IpAddr) -> Result<LoginTry, Duration> {
         let name = self.key.hash_one(name);
         let is_familiar = (self.familiar.lock().get(&name)).is_some_and(|hosts| hosts.contains(&host));
@@ -111,7 +112,7 @@ impl LoginBudgets {
         })
     }
 
-    /// A place to wait for the check; `None` if others take them all.
+    /// Takes a slot to wait for the check; `None` if all are used.
     pub(super) fn wait(&self, of: &LoginTry) -> Option<WaitingPlace> {
         let host = {
             let mut hosts = self.waiting_hosts.lock();
@@ -127,7 +128,7 @@ impl LoginBudgets {
         Some(WaitingPlace { _places: places })
     }
 
-    /// Takes back a try that was right, and remembers its host for the user.
+    /// Refunds a successful attempt, and remembers its host for the user.
     pub(super) fn succeed(&self, of: &LoginTry) {
         of.counted.iter().for_each(|rate| rate.give_back());
         let mut familiar = self.familiar.lock();

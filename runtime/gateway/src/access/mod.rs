@@ -35,7 +35,7 @@ pub(crate) use tokens::Stamp;
 pub use tokens::Tokens;
 pub(crate) use users::{Ended, Users};
 
-/// What a user may do.
+/// Rights of a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -45,9 +45,9 @@ pub enum Role {
     Operate,
     /// May do everything, including changes of the program store.
     Admin,
-    /// A sequence program: claims, resets, reports progress and presence, in its own name only, raises alarms, sets
-    /// sources of its own of interlock and start lock, inputs and outputs of the plant, and tool, spindle and variables in a coordinate system in which it
-    /// serves an M code.
+    /// A sequence program: claims, resets, reports progress and presence, in its own name only, raises alarms, sets its
+    /// own sources of interlock and start lock, inputs and outputs of the plant, and tool, spindle and variables in a
+    /// coordinate system in which it serves an M code.
     Handler,
 }
 
@@ -85,19 +85,20 @@ impl Role {
 /// The user of a request or a connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum User {
-    /// Anyone on the loopback, without a token file, and whoever an external broker lets in: an admin.
+    /// Every client on the loopback, without a token file, and every client that an external broker admits: an admin.
     Anyone,
-    /// Anyone, on a route that needs no token.
+    /// Any client, on a route that needs no token.
     Stranger,
-    /// Anyone who reaches the server, where the builder allows hold, stop and abort without a login; it may do only these.
+    /// Any client that reaches the server, if the builder allows hold, stop and abort without a login; it may do only
+    /// these.
     Unidentified,
     /// The owner of a token.
     Token(Arc<Token>),
 }
 
 impl User {
-    /// The sender that a topic names, behind a broker of others: its access rules say who may publish there. A handler has the
-    /// rights of a handler, a client those of the topics on which it may publish.
+    /// Returns the sender that a topic names, with an external broker, whose access rules restrict publishing there. A
+    /// handler has the rights of a handler, a client those of the topics on which it may publish.
     pub(crate) fn of_topic(speaker: Speaker) -> Self {
         let (name, role) = match speaker {
             Speaker::Handler(id) => (id, Role::Handler),

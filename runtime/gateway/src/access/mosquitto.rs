@@ -41,8 +41,8 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
     text
 }
 
-/// The filters on which a user may publish: a handler as a handler of its own name, others as clients of their own names, and an
-/// admin also as any handler.
+/// Returns the filters on which a user may publish: a handler as a handler with its own name, other users as clients
+/// with their own names, and an admin also as any handler.
 fn filters(name: &str, role: Role, filter: &str, right: Right) -> Vec<String> {
     if let "handler/+/presence" | "client/+/heartbeat" = filter {
         return vec![if role == Role::Admin {

@@ -1,4 +1,4 @@
-//! PINs, and the hashes by which they are known.
+//! PINs and their hashes.
 
 use argon2::password_hash::{PasswordHash, PasswordHasher, PasswordVerifier, SaltString};
 use argon2::{Algorithm, Argon2, Params, Version};
@@ -12,8 +12,8 @@ const PIN_MAX: usize = 128;
 /// Different characters of a PIN, at least.
 const DIFFERENT_MIN: usize = 3;
 
-/// Why a PIN is easy to guess: few different characters (`111111`), a sequence (`123456`, `987654`, `890123`), or a short part that
-/// repeats (`147147`).
+/// Returns why a PIN is easy to guess: few different characters (`111111`), a sequence (`123456`, `987654`, `890123`),
+/// or a short part that repeats (`147147`).
 pub(super) fn weakness(pin: &str) -> Option<&'static str> {
     let characters: Vec<_> = pin.chars().map(u32::from).collect();
     let mut different = characters.clone();
@@ -42,7 +42,7 @@ pub(super) fn weakness(pin: &str) -> Option<&'static str> {
 }
 
 fn argon2() -> Argon2<'static> {
-    // 19 MiB, 2 passes: what OWASP asks for at least
+    // 19 MiB, 2 passes: the minimum that OWASP recommends
     Argon2::new(Algorithm::Argon2id, Version::V0x13, Params::default())
 }
 
@@ -67,7 +67,7 @@ pub(super) fn hash(pin: &str) -> Result<String, TokenError> {
     Ok(hash.to_string())
 }
 
-/// True for what [`hash`] gives.
+/// True for a result of [`hash`].
 pub(super) fn is_hash(phc: &str) -> bool {
     PasswordHash::new(phc)
         .is_ok_and(|hash| hash.algorithm == Algorithm::Argon2id.ident() && hash.hash.is_some())

@@ -36,7 +36,7 @@ impl Rate {
         }
     }
 
-    /// Counts one more. The error is the time until there is room again; then nothing is counted.
+    /// Counts one more. If there is no room, counts nothing and returns the time until there is room.
     pub(crate) fn take(&self) -> Result<(), Duration> {
         let mut state = self.refilled();
         if state.left < 1.0 {
@@ -46,7 +46,7 @@ impl Rate {
         Ok(())
     }
 
-    /// Takes one back that was counted.
+    /// Takes back one that was counted.
     pub(crate) fn give_back(&self) {
         let mut state = self.refilled();
         state.left = (state.left + 1.0).min(self.burst);
@@ -64,12 +64,12 @@ impl Rate {
         Duration::from_secs_f64((-state.left).max(0.0) / self.per_second)
     }
 
-    /// True for a rate that is as a new one.
+    /// True for a rate that is completely recovered.
     fn is_recovered(&self) -> bool {
         self.refilled().left >= self.burst
     }
 
-    /// Counts nothing. The error is the time until all that was owed is paid.
+    /// Returns the time until all debt is paid as an error. Counts nothing.
     pub(crate) fn check(&self) -> Result<(), Duration> {
         let left = self.refilled().left;
         if left < 0.0 {
@@ -88,8 +88,8 @@ impl Rate {
     }
 }
 
-/// One [`Rate`] per key. With `KEYS_MAX` keys those that have recovered are forgotten, else the most recovered one; if all are used
-/// up, further keys share one rate. So no number of keys resets a rate that is used up.
+/// One [`Rate`] per key. At `KEYS_MAX` keys those that have recovered are removed, else the most recovered one; if all
+/// are used up, further keys share one rate. So no number of keys resets a rate that is used up.
 #[derive(Debug)]
 pub(crate) struct Rates<K> {
     burst: u32,

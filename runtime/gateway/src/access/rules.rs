@@ -1,4 +1,4 @@
-//! What a user may ask, decided on the request that is carried out. Pure: no I/O.
+//! Rights of users, checked on the request that is executed. Pure: no I/O.
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::request::{Input, Request};
@@ -8,8 +8,8 @@ use plc_api::wire::row::ParsedRequest;
 use super::{Role, User};
 use crate::urgent_slots::UrgentKind;
 
-/// An error, in words, if a user may not make a request. `serves`: whether the user is a handler that is there and serves an
-/// M code of this coordinate system; of any for `None`.
+/// Returns an error text if a user may not make a request. `serves` returns whether the user is an online handler that
+/// serves an M code of this coordinate system, or of any for `None`.
 pub(crate) fn check(
     user: &User,
     parsed: &ParsedRequest,
@@ -40,7 +40,7 @@ pub(crate) fn check(
     }
 }
 
-/// Whether what a user sends in the name of a handler is its own: it may make such requests, and a handler speaks as itself.
+/// Whether a user may send in the name of a handler: it needs the right, and a handler may use only its own name.
 pub(crate) fn may_speak_as(user: &User, right: Right, handler_id: &str) -> bool {
     user.has(right) && (user.role() != Role::Handler || user.name() == Some(handler_id))
 }
@@ -80,7 +80,8 @@ fn check_handler(
     ))
 }
 
-/// Of the inputs a handler sets sources of its own, never those of others; inputs and outputs of the plant in its own name.
+/// A handler may set its own sources of inputs, never those of other handlers, and inputs and outputs of the plant in
+/// its own name.
 fn check_input(name: &str, request: &Request) -> Result<(), String> {
     match request {
         Request::Input(_, Input::Interlock(set) | Input::StartLock(set))

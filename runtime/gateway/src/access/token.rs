@@ -1,4 +1,4 @@
-//! A user of the token file, and what it shows.
+//! A user of the token file, and its credentials.
 
 use std::path::PathBuf;
 #[cfg(test)]
@@ -9,7 +9,7 @@ use super::Role;
 #[cfg(test)]
 use super::User;
 
-/// Random bytes of a new token. Nobody can guess them, so a plain digest is as safe as a slow one.
+/// Random bytes of a new token. They cannot be guessed, so a plain digest is as safe as a slow one.
 const TOKEN_BYTES: usize = 32;
 
 /// Why a token file cannot be used.
@@ -24,7 +24,7 @@ pub enum TokenError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// Others than its owner may read or write it.
+    /// Other users than its owner may read or write it.
     #[error("token file {}: its mode is {mode:03o}, so that others may read or write it; run chmod 600 {}", path.display(), path.display())]
     Open {
         /// The file.
@@ -37,7 +37,7 @@ pub enum TokenError {
     Wrong {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and how to correct it.
+        /// The error, and how to correct it.
         text: String,
     },
     /// The name of a new token cannot be used.
@@ -56,7 +56,7 @@ pub enum TokenError {
     Random(String),
 }
 
-/// What a user shows.
+/// Credentials of a user.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Proof {
     /// A token with this SHA-256.
@@ -73,12 +73,12 @@ pub(crate) struct Token {
     pub(crate) name: String,
     pub(crate) role: Role,
     pub(super) proof: Proof,
-    /// From then on it counts no more.
+    /// End of its validity.
     pub(super) until: Option<SystemTime>,
 }
 
 impl Token {
-    /// The hash of its PIN.
+    /// Returns the hash of its PIN.
     pub(super) fn pin(&self) -> Option<&str> {
         match &self.proof {
             Proof::Pin(hash) => Some(hash),
@@ -86,7 +86,7 @@ impl Token {
         }
     }
 
-    /// A user whom a topic names. Nobody can present its token: no text has this digest.
+    /// Creates a user that is named by a topic. No client can present its token, because no text has this digest.
     pub(super) fn of_topic(name: String, role: Role) -> Self {
         Self {
             name,
@@ -96,7 +96,7 @@ impl Token {
         }
     }
 
-    /// A user with a token that nobody can present.
+    /// Creates a user whose token cannot be presented.
     #[cfg(test)]
     pub(crate) fn user_for_test(name: &str, role: Role) -> User {
         User::Token(Arc::new(Token {
@@ -114,7 +114,7 @@ impl std::fmt::Debug for Token {
     }
 }
 
-/// 256 random bits as hexadecimal digits.
+/// Returns 256 random bits as hexadecimal digits.
 pub(crate) fn random_secret() -> Result<String, TokenError> {
     let mut bytes = [0_u8; TOKEN_BYTES];
     getrandom::fill(&mut bytes).map_err(|error| TokenError::Random(error.to_string()))?;

@@ -58,7 +58,7 @@ impl Tokens {
     /// Reads a token file, which only its owner may be able to read and write.
     ///
     /// # Errors
-    /// It cannot be read, others than its owner may read or write it, or it is malformed.
+    /// Fails if the file cannot be read, if other users may read or write it, or if it is malformed.
     pub fn read(path: &Path) -> Result<Tokens, TokenError> {
         use std::io::Read as _;
         use std::os::unix::fs::PermissionsExt as _;
@@ -97,13 +97,13 @@ impl Tokens {
     /// Reads the text of a token file.
     ///
     /// # Errors
-    /// Why it cannot be used, without anything secret.
+    /// Returns why it cannot be used, without anything secret.
     pub fn parse(text: &str) -> Result<Tokens, String> {
         let tokens = read(text)?.into_iter().map(Arc::new).collect();
         Ok(Tokens { tokens, file: None })
     }
 
-    /// Warns of tokens that end soon.
+    /// Warns of tokens that expire soon.
     fn announce_ends(&self, now: SystemTime) {
         for token in &self.tokens {
             if let Some(days) = token.until.and_then(|until| days_to_end(until, now)) {
@@ -115,7 +115,7 @@ impl Tokens {
         }
     }
 
-    /// The file they were read from, and its state then.
+    /// Returns the file they were read from, and its state then.
     pub(super) fn file(&self) -> Option<(PathBuf, Stamp)> {
         self.file.clone()
     }
@@ -124,7 +124,7 @@ impl Tokens {
         self.tokens == other.tokens
     }
 
-    /// The same without those whose time is over; `None`: there are none.
+    /// Returns the tokens without the expired ones, or `None` if none is expired.
     pub(super) fn without_expired(&self, now: SystemTime) -> Option<Tokens> {
         let counts = |token: &&Arc<Token>| token.until.is_none_or(|until| now < until);
         let tokens: Vec<_> = self.tokens.iter().filter(counts).cloned().collect();
@@ -134,12 +134,12 @@ impl Tokens {
         })
     }
 
-    /// When the time of the next of them is over.
+    /// Returns when the next of them expires.
     pub(super) fn next_end(&self) -> Option<SystemTime> {
         self.tokens.iter().filter_map(|token| token.until).min()
     }
 
-    /// True where a user may show a certificate.
+    /// True if the file names certificates.
     pub(crate) fn names_certificates(&self) -> bool {
         self.tokens
             .iter()

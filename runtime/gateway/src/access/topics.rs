@@ -6,8 +6,8 @@ use plc_api::wire::speaker::Speaker;
 use super::{Role, User};
 use crate::contract::topics::inbound;
 
-/// Whether a user may publish on a topic; what its payload asks for is judged when it is parsed. States belong to the runtime; below other roots anyone may publish without
-/// tokens, and nobody with them.
+/// Whether a user may publish on a topic; the payload is authorized after it is parsed. States belong to the runtime.
+/// Below other roots, publishing is allowed to every client without tokens, and to none with them.
 pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
     let Some(path) = topic.strip_prefix(root) else {
         return user.name().is_none();
@@ -28,7 +28,7 @@ pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
     user.has(right) && in_own_name
 }
 
-/// Whether a user may subscribe. Whoever may read may read all that the machine publishes.
+/// Whether a user may subscribe. A user who may read may read all messages of the machine.
 pub(crate) fn may_subscribe(user: &User) -> bool {
     user.has(Right::Read)
 }

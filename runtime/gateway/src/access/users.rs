@@ -1,4 +1,4 @@
-//! Who comes in by what it shows, over HTTP, WebSocket and MQTT alike, and until when.
+//! Identifies users by their credentials, for HTTP, WebSocket and MQTT alike, and determines how long these are valid.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,7 +18,7 @@ pub(crate) struct Users {
 /// Why a connection is closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ended {
-    /// The entry of the token, person or certificate is no longer in force.
+    /// The entry of the token, person or certificate is no longer valid.
     Revoked,
     /// The time of the login is over, or it was given back.
     Login,
@@ -35,7 +35,7 @@ impl Ended {
 }
 
 impl Users {
-    /// Users of these tokens; nobody has logged in yet. A login without activity for `idle_max` ends.
+    /// Creates the users of these tokens, without logins. A login without activity for `idle_max` ends.
     pub(crate) fn new(tokens: LiveTokens, idle_max: Option<Duration>) -> Self {
         Self {
             tokens,
@@ -43,7 +43,7 @@ impl Users {
         }
     }
 
-    /// The user of a token, or of the login that has given it; where none is shown, the user of the certificate.
+    /// Returns the user of a token or of a login's token. Without a token, the user of the certificate.
     pub(crate) fn who(&self, shown: Option<&[u8]>, certificate: Option<&[u8; 32]>) -> Option<Shown> {
         let tokens = self.tokens.now();
         match shown {
@@ -55,7 +55,7 @@ impl Users {
         }
     }
 
-    /// Waits until what was shown counts no more.
+    /// Waits until the credentials are no longer valid.
     pub(crate) async fn ended(&self, shown: &Shown) -> Ended {
         let mut tokens = self.tokens.clone();
         let revoked = async {
@@ -79,7 +79,7 @@ impl Users {
     }
 }
 
-/// Waits until a login has ended by its time, which activity extends.
+/// Waits until a login expires, which activity delays.
 async fn login_ended(login: &LoginEnd) {
     while Instant::now() < login.until() {
         sleep_until(login.until()).await;

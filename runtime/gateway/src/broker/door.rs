@@ -1,4 +1,4 @@
-//! Accepts clients: each connection takes a place, and has its own event handler and access check.
+//! Accepts clients: each connection takes a slot, and has its own event handler and access check.
 
 use std::future::ready as now;
 use std::io;
@@ -43,8 +43,8 @@ use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 
-/// Places of connections. A client is known once it is authenticated, and is then never closed for another one. Reason for
-/// the total: together with HTTP it stays below the 1024 files that a process may have open.
+/// Connection slots. A client becomes known when it is authenticated, and is then never evicted. Reason for the total:
+/// together with HTTP it stays below the 1024 files that a process may have open.
 pub(crate) const PLACES: PlaceLimits = PlaceLimits {
     all: 448,
     of_one: 128,
@@ -64,7 +64,7 @@ pub(super) struct Hall {
     pub(super) guard: Arc<Guard>,
     pub(super) router: Arc<MessageRouter>,
     pub(super) storage: Arc<DynamicStorage>,
-    /// With it, clients speak TLS.
+    /// If set, clients use TLS.
     pub(super) tls: Option<LiveTls>,
     pub(super) stop: broadcast::Sender<()>,
     pub(super) clients: TaskTracker,
@@ -76,12 +76,12 @@ pub(super) struct Hall {
 /// A connection of a client: over TCP with TLS or without, or over a WebSocket.
 pub(super) type Way = Either<ClientStream, Box<SocketBytes>>;
 
-/// A client that has reached the door.
+/// An accepted connection that is not authenticated yet.
 struct Visitor {
     way: Way,
     address: SocketAddr,
     certificate: Option<Fingerprint>,
-    /// False for one without TLS where there is a certificate: it is told so.
+    /// False for a client without TLS although there is a certificate: it is rejected with this reason.
     is_open: bool,
 }
 
@@ -101,7 +101,7 @@ impl Counts {
 }
 
 impl Hall {
-    /// Lets clients in until it is stopped.
+    /// Accepts clients until it is stopped.
     pub(super) async fn run(self: Arc<Self>, listener: TcpListener) {
         let mut stopped = self.stop.subscribe();
         let mut clean = tokio::time::interval(CLEAN_INTERVAL);
@@ -125,7 +125,7 @@ impl Hall {
             let Some(place) = self.places.take(address.ip()) else {
                 continue;
             };
-            // without it answers are only slower
+            // on failure, responses are only slower
             let _ = stream.set_nodelay(true);
             let leave = place.leave();
             let serving = Arc::clone(&self).let_in(stream, address, place);
@@ -140,7 +140,7 @@ impl Hall {
         }
     }
 
-    /// Serves a client over a WebSocket until it has gone; nothing where there is no place for it.
+    /// Serves a client over a WebSocket until it disconnects. Returns at once if there is no slot for it.
     pub(super) async fn serve_socket(
         self: Arc<Self>,
         bytes: SocketBytes,
@@ -156,7 +156,7 @@ impl Hall {
             way: Either::Right(Box::new(bytes)),
             address,
             certificate,
-            // HTTP has TLS where the broker has it
+            // HTTP uses TLS if the broker does
             is_open: true,
         };
         let serving = async {
@@ -168,7 +168,7 @@ impl Hall {
         clients.track_future(serving).await;
     }
 
-    /// Serves a client over TCP until it has gone.
+    /// Serves a client over TCP until it disconnects.
     async fn let_in(self: Arc<Self>, stream: TcpStream, address: SocketAddr, place: Place) {
         let accepted = match &self.tls {
             None => Ok(Accepted::plain(stream)),
@@ -186,7 +186,7 @@ impl Hall {
         self.serve(visitor, place).await;
     }
 
-    /// Serves one client until it has gone.
+    /// Serves one client until it disconnects.
     async fn serve(self: Arc<Self>, visitor: Visitor, place: Place) {
         let address = visitor.address;
         let (let_in, connected) = oneshot::channel();
@@ -221,7 +221,7 @@ impl Hall {
         );
         let mut serving = pin!(client.run());
         let (client_id, ended) = tokio::select! {
-            // the guard has logged the reason for the end of a connection where it matters
+            // if the reason for the end matters, the guard has logged it
             _ = &mut serving => return,
             ended = self.ended(connected) => ended,
         };
@@ -234,7 +234,7 @@ impl Hall {
         line.end(self.guard.speaks_5(&client_id).then_some((code, ended.text())));
         let _ = serving.await;
         if self.guard.sessions.of(&client_id).is_none() {
-            // no messages are kept for it from now on
+            // from now on no messages are kept for it
             self.router.unregister_client(&client_id).await;
         }
     }
@@ -256,7 +256,7 @@ impl Hall {
     }
 }
 
-/// Connections are limited by their places, and messages by the guard.
+/// Disables the library's limits: the slots limit connections, and the guard limits messages.
 fn no_limits() -> ResourceLimits {
     ResourceLimits {
         max_connections: PLACES.all,
@@ -268,28 +268,28 @@ fn no_limits() -> ResourceLimits {
     }
 }
 
-/// A client that was let in: its id, and what it has shown.
+/// An admitted client: its id and its credentials.
 type LetIn = (Arc<str>, Shown);
 
 /// The guard of one connection.
 struct Door {
-    /// False for a client that speaks no TLS where there is a certificate: it is told so.
+    /// False for a client without TLS although there is a certificate: it is rejected with this reason.
     is_open: bool,
     certificate: Option<Fingerprint>,
     guard: Arc<Guard>,
     place: Place,
     refused: Arc<Mutex<Option<u16>>>,
-    /// What its client has shown.
+    /// Credentials of the client.
     shown: Mutex<Option<Shown>>,
-    /// Told once it is connected.
+    /// Notified once the client is connected.
     let_in: Mutex<Option<oneshot::Sender<LetIn>>>,
     line: Arc<Line>,
     router: Arc<MessageRouter>,
 }
 
 impl Door {
-    /// Delivers a message without waiting for slow subscribers: for these it is queued, and the oldest queued messages are
-    /// dropped. The library itself would make the publisher wait.
+    /// Delivers a message without waiting for slow subscribers: their messages are queued, and the oldest queued ones
+    /// are dropped. The library itself would make the publisher wait.
     async fn deliver(&self, event: ClientPublishEvent) -> PublishAction {
         let Some(mut publish) = self.line.publish() else {
             return PublishAction::Continue;
@@ -312,7 +312,7 @@ impl Door {
         PublishAction::Handled
     }
 
-    /// Writes into a message what the broker knows of it, in place of what its client wrote there.
+    /// Writes the broker's own data on the sender into a message, and removes the client's.
     fn stamp(&self, publish: &mut PublishPacket, event: &ClientPublishEvent) {
         publish.topic_name = event.topic.to_string();
         publish.payload = (self.guard.on_the_way).count(std::mem::take(&mut publish.payload));
@@ -348,7 +348,7 @@ impl Door {
         PublishAction::Handled
     }
 
-    /// Refuses a message: a client of MQTT 5 gets a reason code in the acknowledgement.
+    /// Rejects a message: a client of MQTT 5 gets a reason code in the acknowledgement.
     fn refuse(&self, event: &ClientPublishEvent) -> PublishAction {
         if self.guard.speaks_5(&event.client_id) {
             *self.refused.lock() = event.packet_id;
@@ -430,17 +430,17 @@ impl AuthProvider for Door {
     }
 }
 
-/// The bytes of a connection. The library acknowledges a message that the guard has handled as a success, and asks for no
-/// reason: the acknowledgement of one that is refused is replaced here by one with its reason.
+/// Byte stream of a connection. The library acknowledges a message that the guard has handled as a success, and asks
+/// for no reason: here the acknowledgement of a rejected message is replaced by one with its reason.
 struct Stream {
     inner: BufReader<Way>,
     peer: SocketAddr,
-    /// Packet id of the message whose acknowledgement comes next, and is a refusal.
+    /// Packet id of the message whose acknowledgement comes next and must become a rejection.
     refused: Arc<Mutex<Option<u16>>>,
-    /// The rest of the acknowledgement that is to be written, and the number of bytes of the library that it replaces.
+    /// Unwritten rest of the acknowledgement, and the number of bytes of the library that it replaces.
     answer: Vec<u8>,
     replaced: usize,
-    /// Bytes still to be written of a packet that was written partly.
+    /// Unwritten bytes of a packet that was partly written.
     unwritten: usize,
     line: Arc<Line>,
     ended: Pin<Box<WaitForCancellationFutureOwned>>,
@@ -460,7 +460,7 @@ impl Stream {
         }
     }
 
-    /// The end of what is read: the client is told why, if there is a reason. Reads happen only between two written packets; a
+    /// Ends reading and, if there is a reason, sends it to the client. Reads happen only between two written packets; a
     /// client that does not accept it at once does not get it.
     fn end(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let packet = self.line.farewell();
@@ -468,7 +468,7 @@ impl Stream {
         Poll::Ready(Ok(()))
     }
 
-    /// The refusal in place of a PUBACK or PUBREC. The library writes each packet at once.
+    /// Returns the rejection that replaces a PUBACK or PUBREC. The library writes each packet at once.
     fn refusal(&self, packet: &[u8]) -> Option<Vec<u8>> {
         let id = (*self.refused.lock())?.to_be_bytes();
         match *packet {
@@ -486,18 +486,18 @@ impl WebSocketTransport for Stream {
     }
 }
 
-/// Has what was read acknowledged now, not after 40 ms: a client that keeps small packets together (Nagle's algorithm, without
-/// `TCP_NODELAY`) sends nothing more until then. The setting does not last.
+/// Acknowledges received data at once instead of after 40 ms: a client that collects small packets (Nagle's algorithm,
+/// without `TCP_NODELAY`) sends nothing until then. The setting does not last.
 fn acknowledge_at_once(stream: &Way) {
     #[cfg(target_os = "linux")]
     {
         let tcp = match stream {
             Either::Left(Either::Left(tcp)) => tcp,
             Either::Left(Either::Right(tls)) => tls.get_ref().0,
-            // that is the business of HTTP
+            // the HTTP server does this
             Either::Right(_) => return,
         };
-        // without it a client is only slower
+        // on failure, a client is only slower
         let _ = tcp.set_quickack(true);
     }
     #[cfg(not(target_os = "linux"))]

@@ -1,4 +1,4 @@
-//! Admits users, to their topics only, and decides what becomes of each message.
+//! Admits users, restricts them to their topics, and decides on each message.
 
 use std::future::{Future, ready};
 use std::net::{IpAddr, SocketAddr};
@@ -41,26 +41,26 @@ use crate::publisher::Publisher;
 use crate::tls::Fingerprint;
 use crate::urgent_slots::ExecuteUrgent;
 
-/// Places of known clients that are only for users who may stop a machine.
+/// Connection slots of known clients that are reserved for users who may stop a machine.
 const RESERVED: usize = 32;
 
-/// Messages of one user, or without users of one host: burst, and rate per second. Further ones are delayed, not refused: over
-/// MQTT 3.1.1 a refused message is lost silently. Reason: one process may serve 8 coordinate systems with 200 M codes a second,
-/// each with a claim and a reset.
+/// Messages of one user, or without users of one host: burst, and rate per second. Further ones are delayed, not
+/// rejected: over MQTT 3.1.1 a rejected message is lost silently. Reason: one process may serve 8 coordinate systems
+/// with 200 M codes a second, each with a claim and a reset.
 const USER_BURST: u32 = 10_000;
 const USER_PER_SECOND: u32 = 5000;
 
-/// The same for urgent requests, beside all others. Reason: with one message of each of 256 connections delayed, the last one
-/// waits for 0.26 s.
+/// Limits of urgent requests, separate from all other messages. Reason: if one message of each of 256 connections is
+/// delayed, the last one waits 0.26 s.
 const URGENT_BURST: u32 = 1000;
 const URGENT_PER_SECOND: u32 = 1000;
 
-/// Wrong tokens from one address: burst, and rate per second. Further ones are refused as too many.
+/// Wrong tokens from one address: burst, and rate per second. Further ones are rejected as too many.
 const WRONG_BURST: u32 = 50;
 const WRONG_PER_SECOND: u32 = 10;
 
-/// The user of a connection: with a password, the owner of that token, or of the login that has given it; without, of the
-/// certificate that it has shown. With a password the name must be the user's, without one a name that is given.
+/// Identifies the user of a connection. With a password, it is the owner of that token or login, and the name must
+/// match. Without a password, it is the owner of the client certificate, and a name must match if it is given.
 fn who(users: &Users, connect: &ConnectPacket, certificate: Option<&Fingerprint>) -> Option<Shown> {
     let (name, password) = (connect.username.as_deref(), connect.password.as_deref());
     let shown = users.who(password, certificate)?;
@@ -73,31 +73,31 @@ fn outlives(connect: &ConnectPacket) -> bool {
     ClientSession::expiry_from_connect(connect) != Some(0)
 }
 
-/// What clears a retained topic.
+/// Creates the message that clears a retained topic.
 pub(super) fn clearing(topic: &str) -> PublishPacket {
     let mut clear = PublishPacket::new(topic, Vec::new(), QoS::AtLeastOnce);
     clear.retain = true;
     clear
 }
 
-/// What becomes of a message.
+/// Decision on a message.
 pub(super) enum Judged {
     /// It is delivered, after this retained topic is cleared for it.
     Deliver { clear: Option<String> },
-    /// It is not, and has been handled.
+    /// It is not delivered, because the guard has handled it.
     Handled,
-    /// It is not, because it cannot be kept.
+    /// It is not delivered, because it cannot be kept.
     NotKept,
 }
 
-/// Admits users, to their topics only, and refuses commands with the retain flag.
+/// Admits users, restricts them to their topics, and rejects commands with the retain flag.
 pub(super) struct Guard {
     pub(super) access: BrokerAccess,
     pub(super) refused: mpsc::Sender<Refused>,
     pub(super) rates: Rates<Account>,
     // for urgent requests
     pub(super) urgent_rates: Rates<Account>,
-    // where urgent requests go
+    // receiver of urgent requests
     pub(super) urgent: OnceLock<Weak<dyn ExecuteUrgent>>,
     pub(super) arrivals: Arc<Arrivals>,
     // by address
@@ -123,7 +123,7 @@ impl Guard {
         }
     }
 
-    /// The user with a user id of [`Guard::authenticate`]; `None` for an unknown one.
+    /// Returns the user with a user id of [`Guard::authenticate`]; `None` for an unknown one.
     fn user(&self, user_id: Option<&str>) -> Option<User> {
         match &self.access.users {
             None => Some(User::Anyone),
@@ -131,7 +131,7 @@ impl Guard {
         }
     }
 
-    /// The user id of a connection that is admitted and what it has shown, or why it is refused.
+    /// Returns the user id of an admitted connection and its credentials, or why it is rejected.
     fn admit(
         &self,
         connect: &ConnectPacket,
@@ -179,17 +179,17 @@ impl Guard {
         Ok((user_id, Some(shown)))
     }
 
-    /// What keeps a client out because of its will.
+    /// Returns why the client is rejected because of its will.
     fn check_will(&self, user: &User, connect: &ConnectPacket) -> Result<(), (ReasonCode, String)> {
         let refused_will = match connect.will.as_ref().map(|will| &will.topic) {
-            // a machine must not start because an HMI has gone
+            // a lost connection of an HMI must not start a machine
             Some(topic) if self.is_inbound(topic) => Some(format!(
                 "its will on {topic} is a command; a will may be a presence"
             )),
             Some(topic) if !may_publish(user, &self.access.root, topic) => {
                 Some(format!("it may not publish its will on {topic}"))
             }
-            // a handler that is lost must not count as online
+            // a lost handler must not appear as online
             Some(topic) if self.is_presence_online(topic, connect) => Some(format!(
                 "its will on {topic} must say that the handler is offline; write {{\"online\": false}}"
             )),
@@ -210,7 +210,7 @@ impl Guard {
         Ok(())
     }
 
-    /// True for a will on a presence below the root that does not say offline.
+    /// True for a will on a presence below the root whose content is not offline.
     fn is_presence_online(&self, topic: &str, connect: &ConnectPacket) -> bool {
         let Some(path) = topic.strip_prefix(&self.access.root) else {
             return false;
@@ -228,7 +228,7 @@ impl Guard {
         }
     }
 
-    /// The refusal of a wrong password; another one beyond the rate of its address.
+    /// Rejects a wrong password, with a different code beyond the rate of its address.
     fn wrong(&self, from: SocketAddr, text: &str) -> (ReasonCode, String) {
         match self.wrong.of(&host_of(from.ip())).take() {
             Ok(()) => {
@@ -245,19 +245,19 @@ impl Guard {
         topic.strip_prefix(&self.access.root).is_some_and(is_inbound)
     }
 
-    /// The account of a message.
+    /// Returns the account to which a message is charged.
     fn account(&self, event: &ClientPublishEvent) -> Account {
         let from = self.sessions.address_of(&event.client_id);
         Account::named(event.user_id.as_deref(), from)
     }
 
-    /// The lane and the request of an urgent message, if its user may send it.
+    /// Returns the lane and the request of an urgent message, if its user may send it.
     pub(super) fn urgent(
         &self,
         event: &ClientPublishEvent,
     ) -> Option<(Arc<dyn ExecuteUrgent>, ParsedRequest)> {
         let path = event.topic.strip_prefix(&self.access.root)?;
-        // a retained request is refused
+        // a retained request is rejected
         if event.retain || !may_be_urgent(path) {
             return None;
         }
@@ -271,7 +271,7 @@ impl Guard {
         }
     }
 
-    /// The number of a message in the order of arrival.
+    /// Numbers a message in the order of arrival.
     pub(super) fn arrive(&self, topic: &str) -> u64 {
         let command = topic.strip_prefix(&self.access.root).and_then(command_of);
         match command.filter(|(_, verb)| verb.moves()) {
@@ -280,7 +280,7 @@ impl Guard {
         }
     }
 
-    /// Passes an urgent request to the machine, beside all other messages.
+    /// Passes an urgent request to the machine, ahead of the queue of other messages.
     pub(super) async fn take_urgent(
         &self,
         event: &ClientPublishEvent,
@@ -304,7 +304,7 @@ impl Guard {
             .is_some_and(|user| may_publish(&user, &self.access.root, topic))
     }
 
-    /// True for a message that the broker must not deliver; it has been handled.
+    /// True for a message that the broker must not deliver, because it has been handled.
     fn keeps_back(&self, event: &ClientPublishEvent) -> bool {
         let user_id = event.user_id.as_deref();
         if !self.may_publish(user_id, &event.topic) {
@@ -315,7 +315,7 @@ impl Guard {
             return true;
         }
         if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {
-            // without room it is refused silently
+            // without room it is dropped silently
             let _ = self
                 .refused
                 .try_send((event.topic.to_string(), event.payload.to_vec()));
@@ -335,7 +335,7 @@ fn command_of(path: &str) -> Option<(CoordinateSystemNumber, Verb)> {
     (is_command && levels.next()? == "cs").then_some((cs, verb))
 }
 
-/// True for a path on which an urgent request may come in; its payload decides.
+/// True for a path on which an urgent request may arrive; its payload decides.
 fn may_be_urgent(path: &str) -> bool {
     let is_command = |(_, verb): (_, Verb)| verb.is_urgent() || verb == Verb::Jog;
     path == "alarm/raise" || command_of(path).is_some_and(is_command)
@@ -376,7 +376,7 @@ impl Guard {
         }
     }
 
-    /// Tells the operator that messages are not kept; it stands until there is room again.
+    /// Reports to the operator that messages are not kept, until there is room again.
     fn tell_not_kept(&self, topic: &str, client: &str, text: &str) {
         if !self.retained.is_newly_full() {
             return;
@@ -401,7 +401,7 @@ impl Guard {
     ) -> (AuthResult, Option<Shown>) {
         let (user_id, shown) = match self.admit(connect, certificate, address, place) {
             Ok(admitted) => admitted,
-            // beyond the rate nothing is logged, so that nobody can fill the log
+            // beyond the rate nothing is logged, so that no client can fill the log
             Err((code @ ReasonCode::ConnectionRateExceeded, _)) => return (AuthResult::fail(code), None),
             Err((code, text)) => {
                 warn!(
@@ -415,9 +415,9 @@ impl Guard {
         (admitted, shown)
     }
 
-    // Only clients of MQTT 5 understand an acknowledgement "not authorized". Over 3.1.1 the same bytes are a protocol error,
-    // after which the client reconnects and publishes again: there `keeps_back` drops the message. The will of a revoked
-    // user is still published: it is how others learn that a handler has gone.
+    // Only clients of MQTT 5 understand an acknowledgement "not authorized". Over 3.1.1 the same bytes are a protocol
+    // error, after which the client reconnects and publishes again: there `keeps_back` drops the message. The will of a
+    // revoked user is still published, because it reports the handler as offline.
     pub(super) fn authorize_publish(
         &self,
         client_id: &str,
@@ -449,7 +449,7 @@ impl BrokerEventHandler for Guard {
     }
 
     fn on_retained_set(&self, event: RetainedSetEvent) -> Answer<'_, ()> {
-        // the states of the runtime have no limit but their own number
+        // the number of the runtime's own states is limited already
         let is_of_runtime = event.topic.starts_with(&self.access.root) && !self.is_inbound(&event.topic);
         if !is_of_runtime {
             let kind = self.kind(&event.topic);

@@ -15,15 +15,15 @@ use tokio_util::sync::CancellationToken;
 
 use super::MQTT_5;
 
-/// Bytes of the messages that are on their way to clients that are connected. When there are more, clients that take nothing
-/// are closed, and messages of others wait for no room but are refused. What waits in the queues of sessions comes on top.
+/// Limit of message bytes in transit to connected clients. Beyond it, clients that do not read are closed, and messages
+/// of other clients are rejected, not delayed. Messages in session queues are not included.
 pub(super) const ON_THE_WAY_BYTES_MAX: usize = 64 * 1024 * 1024;
 
-/// A client to which something is on its way, and which has taken nothing for this long, is closed when there is no room.
+/// If there is no room, a client with messages in transit that has accepted nothing for this time is closed.
 const DEAF_AFTER: Duration = Duration::from_secs(1);
 
-/// Bytes of a CONNECT packet. Reason: the broker reads it before it knows the client. The will in it is a presence, which has
-/// at most as many bytes as any message of a client.
+/// Size limit of a CONNECT packet. Reason: the broker reads it before it knows the client. The will in it is a
+/// presence, as large as any message of a client at most.
 const CONNECT_BYTES_MAX: usize = PAYLOAD_MAX + 4096;
 
 /// Bytes of the topic of a message. Reason: the library remembers 64 of them for each client, as aliases.
@@ -35,7 +35,7 @@ const PUBLISH: u8 = 3;
 const PUBACK: u8 = 4;
 const PUBCOMP: u8 = 7;
 
-/// What passes over one connection.
+/// Packet state of one connection.
 #[derive(Debug)]
 pub(super) struct Line {
     passing: Mutex<Passing>,
@@ -51,17 +51,17 @@ struct Passing {
     version: u8,
     /// Fixed header of the packet that is being read.
     head: Vec<u8>,
-    /// Bytes of it that are still to come.
+    /// Remaining bytes of this packet.
     left: usize,
     is_publish: bool,
-    /// The latest PUBLISH that has come, whole once nothing is left.
+    /// The latest received PUBLISH, complete once nothing remains.
     publish: Vec<u8>,
-    /// Why the broker takes no more from the client.
+    /// Why the broker reads no further from the client.
     refusal: Option<(ReasonCode, &'static str)>,
-    /// Messages of quality 1 and 2 that the client has not acknowledged, and when it last acknowledged one, or had none.
+    /// Number of unacknowledged messages of quality 1 and 2; then when the client last acknowledged one, or had none.
     unacknowledged: u32,
     acknowledged: Instant,
-    /// Since when the client does not read what it is sent.
+    /// When the client stopped reading.
     stalled: Option<Instant>,
 }
 
@@ -84,13 +84,13 @@ impl Line {
         }
     }
 
-    /// The client speaks this version of MQTT.
+    /// Records the client's version of MQTT.
     pub(super) fn speaks(&self, version: u8) {
         self.passing.lock().version = version;
     }
 
-    /// Notes bytes of the client up to the end of a packet, and returns how many these are: the library is given one packet at a
-    /// time, so that the latest PUBLISH is the one of which it tells the guard.
+    /// Records received bytes up to the end of a packet and returns their number. The library is given one packet at a
+    /// time, so that the latest PUBLISH is the one that it passes to the guard.
     pub(super) fn read(&self, bytes: &[u8]) -> usize {
         let mut passing = self.passing.lock();
         let mut read = 0;
@@ -120,7 +120,7 @@ impl Line {
         read + body
     }
 
-    /// Ends the connection if its client has sent a packet beyond a limit. Returns `true` then.
+    /// Ends the connection if its client has sent a packet beyond a limit, and then returns `true`.
     pub(super) fn end_if_refused(&self) -> bool {
         let passing = self.passing.lock();
         let Some(refusal) = passing.refusal else {
@@ -132,7 +132,7 @@ impl Line {
         true
     }
 
-    /// The latest PUBLISH, which the library has just read. `None` where it is not one that it would have taken.
+    /// Returns the latest PUBLISH, which the library has just read. `None` if the library would have rejected it.
     pub(super) fn publish(&self) -> Option<PublishPacket> {
         let mut passing = self.passing.lock();
         let version = passing.version;
@@ -142,7 +142,7 @@ impl Line {
         PublishPacket::decode_body_with_version(&mut packet, &head, version).ok()
     }
 
-    /// A whole packet is being written to the client.
+    /// Records a complete packet written to the client.
     pub(super) fn write(&self, packet: &[u8]) {
         let is_acknowledged = packet
             .first()
@@ -156,13 +156,13 @@ impl Line {
         }
     }
 
-    /// Whether the client reads what is written.
+    /// Records whether the client has stopped reading.
     pub(super) fn stalled(&self, is_stalled: bool) {
         let stalled = &mut self.passing.lock().stalled;
         *stalled = is_stalled.then(|| stalled.unwrap_or_else(Instant::now));
     }
 
-    /// Something is on its way to the client, and it has taken nothing for a while.
+    /// Whether messages are in transit to the client and it has accepted nothing for `DEAF_AFTER`.
     fn is_deaf(&self) -> bool {
         let passing = self.passing.lock();
         let owes = (passing.unacknowledged > 0).then_some(passing.acknowledged);
@@ -172,20 +172,21 @@ impl Line {
             .any(|since| since.elapsed() >= DEAF_AFTER)
     }
 
-    /// Ends the connection; a client of MQTT 5 receives the reason. The library sees the client go, so that its will is published.
+    /// Ends the connection; a client of MQTT 5 receives the reason. To the library the client disconnects, so its will
+    /// is published.
     pub(super) fn end(&self, reason: Option<(ReasonCode, &str)>) {
         *self.farewell.lock() = reason.map(disconnect).unwrap_or_default();
         self.ended.cancel();
     }
 
-    /// What is still to be written to the client, once.
+    /// Takes the bytes that remain to be written to the client.
     pub(super) fn farewell(&self) -> Vec<u8> {
         std::mem::take(&mut *self.farewell.lock())
     }
 }
 
 impl Passing {
-    /// The header is whole.
+    /// Starts a packet, after its header is complete.
     fn begin(&mut self) {
         let lengths = self.head[1..].iter().enumerate();
         self.left = lengths
@@ -207,7 +208,7 @@ impl Passing {
     }
 }
 
-/// Bytes of the topic of a PUBLISH packet that has come this far. Returns `None` until they are known.
+/// Returns the topic length of a partly received PUBLISH packet, or `None` until it is known.
 fn topic_bytes(publish: &[u8]) -> Option<usize> {
     let lengths = publish.iter().skip(1).take(4);
     let header = 2 + lengths.take_while(|byte| **byte & 0x80 != 0).count();
@@ -231,14 +232,14 @@ fn disconnect((code, text): (ReasonCode, &str)) -> Vec<u8> {
     [&head, &text.as_bytes()[..usize::from(bytes)]].concat()
 }
 
-/// What is on its way to all clients that are connected.
+/// Messages in transit to all connected clients.
 #[derive(Debug, Default)]
 pub(super) struct OnTheWay {
     bytes: Arc<AtomicUsize>,
     lines: Mutex<Vec<Weak<Line>>>,
 }
 
-/// A payload that counts until the last client has taken it.
+/// Payload that is in transit until the last client has received it.
 struct Counted {
     payload: Bytes,
     bytes: Arc<AtomicUsize>,
@@ -263,21 +264,21 @@ impl OnTheWay {
         lines.push(Arc::downgrade(line));
     }
 
-    /// The payload as one that counts.
+    /// Wraps the payload so that its bytes are counted.
     pub(super) fn count(&self, payload: Bytes) -> Bytes {
         self.bytes.fetch_add(payload.len(), Ordering::Relaxed);
         let bytes = Arc::clone(&self.bytes);
         Bytes::from_owner(Counted { payload, bytes })
     }
 
-    /// Whether there is room for so many bytes. Where there is none, clients that take nothing are closed.
+    /// Whether there is room for this number of bytes. If there is none, clients that do not read are closed.
     pub(super) fn has_room(&self, bytes: usize) -> bool {
         if self.bytes.load(Ordering::Relaxed) + bytes <= ON_THE_WAY_BYTES_MAX {
             return true;
         }
         for line in self.lines.lock().iter().filter_map(Weak::upgrade) {
             if line.is_deaf() && !line.ended.is_cancelled() {
-                // it would not read a DISCONNECT
+                // a client that does not read would not receive a DISCONNECT
                 line.end(None);
             }
         }
@@ -289,7 +290,7 @@ impl OnTheWay {
 mod tests {
     use super::*;
 
-    /// What is read of these bytes, in pieces of this size: the ends of the packets.
+    /// Reads the bytes in pieces of this size and returns the ends of the packets.
     fn ends(line: &Line, bytes: &[u8], piece: usize) -> Vec<usize> {
         let (mut place, mut ends) = (0, Vec::new());
         while place < bytes.len() {

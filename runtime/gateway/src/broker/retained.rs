@@ -1,5 +1,5 @@
-//! Messages that the broker retains, with limits on their number and size. States of the runtime and presences of handlers have
-//! room of their own, which other topics cannot use up.
+//! Messages that the broker retains, with limits on their number and size. States of the runtime and presences of
+//! handlers have separate limits, which other topics cannot use up.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -8,13 +8,13 @@ use parking_lot::Mutex;
 use plc_api::types::output::HandlerPresence;
 use tokio::time::Instant;
 
-/// Bytes of one message besides topic and payload.
+/// Bytes of one message in addition to topic and payload.
 const OVERHEAD: usize = 256;
 
-/// A message that is to be kept and was not within this time never will be: its client did not finish sending it.
+/// A message that is not kept within this time never will be: its client did not finish sending it.
 const UNFINISHED_MAX: Duration = Duration::from_mins(1);
 
-/// Kinds of messages, each with places of its own.
+/// Kinds of messages, each with separate limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Presence of a handler.
@@ -46,7 +46,7 @@ struct Kept {
     bytes: usize,
     /// `None` once it is kept.
     since: Option<Instant>,
-    /// When a handler was said to have gone: it gives way to others.
+    /// When the handler was reported offline. Its presence may then be evicted.
     gone: Option<Instant>,
 }
 
@@ -57,13 +57,13 @@ pub(super) struct Retained(Mutex<Table>);
 #[derive(Debug, Default)]
 struct Table {
     topics: HashMap<String, Kept>,
-    /// The message that was not kept first, since when there was room for all: its kind and bytes.
+    /// Kind and size of the first message that was not kept since there was last room for all.
     refused: Option<(Kind, usize)>,
     is_reported: bool,
 }
 
 impl Table {
-    /// Whether there is room for a message besides those of other topics.
+    /// Whether there is room for a message in addition to those of other topics.
     fn fits(&self, kind: Kind, topic: &str, bytes: usize) -> bool {
         let (count_max, bytes_max) = kind.limits();
         let others = self
@@ -74,7 +74,7 @@ impl Table {
         count < count_max && sum + bytes <= bytes_max
     }
 
-    /// The presence of the handler that has gone first makes room.
+    /// Evicts the presence of the handler that went offline first.
     fn give_way(&mut self) -> Option<String> {
         let gone = self
             .topics
@@ -88,10 +88,11 @@ impl Table {
 }
 
 impl Retained {
-    /// A message is to be kept, or its topic to be cleared where it is empty. The topic that is to be cleared for it, if any.
+    /// Reserves room for a message that is to be kept; an empty message clears its topic. Returns the topic that must
+    /// be cleared to make room, if any.
     ///
     /// # Errors
-    /// There is no place for it; which limit it is.
+    /// Returns the limit that is reached if there is no room.
     pub(super) fn put(&self, kind: Kind, topic: &str, payload: usize) -> Result<Option<String>, String> {
         let mut table = self.0.lock();
         if payload == 0 {
@@ -130,7 +131,8 @@ impl Retained {
         Ok(clear)
     }
 
-    /// A message has been kept, or cleared where it is empty. True when there is room again for one that was refused.
+    /// Records that a message has been kept, or cleared if it is empty. Returns `true` when there is room again after a
+    /// rejection.
     pub(super) fn kept(&self, kind: Kind, topic: &str, payload: &[u8]) -> bool {
         let mut table = self.0.lock();
         if payload.is_empty() {
@@ -157,7 +159,7 @@ impl Retained {
         has_room
     }
 
-    /// True once after the first message that was not kept.
+    /// Returns `true` once after the first message that was not kept.
     pub(super) fn is_newly_full(&self) -> bool {
         let mut table = self.0.lock();
         table.refused.is_some() && !std::mem::replace(&mut table.is_reported, true)

@@ -13,49 +13,51 @@ use crate::access::{Account, User};
 /// Sessions that outlive their connections; more are refused. Reason: messages wait in memory for each absent client.
 pub(super) const REMEMBERED_MAX: usize = 64;
 
-/// Of these, sessions that are only for users who may operate the machine or serve M codes.
+/// The part of them that is reserved for users who may operate the machine or serve M codes.
 const REMEMBERED_RESERVED: usize = 24;
 
-/// Of these, sessions of one user. Without users everyone on the computer may do everything, and only the total counts.
+/// The part of them that one user may have. Without users, every client on the computer has all rights, and only the
+/// total is limited.
 const REMEMBERED_PER_USER_MAX: usize = 24;
 
 /// A session that outlives its connection.
 #[derive(Debug)]
 struct Remembered {
     account: Account,
-    /// Since when the client is absent.
+    /// When the client became absent.
     away: Option<Instant>,
 }
 
-/// A client that was let in.
+/// An admitted client.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Session {
     /// Its host.
     pub(super) from: Option<IpAddr>,
-    /// `None`: the broker asks for no tokens.
+    /// `None` if the broker requires no tokens.
     pub(super) user: Option<User>,
     /// Speaks MQTT 5, not 3.1.1.
     pub(super) speaks_5: bool,
-    /// What its user has shown counts no more; its connection is being closed.
+    /// The credentials of its user are no longer valid; its connection is being closed.
     pub(super) is_revoked: bool,
 }
 
 /// All clients by client id.
 #[derive(Debug, Default)]
 pub(crate) struct Sessions {
-    /// Let in, not connected yet.
+    /// Clients that are admitted but not connected yet.
     admitted: Mutex<HashMap<String, Session>>,
-    // the latest connection of each client id, and how many have not ended: one that was taken over ends later
+    // the latest connection of each client id, and the number of its open connections: a connection that was taken over
+    // ends later
     connected: Mutex<HashMap<Arc<str>, (Session, u32)>>,
     // sessions that outlive their connections
     remembered: Mutex<HashMap<String, Remembered>>,
-    // hosts of those that have left, the last one at the end: what they published before may not have been read yet
+    // hosts of disconnected clients, the latest last: their earlier messages may not have been read yet
     left: Mutex<VecDeque<(String, IpAddr)>>,
 }
 
 impl Sessions {
-    /// Remembers a new client if its session outlives its connection, forgets it otherwise. `is_reserved`: its user may operate the
-    /// machine or serve M codes.
+    /// Remembers a new client if its session outlives its connection; otherwise forgets it. `is_reserved`: its user may
+    /// operate the machine or serve M codes.
     ///
     /// # Errors
     /// The limit that is reached, in words.
@@ -101,14 +103,14 @@ impl Sessions {
 
     pub(super) fn admit(&self, client_id: &str, session: Session) {
         let mut admitted = self.admitted.lock();
-        // those that left before they were connected
+        // clients that disconnected before the library reported them as connected
         if admitted.len() > 2 * CLIENTS_MAX {
             admitted.clear();
         }
         admitted.insert(client_id.to_owned(), session);
     }
 
-    /// A client is connected. `user` is called when it was not admitted under this id.
+    /// Records that a client is connected. Calls `user` if it was not admitted under this id.
     pub(super) fn connect(&self, client_id: Arc<str>, user: impl FnOnce() -> Option<User>) {
         let admitted = self.admitted.lock().remove(&*client_id);
         if let Some(session) = self.remembered.lock().get_mut(&*client_id) {
@@ -145,7 +147,7 @@ impl Sessions {
         left.extend(from.map(|from| (client_id.to_owned(), from)));
     }
 
-    /// The host of a client that is connected, or has just left.
+    /// Returns the host of a client that is connected or has just disconnected.
     pub(crate) fn address_of(&self, client_id: &str) -> Option<IpAddr> {
         if let Some(session) = self.of(client_id) {
             return session.from;
@@ -155,7 +157,7 @@ impl Sessions {
         of_client.map(|(_, from)| *from)
     }
 
-    /// All that are connected.
+    /// Returns the ids of all connected clients.
     pub(crate) fn connected(&self) -> Vec<Arc<str>> {
         self.connected.lock().keys().cloned().collect()
     }
@@ -165,7 +167,7 @@ impl Sessions {
         connected.get(client_id).map(|(session, _)| session.clone())
     }
 
-    /// What the user of a client has shown counts no more; its connection is being closed.
+    /// Records that the credentials of a client are no longer valid; its connection is being closed.
     pub(super) fn revoke(&self, client_id: &str) {
         if let Some((session, _)) = self.connected.lock().get_mut(client_id) {
             session.is_revoked = true;

@@ -1,4 +1,4 @@
-//! A connection over WebSocket: its bytes are those of one over TCP, in binary frames.
+//! A connection over WebSocket: it has the same bytes as one over TCP, in binary frames.
 
 use std::io;
 use std::pin::Pin;
@@ -14,11 +14,11 @@ use crate::socket_limits::{ControlFrames, TOO_MANY_CONTROL_FRAMES};
 
 /// The bytes in the frames of a WebSocket.
 pub(crate) struct SocketBytes {
-    /// Nobody locks it: the library wants a connection that is `Sync`.
+    /// Never locked; the library requires a connection that is `Sync`.
     socket: Mutex<WebSocket>,
-    /// What has come and is not read.
+    /// Received bytes that are not read yet.
     come: Bytes,
-    /// A frame may still be on its way out.
+    /// A frame may not be fully sent yet.
     is_unflushed: bool,
     control: ControlFrames,
 }
@@ -52,7 +52,7 @@ impl AsyncRead for SocketBytes {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        // whoever writes need not flush
+        // the writer need not flush
         if self.is_unflushed
             && let Poll::Ready(flushed) = self.flush(context)
         {
@@ -89,7 +89,7 @@ impl AsyncWrite for SocketBytes {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        // one frame at a time: a client that does not read holds up its own
+        // one frame at a time: a client that does not read delays only its own
         if self.is_unflushed {
             ready!(self.flush(context))?;
         }

@@ -93,7 +93,7 @@ fn named_paths(path: &str, right: Right) -> Vec<String> {
     let able = speakers.iter().filter(|(_, role)| role.has(right));
     let mut paths: Vec<_> = able.map(|(speaker, _)| speaker.path(path)).collect();
     paths.dedup();
-    // what only handlers do needs no other sender, and a presence names its own
+    // only handlers send these, so they need no other sender, and a presence names its own
     if right == Right::Handle {
         paths.truncate(1);
     }
@@ -105,7 +105,7 @@ fn channel_name(path: &str) -> String {
     path.replace(['{', '}'], "").replace('/', "_")
 }
 
-/// What a level of a path that varies stands for.
+/// Describes a variable level of a path.
 fn parameter_of(name: &str) -> Value {
     let (description, examples): (&str, &[&str]) = match name {
         "cs" => ("Number of the coordinate system, from 1.", &["1", "2"]),
@@ -153,7 +153,8 @@ fn parameter_of(name: &str) -> Value {
     parameter
 }
 
-/// A message with its examples, which stand under the path of its topic or, for a frame of the WebSocket, under its name.
+/// Creates a message with its examples, which are stored under the path of its topic or, for a frame of the WebSocket,
+/// under its name.
 fn message(of: &str, schema: &str) -> Value {
     let mut message = json!({"payload": reference(schema)});
     let (_, path) = Speaker::split(of);

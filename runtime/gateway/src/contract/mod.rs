@@ -1,5 +1,5 @@
-//! The interface as tables: every route and every topic that comes in, from the rows of the wire. Routing, access and the
-//! generated documents read the same tables: a route without a row answers nothing, a topic without a row is not
+//! The interface as tables: every route and every incoming topic, from the rows of the wire. Routing, access and the
+//! generated documents read the same tables: a route without a row is not served, and a topic without a row is not
 //! subscribed.
 
 pub(crate) mod routes;

@@ -38,7 +38,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     })
 }
 
-/// Says the same as generators of clients understand it: what some of them write otherwise does not run.
+/// Rewrites a schema so that client generators understand it; some of them generate invalid code from the original.
 fn for_generators(schema: &mut Value) {
     match schema {
         Value::Object(fields) => {
@@ -51,7 +51,8 @@ fn for_generators(schema: &mut Value) {
     }
 }
 
-/// Of an object with a member for each letter, which names it may have: a member `D` clashes with a variable of generated code.
+/// Describes an object that has a member for each letter by the names of its members: a member `D` clashes with a
+/// variable of generated code.
 fn name_letters(fields: &mut Map<String, Value>) {
     const LETTERS: [&str; 8] = ["A", "B", "C", "D", "E", "F", "G", "H"];
     let members = fields.get("properties").and_then(Value::as_object);
@@ -67,8 +68,8 @@ fn name_letters(fields: &mut Map<String, Value>) {
     fields.insert("additionalProperties".into(), member);
 }
 
-/// Of a choice between words, the words, and what they mean in the description: generated code takes the first of several constants
-/// for the only one.
+/// Replaces a choice of constants by a list of words and puts their meanings into the description: generated code takes
+/// the first of several constants for the only one.
 fn list_words(fields: &mut Map<String, Value>) {
     let choices = fields.get("oneOf").and_then(Value::as_array);
     let Some(choices) = choices.filter(|choices| choices.iter().all(|choice| choice["const"].is_string()))
@@ -92,7 +93,7 @@ fn list_words(fields: &mut Map<String, Value>) {
     fields.insert("description".into(), description.trim_start().into());
 }
 
-/// What routes are about, in the order of the document.
+/// Subjects of the routes, in the order of the document.
 const TAGS: [(&str, &str); 8] = [
     (
         "commands",
@@ -110,7 +111,7 @@ const TAGS: [(&str, &str); 8] = [
     ("machine", "The machine as a whole, its users and its documents."),
 ];
 
-/// What a route is about.
+/// Returns the subject of a route.
 fn tag(route: &Route) -> &'static str {
     let path = route.path();
     let mut levels = path.trim_start_matches('/').split('/');
@@ -152,7 +153,7 @@ fn operation(route: &Route, serves: Serves) -> Value {
         Content::Nothing => return operation,
         Content::Json(form) => {
             let (name, schema) = body_of(route, form, is_limited_in_age);
-            // no body is an empty object, where that is enough
+            // if an empty object suffices, the body is optional
             let required = schema["required"]
                 .as_array()
                 .is_some_and(|names| !names.is_empty());
@@ -162,7 +163,7 @@ fn operation(route: &Route, serves: Serves) -> Value {
             json!({"required": true, "content": {"application/json": {"schema": {"type": "object"}}}})
         }
         Content::Text => {
-            // the second is the same for generators that know no text
+            // the second one has the same meaning, for generators without text bodies
             let bytes = json!({"type": "string", "format": "binary"});
             json!({"required": false, "content": {
                 "text/plain": {"schema": {"type": "string"}},
@@ -288,7 +289,7 @@ fn responses(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Va
     responses.into()
 }
 
-/// What a refusal says in its head.
+/// Headers of a rejection.
 fn refusal_headers(status: u16) -> Option<Value> {
     match status {
         401 => Some(
@@ -301,7 +302,7 @@ fn refusal_headers(status: u16) -> Option<Value> {
     }
 }
 
-/// What an answer says in its head.
+/// Headers of a response.
 fn response_headers(route: &Route, status: u16) -> Option<Value> {
     let says = |description: &str| {
         let header = json!({"schema": {"type": "string"}, "description": description});
@@ -324,14 +325,15 @@ fn response_headers(route: &Route, status: u16) -> Option<Value> {
     }
 }
 
-/// True where a message of the machine is given as it is.
+/// True if the response is an unchanged message of the machine.
 fn is_state(route: &Route) -> bool {
     plc_api::wire::states::STATES
         .iter()
         .any(|state| state.route.pattern == route.pattern)
 }
 
-/// The statuses of a route's refusals, each problem details. `is_limited_in_age`: its body may have `not_after`.
+/// Returns the status codes of a route's rejections, each with problem details. `is_limited_in_age`: the body may
+/// contain `not_after`.
 fn refusals(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Vec<u16> {
     let changes = !matches!(right, None | Some(Right::Read));
     let of = [
@@ -341,7 +343,7 @@ fn refusals(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Vec
         (!matches!(route.body, Content::Nothing), &[400, 408, 413, 415]),
         (changes, &[404, 409]),
         (is_limited_in_age, &[412]),
-        // what was answered to the same key before may be a command's answer
+        // the stored response for the same key may belong to a command
         (route.headers.has_key(), &[400, 412, 422]),
         (
             matches!(route.headers, Headers::Condition | Headers::Upload),

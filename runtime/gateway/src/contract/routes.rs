@@ -1,4 +1,4 @@
-//! Routes of `/api/v1`: those of the rows of the wire, and what the server says itself.
+//! Routes of `/api/v1`: those of the rows of the wire, and those that the server answers without the machine.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -17,17 +17,18 @@ use plc_api::wire::states::{AllIo, CoordinateSystems, Health, Inputs, STATES, St
 /// Path before all routes of the interface.
 pub(crate) const API: &str = "/api/v1";
 
-/// What a route serves.
+/// Service of a route.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Serves {
     Request(&'static Row),
     State(&'static StateRow),
-    /// What the server says itself, to users with this right; `None`: to everyone, since it says nothing of the machine.
+    /// Data of the server itself, for users with this right. With `None` for every client, because it contains nothing
+    /// of the machine.
     Own(Option<Right>),
 }
 
 impl Serves {
-    /// The right that a caller needs; `None`: it needs no user.
+    /// Returns the right that a caller needs; `None` if it needs no user.
     pub(crate) fn right(self) -> Option<Right> {
         match self {
             Serves::Request(row) => Some(row.right),
@@ -43,7 +44,7 @@ impl Serves {
     }
 }
 
-/// What the server says itself, and the right that it needs.
+/// Routes of the server itself, and the rights that they need.
 static OWN: [(Option<Right>, Route); 13] = [
     (
         Some(Right::Read),
@@ -121,10 +122,10 @@ static OWN: [(Option<Right>, Route); 13] = [
     ),
 ];
 
-/// A route and what it serves.
+/// A route and its service.
 type Place = (&'static Route, Serves);
 
-/// Every route by its path.
+/// All routes by path.
 pub(crate) static ROUTES: LazyLock<BTreeMap<String, Vec<Place>>> = LazyLock::new(|| {
     let of_rows = ROWS
         .iter()
@@ -138,16 +139,16 @@ pub(crate) static ROUTES: LazyLock<BTreeMap<String, Vec<Place>>> = LazyLock::new
     routes
 });
 
-/// What is in the tables for a request.
+/// Result of looking up a request in the tables.
 pub(crate) enum Found {
     /// A route that needs this right.
     Route(Option<Right>),
-    /// The path is there, with these methods only.
+    /// The path exists, but with these methods only.
     OtherMethods(String),
     Nothing,
 }
 
-/// The row of a method and a path with its names in braces, below `/api/v1`.
+/// Finds the row of a method and a path with its names in braces, below `/api/v1`.
 pub(crate) fn find(method: &Method, path: &str) -> Found {
     let method = if method == Method::HEAD {
         "GET"

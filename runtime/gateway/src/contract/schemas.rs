@@ -19,7 +19,7 @@ use super::routes::ROUTES;
 /// Schemas by name.
 pub(super) type Schemas = Map<String, Value>;
 
-/// Which way something goes: what may be left out differs.
+/// Direction of a message: it determines which fields are optional.
 #[derive(Clone, Copy, PartialEq)]
 enum Way {
     Out,
@@ -30,7 +30,7 @@ enum Way {
 pub(super) fn all() -> Schemas {
     let mut all = incoming();
     for (name, schema) in outgoing() {
-        // what may be left out on the way in is there on the way out
+        // a field that is optional in requests is always present in responses
         all.entry(name).or_insert(schema);
     }
     all
@@ -83,11 +83,11 @@ fn add_not_after(all: &mut Schemas, name: &str, not_after: &Value) {
     }
 }
 
-/// Names of what the server and the runtime say.
+/// Names of the schemas that the server and the runtime send.
 static SAID: LazyLock<BTreeSet<String>> =
     LazyLock::new(|| outgoing().into_iter().map(|(name, _)| name).collect());
 
-/// What the server and the runtime say.
+/// Schemas of the messages that the server and the runtime send.
 pub(super) fn outgoing() -> Schemas {
     let mut all = Schemas::new();
     let of_routes = ROUTES.values().flatten().flat_map(|(route, _)| route.answers());
@@ -110,8 +110,8 @@ pub(super) fn outgoing() -> Schemas {
     all
 }
 
-/// Name and schema of a route's body: of a command, the arguments of its verb; without what the path names. A body that
-/// may carry an age limit is no answer, so it has a name of its own.
+/// Returns name and schema of a route's body: for a command, the arguments of its verb, without those in the path. A
+/// body that may carry an age limit is no response, so it has a separate name.
 pub(super) fn body_of(route: &Route, form: Form, takes_not_after: bool) -> (String, Value) {
     let (mut name, mut schema) = ((form.name)().into_owned(), schema_of(form, Way::In).0);
     if takes_not_after && SAID.contains(&name) {

@@ -42,7 +42,7 @@ fn the_openapi_document_is_that_of_the_routes() {
     json_is_checked_in("api/openapi.json", &openapi::document(&schemas::all()));
 }
 
-/// Sources of what the server answers itself, beside the rows of the wire.
+/// Source files of responses of the server itself, in addition to the rows of the wire.
 const OWN_SOURCES: [(&str, &str); 4] = [
     ("rest/states.rs", include_str!("../rest/states.rs")),
     ("rest/documents.rs", include_str!("../rest/documents.rs")),

@@ -1,31 +1,31 @@
-//! Topics that come in over MQTT. What goes out is [`Topic`](plc_api::types::topic::Topic), and only the runtime
-//! publishes it.
+//! Topics on which MQTT requests arrive. The outgoing ones are in [`Topic`](plc_api::types::topic::Topic), and only the
+//! runtime publishes on them.
 
 use plc_api::wire::ROWS;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::Topic;
 use plc_api::wire::speaker::Speaker;
 
-/// Every topic that comes in, with the right that its sender needs.
+/// Returns every incoming topic, with the right that its sender needs.
 pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static Topic, Right)> {
     ROWS.iter()
         .filter_map(|row| Some((row.topic.as_ref()?, row.right)))
 }
 
-/// The topic of a path below the root, with the same; the levels of its sender are left out.
+/// Returns the topic of a path below the root, with its right; the levels of its sender are removed.
 pub(crate) fn inbound(path: &str) -> Option<(&'static Topic, Right)> {
     let (_, path) = Speaker::split(path);
     inbound_topics().find(|(topic, _)| topic.fits(path))
 }
 
-/// The filters of everything that comes in, below the root.
+/// Returns the filters of all incoming topics, below the root.
 pub(crate) fn inbound_filters() -> impl Iterator<Item = String> {
     let unnamed = inbound_topics().map(|(topic, _)| topic.filter());
     unnamed.chain(Speaker::FILTERS.map(ToOwned::to_owned))
 }
 
-/// True for a path on which commands, claims and settings come in, which must not be retained. Presence of handlers
-/// comes in too, and is retained.
+/// True for a path of incoming commands, claims and settings, which must not be retained. Presence of handlers is also
+/// incoming, but is retained.
 pub(crate) fn is_inbound(path: &str) -> bool {
     inbound(path).is_some_and(|(topic, _)| !topic.retained)
 }

@@ -1,4 +1,4 @@
-//! TypeScript declarations of all that the server and the runtime say, from the schemas of the documents: the HMI is
+//! TypeScript declarations of all messages of the server and the runtime, from the schemas of the documents: the HMI is
 //! checked against them.
 
 use std::fmt::Write;
@@ -61,7 +61,7 @@ fn push_messages(text: &mut String) {
     text.push_str("  WebSocketMessage;\n");
 }
 
-/// Fields one behind another, in lines of at most [`WIDTH`].
+/// Writes fields one after another, in lines of at most [`WIDTH`].
 fn push_filled(text: &mut String, fields: Vec<String>) {
     let mut width = WIDTH;
     for field in fields {
@@ -84,7 +84,7 @@ fn fields(schema: &Value) -> Vec<String> {
         if required.iter().any(|required| *required == name) {
             return format!("{name}: {kind}");
         }
-        // what may be left out is left out where it is null
+        // an optional field is omitted if it is null
         format!("{name}?: {}", kind.trim_end_matches(" | null"))
     });
     let more = (schema["additionalProperties"] == true).then(|| "[name: string]: unknown".to_owned());

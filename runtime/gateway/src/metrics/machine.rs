@@ -1,4 +1,4 @@
-//! Metrics of the machine's states (coordinate systems, open M codes, runs, alarms, handlers) and of the process.
+//! Metrics of the machine's states (coordinate systems, pending M codes, runs, alarms, handlers) and of the process.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -17,7 +17,7 @@ use super::Text;
 use crate::machine::Machine;
 use crate::process::Usage;
 
-/// The states of a machine, by what is measured of them.
+/// The states of a machine, grouped by metric.
 #[derive(Debug, Default)]
 pub(crate) struct States {
     now: Option<SystemTime>,
@@ -29,7 +29,7 @@ pub(crate) struct States {
 }
 
 impl States {
-    /// Those of now: a subscription begins with them.
+    /// Returns the current states: a subscription begins with them.
     pub(crate) fn of(machine: &Machine) -> Self {
         let mut states = Self {
             now: Some(machine.time()),
@@ -137,7 +137,7 @@ impl Text {
             for open in &pending.outputs {
                 let (m, state) = (open.output.m, wire_name(&open.state));
                 let age_s = age_s(&open.since).unwrap_or_default();
-                // of one M code one output is open at a time
+                // an M code has at most one pending output
                 self.value(
                     &format!("{name}{{cs=\"{cs}\",m=\"{m}\",state=\"{state}\"}}"),
                     age_s,
@@ -171,7 +171,7 @@ impl Text {
         }
     }
 
-    /// Under the names that every process has. Left out where the system does not tell.
+    /// Writes the process metrics under their standard names. Omitted if the system does not provide them.
     pub(super) fn process(&mut self) {
         let usage = Usage::now();
         if let Some(cpu_s) = usage.cpu_s {
@@ -187,7 +187,7 @@ impl Text {
     }
 }
 
-/// The value of a label.
+/// Escapes the value of a label.
 pub(super) fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\")
         .replace('"', "\\\"")

@@ -1,4 +1,4 @@
-//! Passes what came in over MQTT to the port, in the order of arrival, without waiting for its answers.
+//! Passes received MQTT messages to the port in the order of arrival, without waiting for its answers.
 
 use std::collections::BTreeMap;
 use std::future::{pending, poll_fn};
@@ -29,13 +29,14 @@ use crate::metrics::{Metrics, add};
 use crate::presence_ages::PresenceAges;
 use crate::publisher::Publisher;
 
-/// Requests without an answer yet; more are refused, except hold, stop and abort.
+/// Limit of unanswered requests; further ones are rejected, except hold, stop and abort.
 const UNANSWERED_MAX: usize = 256;
 
-/// The same for urgent requests through an external broker. A further one waits: it is never rejected because of others.
+/// Limit of unanswered urgent requests through an external broker. A further one waits: it is never rejected because of
+/// other requests.
 const URGENT_MAX: usize = 64;
 
-/// Who receives a refusal: coordinate system, client id, command id.
+/// Receiver of a rejection: coordinate system, client id, command id.
 type ToTell = (CoordinateSystemNumber, String, String);
 
 /// Makes requests of the machine.
@@ -49,12 +50,13 @@ pub(super) struct Dispatch {
     clients: Option<Arc<Sessions>>,
     /// The order in which the embedded broker received messages.
     arrivals: Arc<Arrivals>,
-    /// True behind a broker of others: topics name the senders of requests, so that its access rules can tie them to users.
+    /// True for an external broker: topics name the senders of requests, so that its access rules can tie them to
+    /// users.
     requires_named: bool,
     ages: PresenceAges,
 }
 
-/// How a message came in.
+/// How a message arrived.
 pub(super) struct Arrival {
     /// With the retain flag.
     pub(super) retain: bool,
@@ -65,7 +67,7 @@ pub(super) struct Arrival {
 }
 
 impl Dispatch {
-    /// And the results of requests that the port has refused, which are to be published.
+    /// Creates the dispatcher, and the channel with the results of rejected requests, which must be published.
     pub(super) fn new(
         machine: Machine,
         metrics: Arc<Metrics>,
@@ -88,8 +90,9 @@ impl Dispatch {
         (dispatch, received)
     }
 
-    /// Carries out what came in, and returns the reply to a command that never becomes a request. Each request has reached
-    /// the port before the next one is made, so that the port sees them in order; a slow answer delays nothing.
+    /// Executes a received message, and returns the reply to a command that is rejected before it becomes a request.
+    /// Each request reaches the port before the next one is made, so that the port receives them in order; a slow
+    /// answer delays nothing.
     pub(super) async fn take(
         &mut self,
         publisher: Publisher,
@@ -176,7 +179,7 @@ impl Dispatch {
         }
         let (machine, results) = (self.machine.clone(), self.results.clone());
         let output = output_of(authorized.request());
-        // the port itself replies to a sender with a name, refusals included
+        // the port itself replies to a named sender, also to reject a request
         let is_replied_to = to_tell.is_some();
         let asking = async move {
             if let Err(refusal) = machine.carry_out(authorized).await
@@ -186,7 +189,7 @@ impl Dispatch {
                 if let Some((topic, result)) = output.filter(|_| refusal.code != RefusalCode::Unavailable) {
                     let text = Some(refusal.text);
                     let payload = Payload::Result(HandshakeResult { text, ..result });
-                    // one that finds no place is in the log
+                    // the log contains a result that finds no room
                     let _ = results.try_send(message(&machine, topic, payload));
                 }
             }
@@ -204,7 +207,7 @@ impl Dispatch {
         None
     }
 
-    /// A place for a request without an answer yet. An urgent one waits for its place, and always gets one.
+    /// Takes the slot of an unanswered request. An urgent one waits for its slot, and always gets one.
     async fn place(&self, urgent: bool) -> Option<OwnedSemaphorePermit> {
         if urgent {
             Arc::clone(&self.urgent).acquire_owned().await.ok()
@@ -213,7 +216,7 @@ impl Dispatch {
         }
     }
 
-    /// Rejects what its topic or its order of arrival forbids.
+    /// Rejects a request that its topic or its order of arrival forbids.
     fn reject_on_arrival(&self, request: &Request, urgent: bool, arrival: &Arrival) -> Option<Refusal> {
         if self.requires_named && !arrival.is_named && !urgent && !names_itself(request) {
             let text = "over a broker of others the topic names the sender: publish on client/{client_id}/... or \
@@ -230,7 +233,7 @@ impl Dispatch {
         Some(Refusal::new(RefusalCode::NotAllowed, text))
     }
 
-    /// A claim or reset that does not reach the port.
+    /// Rejects a claim or reset before it reaches the port.
     fn refuse_output(&self, (topic, result): (Topic, HandshakeResult), refusal: Refusal) -> Message {
         self.drop_message(&format!("MQTT request refused: {refusal}"));
         let text = Some(refusal.text);
@@ -248,17 +251,17 @@ impl Dispatch {
         message(&self.machine, topic, Payload::HandlerResult(result))
     }
 
-    /// The connection is new.
+    /// Records a new connection.
     pub(super) fn on_connected(&mut self) {
         self.ages.begin_anew(Instant::now());
     }
 
-    /// The connection is lost.
+    /// Records the loss of the connection.
     pub(super) fn on_lost(&mut self) {
         self.ages.pause();
     }
 
-    /// Waits until the presence of a handler is too old, while there is a connection. Cancel-safe.
+    /// Waits until the presence of a handler expires, while there is a connection. Cancel-safe.
     pub(super) async fn presence_ended(&self) {
         match self.ages.next_end() {
             Some(end) => tokio::time::sleep_until(end).await,
@@ -266,13 +269,13 @@ impl Dispatch {
         }
     }
 
-    /// The handlers whose presence is too old have gone. Returns what their last wills would have said, by path.
+    /// Reports the handlers with expired presences as offline. Returns the content of their last wills, by path.
     pub(super) async fn end_presences(&mut self) -> Vec<(String, String)> {
         let mut said = Vec::new();
         for (id, instance) in self.ages.take_ended(Instant::now()) {
             warn!("handler {id:?} has not said its presence again in time: it counts as gone");
             let gone = Machine::gone(id.clone(), instance.clone(), ServerTransport::Mqtt);
-            // a runtime that stops refuses it
+            // fails if the runtime is stopping
             let _ = self.machine.carry_out(gone).await;
             let known = self.machine.read(&Topic::HandlerPresence(id.clone())).await;
             let is_known = known.as_deref().is_some_and(|known| {
@@ -286,8 +289,8 @@ impl Dispatch {
         said
     }
 
-    /// Before a handler comes: one of its name that is known by its connection alone has gone with it, also without a last
-    /// will.
+    /// Reports an earlier handler of the same name as offline, if it is identified by a connection that has ended, also
+    /// without a last will.
     async fn end_of_another(&self, request: &Request) {
         let (Some(clients), Request::Handler(id, presence)) = (&self.clients, request) else {
             return;
@@ -306,12 +309,12 @@ impl Dispatch {
         let of_connection = known.instance.as_ref().filter(|named| !is_own_instance(named));
         if of_connection.is_some_and(|instance| !is_connected(instance)) {
             let gone = Machine::gone(id.clone(), known.instance.clone(), ServerTransport::Mqtt);
-            // a runtime that stops refuses it
+            // fails if the runtime is stopping
             let _ = self.machine.carry_out(gone).await;
         }
     }
 
-    /// A request that does not reach the port.
+    /// Rejects a request before it reaches the port.
     async fn refuse(&self, to_tell: Option<ToTell>, refusal: Refusal) -> Option<Message> {
         let Some((cs, client_id, command_id)) = to_tell else {
             return self.drop_message(&format!("MQTT request refused: {refusal}"));
@@ -319,7 +322,7 @@ impl Dispatch {
         Some(self.reject(cs, client_id, command_id, refusal).await)
     }
 
-    /// Without a sender there is nobody to reply to.
+    /// Drops a message without a sender, to which no reply is possible.
     fn drop_message(&self, text: &str) -> Option<Message> {
         add(&self.metrics.mqtt_refused, 1);
         warn!("{text}");
@@ -342,7 +345,8 @@ impl Dispatch {
     }
 }
 
-/// Why a presence is refused that names no instance, where no connection stands for it: its broker is not the embedded one.
+/// Rejects a presence that names no instance, if no connection identifies the handler: its broker is not the embedded
+/// one.
 fn refuse_unnamed(request: &Request) -> Option<(String, Refusal)> {
     let Request::Handler(id, presence) = request else {
         return None;
@@ -358,7 +362,7 @@ fn names_itself(request: &Request) -> bool {
     matches!(request, Request::Handler(..) | Request::Heartbeat(..))
 }
 
-/// The coordinate system that a command is to move; `None` for other requests.
+/// Returns the coordinate system that a command would move; `None` for other requests.
 fn moving_system(request: &Request) -> Option<CoordinateSystemNumber> {
     match request {
         Request::Command { cs, command, .. } if command.verb().moves() => Some(*cs),
@@ -385,14 +389,14 @@ pub(super) async fn authorize(
     }
 }
 
-/// The reply to a command that is rejected before it reaches the port.
+/// Returns the reply to a command that is rejected before it reaches the port.
 pub(super) async fn rejection(
     machine: &Machine,
     cs: CoordinateSystemNumber,
     (client_id, command_id): (String, String),
     refusal: Refusal,
 ) -> Message {
-    // as a literal: the text is its sender's, and a line of the log is one line
+    // as a literal: the text comes from the sender, and a log entry must stay on one line
     warn!("MQTT command {command_id:?} of {client_id:?} rejected: {refusal}");
     let state = machine.read(&Topic::cs(cs, CsTopic::State)).await;
     let reply = CommandReply {
@@ -410,12 +414,12 @@ pub(super) async fn rejection(
     message(machine, Topic::Reply(client_id), Payload::Reply(reply))
 }
 
-/// Names a connection to the embedded broker.
+/// Returns the name of a connection to the embedded broker.
 fn connection(client_id: &str) -> String {
     format!("mqtt-{client_id}")
 }
 
-/// The topic and the sender of a claim or reset, for a result that says that it is refused.
+/// Returns the topic of a claim or reset, and the result that rejects it.
 fn output_of(request: &Request) -> Option<(Topic, HandshakeResult)> {
     let (of, cs, m, seq, handler_id, instance) = match request {
         Request::Claim(cs, m, claim) => {

@@ -1,5 +1,5 @@
-//! The runtime's own connection to its embedded broker: messages go to the router and come from it as they are, without a
-//! socket, packets and acknowledgements between.
+//! The runtime's own connection to its embedded broker: messages pass to and from the router unchanged, without a
+//! socket, packets or acknowledgements.
 
 use std::collections::VecDeque;
 use std::pin::Pin;
@@ -20,14 +20,14 @@ use super::wire::{Connect, Event, Lost, Named, Version, Wire};
 use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::broker::{Exchange, ON_THE_WAY_MAX, PACKET_MAX};
 
-/// What waits to be carried out; more is refused until there is room.
+/// Limit of pending orders; further ones are refused until there is room.
 const ORDERS_MAX: usize = 64;
 
-/// Messages that are taken at a time from those that found no room on their way.
+/// Messages taken at a time from the backlog, which holds those that found the queue full.
 const BACKLOG_MAX: usize = 32;
 
-/// User properties in which the broker names the publisher of a message and its client id, in place of what a client writes
-/// there.
+/// User properties in which the broker names the publisher of a message and its client id. It overwrites those of a
+/// client.
 const SENDER: &str = "x-mqtt-sender";
 const CLIENT_ID: &str = "x-mqtt-client-id";
 
@@ -56,7 +56,7 @@ impl Connect for Inside {
     }
 }
 
-/// What the runtime asks of its broker.
+/// Order of the runtime to its broker.
 enum Order {
     Connect(DeliveryLanes, oneshot::Sender<TakeoverNotice>),
     Subscribe(Vec<String>),
@@ -64,11 +64,11 @@ enum Order {
     Disconnect,
 }
 
-/// What an order has led to.
+/// Result of an order.
 enum Done {
     /// An event for the runtime.
     Event(Event),
-    /// It is connected, as the router numbers its connections.
+    /// The connection is established; its number in the router.
     Connected(u64),
     /// Retained messages of a subscription.
     Read(Vec<PublishPacket>),
@@ -83,23 +83,23 @@ pub(crate) struct InsideWire {
     client_id: Arc<str>,
     /// Number of the connection; 0 before it is connected.
     connection: u64,
-    /// Taken away by a DISCONNECT.
+    /// Removed by a DISCONNECT.
     will: Option<LastWill>,
     orders: Mutex<VecDeque<Order>>,
-    /// The order that is being carried out; it survives a `next` that is cancelled.
+    /// The order being executed; it survives a cancelled `next`.
     work: Option<Work>,
-    /// Messages that come before those on their way.
+    /// Messages that come before the queued ones.
     read: VecDeque<PublishPacket>,
     come: LaneReceivers,
-    /// Messages that found no room on their way.
+    /// Messages that found the queue full.
     backlog: QueueHandle,
     displaced: oneshot::Receiver<TakeoverNotice>,
-    /// Messages come and orders are carried out in turn, so that neither waits for the end of the other.
+    /// Reading messages and executing orders take turns, so that neither delays the other.
     is_turn_of_read: bool,
 }
 
 impl InsideWire {
-    /// False when there is no room.
+    /// Queues an order. Returns `false` when there is no room.
     fn order(&self, order: Order) -> bool {
         let mut orders = self.orders.lock();
         let has_room = orders.len() < ORDERS_MAX;
@@ -109,14 +109,14 @@ impl InsideWire {
         has_room
     }
 
-    /// The message that has come first.
+    /// Returns the oldest message.
     fn try_read(&mut self) -> Option<Event> {
         let first = self.read.pop_front();
         let publish = first.or_else(|| self.come.try_recv().ok().map(|come| come.publish))?;
         Some(published(publish))
     }
 
-    /// Takes messages that found no room on their way: later ones than all that did.
+    /// Reads messages from the backlog: they are later than all in the queue.
     async fn read_backlog(&mut self) {
         let taken = self.backlog.take(BACKLOG_MAX).await;
         self.read
@@ -144,7 +144,7 @@ impl InsideWire {
             }
             Order::Subscribe(filters) => Box::pin(subscribe(router, client_id, filters)),
             Order::Publish(publish) => Box::pin(async move {
-                // it is delivered in any case; clients that take nothing are closed for it
+                // it is delivered in any case; for it, clients that do not read are closed
                 exchange.make_room(publish.payload.len());
                 let now = Instant::now();
                 router
@@ -167,7 +167,7 @@ impl InsideWire {
     }
 }
 
-/// Subscribes, and reads what is retained.
+/// Subscribes, and reads the retained messages.
 async fn subscribe(router: Arc<MessageRouter>, client_id: Arc<str>, filters: Vec<String>) -> Done {
     let mut retained = Vec::new();
     for filter in filters {
@@ -216,7 +216,7 @@ impl Wire for InsideWire {
             if let Some(event) = self.try_read() {
                 return Ok(event);
             }
-            // what is on its way is older than the backlog
+            // the queue is older than the backlog
             tokio::select! {
                 biased;
                 _ = &mut self.displaced => return Err(Lost {
@@ -268,7 +268,7 @@ impl Drop for InsideWire {
     }
 }
 
-/// A message that has come; the broker names its publisher.
+/// Converts a received message; the broker has named its publisher.
 fn published(publish: PublishPacket) -> Event {
     let said = |name| (publish.properties.get_user_property_value(name)).map(ToOwned::to_owned);
     let named = Named {
@@ -306,7 +306,7 @@ mod tests {
         Broker::start("127.0.0.1:0".parse().unwrap(), access, None, refused, PLACES).unwrap()
     }
 
-    /// A connection that is subscribed to everything, with a will.
+    /// Creates a connection with a will, subscribed to everything.
     async fn connected(inside: &Inside, client_id: &str) -> InsideWire {
         let will = LastWill::new("gone", client_id, rumqttc::QoS::AtLeastOnce, true);
         let mut wire = inside.open(0, client_id, Some(will), Version::V5);
@@ -320,7 +320,7 @@ mod tests {
         wire
     }
 
-    /// The topic, payload and retain flag of the next message.
+    /// Returns the topic, payload and retain flag of the next message.
     async fn read(wire: &mut InsideWire) -> (String, String, bool) {
         loop {
             if let Event::Published { publish, .. } = wire.next().await.unwrap() {

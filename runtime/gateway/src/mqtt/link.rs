@@ -1,4 +1,4 @@
-//! Keeps a connection to the broker, each with a new client, so that nothing depends on what the library remembers.
+//! Keeps a connection to the broker, each with a new client, so that nothing depends on the library's memory.
 
 use std::future::{Future, poll_fn};
 use std::pin::{Pin, pin};
@@ -35,58 +35,58 @@ use crate::metrics::add;
 use crate::position::{every, is_position};
 use crate::publisher::Publisher;
 
-/// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no more.
+/// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no larger one.
 const MESSAGE_MAX: usize = 256 * 1024;
-/// Messages that are sent before the next look at what has come in. Reason: a request is not to wait for a backlog of events.
+/// Messages that are sent before received ones are checked. Reason: a request must not wait for a backlog of events.
 const SENT_AT_ONCE_MAX: usize = 64;
 /// Attempts over MQTT 5 at which a broker that has spoken it may hang up before 3.1.1 is tried.
 const HANG_UPS_MAX: u32 = 10;
 /// After a connection of this duration the delays between attempts start afresh.
 const STABLE: Duration = Duration::from_secs(5);
 
-/// The task of the MQTT end.
+/// The MQTT task.
 pub(super) struct Link<C> {
     parts: Parts,
-    /// The broker.
+    /// Connector to the broker.
     at: C,
     outbox: Outbox,
     positions_due: Interval,
     subscription: Option<Subscription>,
     dispatch: Dispatch,
-    /// Results of requests that the port has refused.
+    /// Results of requests that the port has rejected.
     results: mpsc::Receiver<Message>,
     stop: CancellationToken,
-    // which source of wakeups comes first
+    // the source of wakeups that is checked first
     turn: usize,
     connections: u64,
-    // node of the broker that is tried or used
+    // current node of the broker, tried or used
     node: usize,
     // connections that have ended since the last one that was stable
     failures: usize,
     speaks_5: bool,
     // attempts over MQTT 5 in a row that the broker did not answer
     hang_ups: u32,
-    // what was reported to the port last
+    // the connection state last reported to the port
     reported_connected: bool,
-    // presences since every state was published
+    // presences published since all states were last published
     presences: u32,
-    /// Open outputs are being marked as redelivered.
+    /// Task that marks pending outputs as redelivered.
     redelivering: Option<JoinHandle<()>>,
 }
 
-/// What a connection has learned of its broker.
+/// State of one connection.
 struct Session<W> {
     wire: W,
     version: Version,
     /// Bytes of a packet that the broker accepts; 0 before it has answered.
     packet_max: usize,
-    /// Since when messages wait for an acknowledgement and none has come.
+    /// When the oldest wait for a missing acknowledgement began.
     silent_since: Option<Instant>,
     warned_of_refusal: bool,
 }
 
 impl<W: Wire> Session<W> {
-    /// The next event, or the end of a broker that is silent.
+    /// Returns the next event, or an error if the broker is silent.
     async fn next(&mut self) -> Result<Event, Lost> {
         let Some(since) = self.silent_since else {
             return self.wire.next().await;
@@ -189,7 +189,7 @@ impl<C: Connect> Link<C> {
         address.map_or_else(String::new, |address| format!(" at {address}"))
     }
 
-    /// Waits without a connection and keeps what is to be published.
+    /// Waits without a connection and queues the messages to be published.
     async fn is_stopped_within(&mut self, time: Duration) -> bool {
         let until = Instant::now() + time;
         loop {
@@ -253,7 +253,7 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// What is ready first; of several each comes first in its turn, so that none waits behind another.
+    /// Returns the first wakeup that is ready. The sources take turns in coming first, so that none delays another.
     async fn next_wakeup(&mut self, session: Option<&mut Session<C::Wire>>) -> Wakeup {
         let presence_ended = async {
             self.dispatch.presence_ended().await;
@@ -317,7 +317,7 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// Handles everything except the connection itself.
+    /// Handles everything except events of the connection.
     async fn on_wakeup(&mut self, wakeup: Wakeup) {
         match wakeup {
             Wakeup::Message(Some(message)) => self.put(message),
@@ -331,7 +331,7 @@ impl<C: Connect> Link<C> {
                 }
             }
             Wakeup::Refused((topic, payload)) => {
-                // with the retain flag it asks for nothing, whoever has published it
+                // rejected as a request because of the retain flag, whoever published it
                 let publisher = Publisher::Unknown {
                     name: String::new(),
                     client_id: None,
@@ -354,7 +354,7 @@ impl<C: Connect> Link<C> {
     }
 
     fn put(&mut self, message: Arc<Message>) {
-        // presence of handlers comes in over MQTT, and would come back for ever
+        // handlers publish presences over MQTT, so they would return in an endless loop
         let is_of_lane = self.parts.urgent_replies.is_urgent(&message, Reader::Link);
         if matches!(message.topic, Topic::HandlerPresence(_)) || is_position(&message.topic) || is_of_lane {
             return;
@@ -366,7 +366,7 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// The machine has published all open outputs as redelivered: no older `m_code/pending` reaches the broker.
+    /// Releases held notices: all pending outputs are published as redelivered, so no older `m_code/pending` follows.
     fn release_pending(&mut self) {
         self.redelivering = None;
         while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
@@ -375,7 +375,7 @@ impl<C: Connect> Link<C> {
         self.outbox.release();
     }
 
-    /// Positions are not retained but streamed, at rest too, so that late subscribers learn them.
+    /// Publishes positions. They are not retained but streamed, also at standstill, for late subscribers.
     async fn put_positions(&mut self) {
         let birth = self.parts.machine.read(&Topic::Birth).await;
         let Some(Payload::Birth(birth)) = birth.as_ref().map(|message| &message.payload) else {
@@ -389,8 +389,8 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// Once in the time after which the machine counts as offline, publishes every state again. Reason: the nodes of a cluster
-    /// lose what they are to tell each other while they are parted, acknowledge it all the same, and never tell it later.
+    /// Publishes every state again, once per period after which the machine is considered offline. Reason: disconnected
+    /// nodes of a cluster acknowledge messages that they lose and never exchange later.
     fn on_presence(&mut self) {
         self.presences += 1;
         if self.presences >= REFRESHES {
@@ -399,7 +399,7 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// On every connection, subscribes and publishes everything that is retained; after the first one, also the outputs
+    /// Subscribes and publishes everything that is retained, on every connection; after the first one, also the outputs
     /// whose notices may be lost.
     fn on_connected(&mut self, wire: &C::Wire) {
         self.connections += 1;
@@ -436,8 +436,8 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// Publishes in order, until the client library is full, or to [`SENT_AT_ONCE_MAX`]: true where more may go at once. The
-    /// library writes each message while the next one is made.
+    /// Publishes in order, until the client library is full or up to [`SENT_AT_ONCE_MAX`]. Returns `true` if more can
+    /// be sent at once. The library writes each message while the next one is prepared.
     async fn publish(&mut self, session: &mut Session<C::Wire>) -> bool {
         let Parts { root, metrics, .. } = &self.parts;
         let mut sent = 0;
@@ -489,7 +489,7 @@ impl<C: Connect> Link<C> {
     }
 
     async fn on_publish(&mut self, publish: &Publish, named: &Named, version: Version) {
-        // empty: a retained topic that was cleared, by us or by its sender; executed: the urgent lane has taken it
+        // empty: a retained topic was cleared, by the runtime or by its sender; executed: by the urgent lane
         if publish.payload.is_empty() || named.is_executed {
             return;
         }
@@ -539,7 +539,7 @@ impl<C: Connect> Link<C> {
         message(machine, Topic::Presence, Payload::Presence(presence))
     }
 
-    /// Publishes what is left, finally that the runtime is offline, and disconnects.
+    /// Publishes the remaining messages, then the offline presence, and disconnects.
     async fn finish(&mut self, mut session: Session<C::Wire>, offline: Message) {
         while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
             self.on_wakeup(Wakeup::Message(Some(message))).await;
@@ -590,7 +590,7 @@ fn hand_over(parcel: &Parcel, root: &str, session: &Session<impl Wire>) -> Hande
     }
 }
 
-/// When the broker forgets a message, s: a presence that is not said again.
+/// Returns the expiry of a message at the broker, in s, if it is a presence that is not repeated.
 fn expiry_s(message: &Message) -> Option<u32> {
     let Payload::Presence(presence) = &message.payload else {
         return None;

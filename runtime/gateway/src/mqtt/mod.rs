@@ -1,8 +1,8 @@
-//! The MQTT end: publishes the messages of the port, and makes requests of the messages that come in.
+//! The MQTT task: publishes the messages of the port, and turns received messages into requests.
 //!
-//! [`link`] keeps the connection to the broker, [`wire`] is one connection over one version of MQTT, [`inside`] one to the
-//! embedded broker, [`outbox`] holds what is still to be published, and [`dispatch`] makes requests of the port. The port never
-//! waits for any of them.
+//! [`link`] keeps the connection to the broker, [`wire`] is one connection over one version of MQTT, [`inside`] one to
+//! the embedded broker, [`outbox`] holds the messages to be published, and [`dispatch`] passes requests to the port.
+//! The port never waits for any of them.
 
 mod dispatch;
 mod inside;
@@ -40,7 +40,7 @@ use urgent_lane::UrgentLane;
 use urgent_replies::UrgentReplies;
 pub use wire::{Connect, Event, Lost, Named, Version, Wire};
 
-/// Messages refused by the embedded broker that wait for a reply.
+/// Messages rejected by the embedded broker that wait for a reply.
 pub(crate) const REFUSED_MAX: usize = 64;
 
 /// Time to publish the rest and to disconnect.
@@ -59,12 +59,12 @@ pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
     }
 }
 
-/// What the MQTT end needs.
+/// Dependencies of the MQTT task.
 pub(crate) struct Parts {
     pub(crate) machine: Machine,
     pub(crate) settings: MqttSettings,
     pub(crate) machine_name: String,
-    /// Users of the embedded broker; `None`: whoever the broker lets in may do everything.
+    /// Users of the embedded broker. With `None`, every client that the broker admits has all rights.
     pub(crate) tokens: Option<LiveTokens>,
     /// Clients of the embedded broker.
     pub(crate) clients: Option<Arc<Sessions>>,
@@ -78,7 +78,7 @@ pub(crate) struct Parts {
     pub(crate) urgent_replies: Arc<UrgentReplies>,
 }
 
-/// The publisher that the broker names; behind a broker of others, the sender that the topic names.
+/// Returns the publisher that the broker names; with an external broker, the sender that the topic names.
 fn publisher_of(parts: &Parts, named: &Named, speaker: Option<Speaker>) -> Publisher {
     let clients = parts.clients.as_ref();
     let from = clients.and_then(|clients| clients.address_of(named.client_id.as_deref()?));
@@ -94,7 +94,7 @@ fn publisher_of(parts: &Parts, named: &Named, speaker: Option<Speaker>) -> Publi
     Publisher::new(user, named.user.as_deref(), from, client_id)
 }
 
-/// A message of this boot, from now.
+/// Creates a message of this boot with the current time.
 fn message(machine: &Machine, topic: Topic, payload: Payload) -> Message {
     Message {
         topic,
@@ -105,7 +105,7 @@ fn message(machine: &Machine, topic: Topic, payload: Payload) -> Message {
     }
 }
 
-/// The MQTT end of a machine while it runs.
+/// The running MQTT task of a machine.
 #[derive(Debug)]
 pub struct MqttEnd {
     stop: CancellationToken,

@@ -1,5 +1,5 @@
-//! What is still to be published, and what the broker has not acknowledged: the client library forgets that with its
-//! session. Of each state the last value is kept, of events all in order. Pure: no I/O.
+//! Messages to be published, and those that the broker has not acknowledged: the client library loses them with its
+//! session. Keeps the last value of each state, and all events in order. Pure: no I/O.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use plc_api::queue::{Entry, Queue};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
 
-/// One publish.
+/// One message to be published.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Parcel {
     /// A message of the port.
@@ -20,11 +20,11 @@ pub(super) enum Parcel {
 /// The result of publishing a parcel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Handed {
-    /// The client library has it.
+    /// The client library has accepted it.
     Over,
     /// The client library is full: try again later.
     Full,
-    /// No broker takes it: drop it.
+    /// The broker cannot accept it: drop it.
     Never,
 }
 
@@ -57,16 +57,16 @@ fn is_pending(topic: &Topic) -> bool {
     matches!(topic, Topic::CoordinateSystem(_, CsTopic::Pending))
 }
 
-/// Everything to be published, and what was published and is not acknowledged yet.
+/// Messages to be published, and published ones that are not acknowledged yet.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     // last value of each retained state
     states: BTreeMap<Topic, Arc<Message>>,
     queue: Queue<Parcel>,
     reported_lost: u64,
-    /// Notices of open outputs, held back with `m_code/pending` on a new connection; `None`: nothing is held back.
+    /// Notices of pending outputs, held back with `m_code/pending` on a new connection. `None` if nothing is held back.
     held: Option<Vec<Parcel>>,
-    // published with QoS 1, oldest first; None: a state, which is published again anyway
+    // published with QoS 1, oldest first; `None` for a state, which is published again anyway
     unacknowledged: VecDeque<Option<Parcel>>,
 }
 
@@ -86,12 +86,12 @@ impl Outbox {
         }
     }
 
-    /// Replaces what the broker retains for a client; an empty payload clears it.
+    /// Replaces the retained message of a client; an empty payload clears it.
     pub(super) fn retain(&mut self, path: String, payload: String) {
         self.queue.put(Parcel::Retained(path, payload));
     }
 
-    /// Publishes the next parcel. False when none waits, or the client library is full.
+    /// Publishes the next parcel. Returns `false` when none is queued, or when the client library is full.
     pub(super) fn send_next(&mut self, publish: impl FnOnce(&Parcel) -> Handed) -> bool {
         let Some(handed) = self.queue.front().map(publish) else {
             return false;
@@ -124,9 +124,9 @@ impl Outbox {
         self.queue.front().is_none() && self.unacknowledged.is_empty()
     }
 
-    /// On a new connection, queues the last value of every retained state, and the events that no broker has acknowledged.
-    /// A state follows the last event that explains it; states without one come first. Notices of outputs that are still
-    /// open come last, after `pending`, which lists them: with `holds` these wait for [`release`](Self::release).
+    /// On a new connection, queues the last value of every retained state, and the events that no broker has
+    /// acknowledged. A state follows the last event that explains it; states without one come first. Notices of pending
+    /// outputs come last, after `pending`, which lists them: with `holds` these wait for [`release`](Self::release).
     pub(super) fn on_connected(&mut self, holds: bool) {
         let held = self.held.take().unwrap_or_default().into_iter();
         let unacknowledged = std::mem::take(&mut self.unacknowledged).into_iter();
@@ -163,7 +163,7 @@ impl Outbox {
         }
     }
 
-    /// Queues what was held back: `m_code/pending`, then the notices of outputs that it lists.
+    /// Queues the held messages: `m_code/pending`, then the notices of outputs that it lists.
     pub(super) fn release(&mut self) {
         let Some(held) = self.held.take() else { return };
         for (_, state) in self.states.iter().filter(|(topic, _)| is_pending(topic)) {
@@ -197,7 +197,7 @@ impl Outbox {
         })
     }
 
-    /// Events dropped since the last call.
+    /// Returns the number of events dropped since the last call.
     pub(super) fn take_lost(&mut self) -> u64 {
         let reported = std::mem::replace(&mut self.reported_lost, self.queue.lost());
         self.queue.lost() - reported
@@ -233,7 +233,7 @@ mod tests {
         message(CsTopic::Cancel(5), Payload::Cancel(Cancel { seq, reason }))
     }
 
-    /// As `rev` tells the values apart, they show no outputs.
+    /// Returns a list without outputs. `rev` distinguishes the values.
     fn pending(rev: u64) -> Arc<Message> {
         let payload = Payload::Pending(Pending::default());
         let mut message = (*message(CsTopic::Pending, payload)).clone();

@@ -1,6 +1,6 @@
 //! One connection to a broker, over MQTT 5 or 3.1.1. The differences between the two stay in this file.
 //!
-//! [`Connect`] and [`Wire`] are what the MQTT end needs of a broker: a model of one takes its place in a simulation.
+//! [`Connect`] and [`Wire`] are the interface to a broker; a simulation replaces it by a model.
 
 use std::fmt;
 use std::future::Future;
@@ -27,7 +27,7 @@ const CONNECT_TIMEOUT_S: u64 = 5;
 const PACKET_IN_MAX: u32 = 8 * 1024 * 1024;
 /// Bytes of an outgoing packet, unless the broker accepts less.
 const PACKET_OUT_MAX: u32 = 1024 * 1024;
-/// Bytes of a publish besides topic and payload: fixed header, length of the topic, packet id, properties.
+/// Bytes of a publish in addition to topic and payload: fixed header, length of the topic, packet id, properties.
 const PUBLISH_OVERHEAD: usize = 5 + 2 + 2 + 1;
 /// Publishes waiting in the client library.
 const CHANNEL: usize = 64;
@@ -39,15 +39,17 @@ pub trait Connect: Send + Sync + 'static {
     /// A connection.
     type Wire: Wire;
 
-    /// Starts connecting to a node of the broker, with a clean session; without a will where it says nothing.
+    /// Starts connecting to a node of the broker, with a clean session. `will` is `None` if the connection publishes
+    /// nothing.
+    /// nothing.
     fn open(&self, node: usize, client_id: &str, will: Option<LastWill>, version: Version) -> Self::Wire;
 
-    /// How many nodes there are.
+    /// Returns the number of nodes.
     fn nodes(&self) -> usize {
         1
     }
 
-    /// The address of a node of a broker that is not the runtime's own.
+    /// Returns the address of a node of an external broker.
     fn address(&self, _node: usize) -> Option<String> {
         None
     }
@@ -70,7 +72,7 @@ pub trait Wire: Send + 'static {
     /// room.
     fn publish(&self, topic: String, qos: u8, retain: bool, payload: String, expiry_s: Option<u32>) -> bool;
 
-    /// Sends DISCONNECT, after which [`Event::Disconnected`] comes. False when there is no room.
+    /// Sends DISCONNECT; then [`Event::Disconnected`] follows. Returns `false` when there is no room.
     fn disconnect(&self) -> bool;
 }
 
@@ -105,19 +107,19 @@ impl fmt::Display for Version {
 pub enum Event {
     /// The connection is established.
     Connected {
-        /// The broker accepts packets of so many bytes.
+        /// Limit of the size of packets that the broker accepts.
         packet_max: usize,
     },
     /// A message. Over 3.1.1 its retain flag is set only if it was published before the subscription.
     Published {
         /// The message.
         publish: Publish,
-        /// Who has published it.
+        /// The publisher of the message.
         named: Named,
     },
-    /// The oldest publish with quality of service 1 is done with.
+    /// The oldest publish with quality of service 1 is completed.
     Acknowledged {
-        /// The broker's reason, where it has not taken it.
+        /// The broker's reason, if it has rejected the message.
         refused: Option<String>,
     },
     /// The broker refuses a subscription.
@@ -131,7 +133,7 @@ pub enum Event {
 pub struct Lost {
     /// In words.
     pub why: String,
-    /// The broker was reached, and hung up like one that does not know the version.
+    /// The broker was reached, and hung up like one that does not support the version.
     pub version_unknown: bool,
 }
 
@@ -253,13 +255,13 @@ impl Wire for BrokerWire {
     }
 }
 
-/// Whether a message fits into a packet of so many bytes.
+/// Whether a message fits into a packet of this size.
 pub(super) fn fits(topic: &str, payload: &str, packet_max: usize) -> bool {
     PUBLISH_OVERHEAD + topic.len() + payload.len() <= packet_max
 }
 
 impl EventLoop {
-    /// Polls until the connection ends: the next poll would connect again. It runs in a task of its own, because a poll
+    /// Polls until the connection ends: the next poll would connect again. It runs in a separate task, because a poll
     /// must not be cancelled half-way.
     async fn run(mut self, sender: mpsc::Sender<Result<Event, Lost>>) {
         let mut connected = false;
@@ -330,7 +332,7 @@ fn event_5(event: v5::Event) -> Option<Event> {
     })
 }
 
-/// Who has published a message, where the broker is the runtime's own; others do not say it.
+/// The publisher of a message, if the broker is the embedded one; other brokers do not name it.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Named {
     /// Its user.
@@ -364,8 +366,8 @@ fn event_3(event: rumqttc::Event) -> Option<Event> {
     })
 }
 
-/// A broker of 3.1.1 answers a higher version with a code and hangs up, or only hangs up (MQTT-3.1.2-2). The library may
-/// fail to read that code, because the properties of MQTT 5 do not follow it.
+/// A broker of 3.1.1 answers a higher version with a code and hangs up, or only hangs up (MQTT-3.1.2-2). The library
+/// may fail to read that code, because the properties of MQTT 5 do not follow it.
 fn lost_5(error: &v5::ConnectionError, connected: bool) -> Lost {
     use mqtt5::ConnectReturnCode::{RefusedProtocolVersion, UnsupportedProtocolVersion};
     use v5::{ConnectionError, StateError};

@@ -14,9 +14,9 @@ use crate::error::GatewayError;
 use crate::mqtt::{Connect, Event, Lost, Version, Wire, client_id};
 use crate::settings::MqttSettings;
 
-/// How long it is listened after somebody has asked.
+/// How long the connection stays open after the last request for the other machines.
 const ASKED_FOR: Duration = Duration::from_mins(1);
-/// Messages after which other tasks have their turn.
+/// Messages after which other tasks may run.
 const TURN: u32 = 64;
 
 /// The task that listens.
@@ -24,16 +24,16 @@ pub(crate) struct Listener<C> {
     pub(crate) neighbours: Arc<Neighbours>,
     pub(crate) at: C,
     pub(crate) client_id: String,
-    /// What is before the names of machines in topics, such as `tandem/v1/`.
+    /// The part of a topic before the machine name, such as `tandem/v1/`.
     pub(crate) base: String,
     pub(crate) stop: CancellationToken,
 }
 
 impl Listener<BrokerAddress> {
-    /// At the broker of this machine, by a connection of its own.
+    /// Creates a listener with its own connection to the broker of this machine.
     ///
     /// # Errors
-    /// The address of the broker cannot be used.
+    /// Returns an error if the address of the broker cannot be used.
     pub(crate) fn beside(
         settings: &MqttSettings,
         machine: &str,
@@ -51,7 +51,7 @@ impl Listener<BrokerAddress> {
 }
 
 impl<C: Connect> Listener<C> {
-    /// Listens while somebody asks, until it is stopped.
+    /// Listens whenever there are requests, until it is stopped.
     pub(crate) async fn run(&self) {
         loop {
             tokio::select! {
@@ -65,7 +65,7 @@ impl<C: Connect> Listener<C> {
         }
     }
 
-    /// Connects again and again while somebody asks.
+    /// Connects repeatedly as long as there are requests.
     async fn listen(&self) {
         let (mut backoff, mut node, mut version) = (self.at.backoff(), 0, Version::V5);
         while !self.stop.is_cancelled() && Instant::now() < self.ends() {
@@ -86,12 +86,12 @@ impl<C: Connect> Listener<C> {
         }
     }
 
-    /// When it is listened no more.
+    /// Returns when listening ends.
     fn ends(&self) -> Instant {
         self.neighbours.heard.lock().asked_at + ASKED_FOR
     }
 
-    /// One connection; `Ok` when nobody asks any more.
+    /// Runs one connection; returns `Ok` when the requests end.
     async fn connection(&self, node: usize, version: Version) -> Result<(), Lost> {
         let mut wire = self.at.open(node, &self.client_id, None, version);
         let mut until_turn = TURN;

@@ -1,4 +1,5 @@
-//! What is known of other machines, with limits, because anybody can publish under their names. Pure; the time is a parameter.
+//! State of the other machines, with limits, because any client can publish under their names. Pure; the time is a
+//! parameter.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -17,13 +18,13 @@ use tokio::time::Instant;
 use crate::opened::is_origin;
 use crate::settings::is_machine_name;
 
-/// Machines. Reason: each has a tile on one page.
+/// Limit of machines. Reason: each has a tile on one page.
 const MACHINES_MAX: usize = 256;
-/// Coordinate systems of a machine. Reason: no machine has more.
+/// Limit of coordinate systems of a machine. Reason: no machine has more.
 const SYSTEMS_MAX: usize = 8;
-/// Bytes of the messages that are kept of a machine; one that is too many is not taken.
+/// Bytes of the messages kept for one machine. A message beyond this limit is ignored.
 const MACHINE_BYTES_MAX: usize = 128 * 1024;
-/// Alarms of a machine that are told, the newest.
+/// Limit of reported alarms of a machine: the newest ones.
 const ALARMS_MAX: usize = 4;
 /// Longest age of a presence.
 const EXPIRES_MAX: Duration = Duration::from_hours(24);
@@ -35,7 +36,7 @@ pub(super) struct Registry {
     machines: BTreeMap<String, Heard>,
 }
 
-/// What is heard of one of them.
+/// Data received from one machine.
 #[derive(Debug, Default)]
 struct Heard {
     presence: Option<(Presence, Instant)>,
@@ -56,7 +57,7 @@ struct System {
 }
 
 impl Registry {
-    /// Without the machine of this name, which is this one.
+    /// Creates a registry that ignores the machine of this name, which is this one.
     pub(super) fn new(own: &str) -> Self {
         Self {
             own: own.to_owned(),
@@ -64,12 +65,12 @@ impl Registry {
         }
     }
 
-    /// Forgets them all.
+    /// Removes all machines.
     pub(super) fn clear(&mut self) {
         self.machines.clear();
     }
 
-    /// Takes what was published for a machine; what is not of the interface, or too much, is passed over.
+    /// Stores a message of a machine. Ignores messages outside the interface and beyond the limits.
     pub(super) fn take(&mut self, machine: &str, path: &str, payload: &[u8], now: Instant) {
         let Some(topic) = Topic::parse(path).filter(is_read) else {
             return;
@@ -93,7 +94,8 @@ impl Registry {
         }
     }
 
-    /// Whether there is room for one more: the first that is not there gives its place.
+    /// Makes room for one more machine, if necessary by removing the first one that is not online. Returns `false`
+    /// without room.
     fn makes_room(&mut self, now: Instant) -> bool {
         if self.machines.len() < MACHINES_MAX {
             return true;
@@ -107,7 +109,7 @@ impl Registry {
         true
     }
 
-    /// Those that have said that they are or were there, ascending by name.
+    /// Returns the machines that have published a presence, ascending by name.
     pub(super) fn machines(&self, now: Instant) -> Vec<MachineSeen> {
         let machines = self.machines.iter();
         machines
@@ -129,7 +131,7 @@ fn is_read(topic: &Topic) -> bool {
 }
 
 impl Heard {
-    /// Whether a message of so many bytes finds room.
+    /// Whether a message of this size is within the limits.
     fn fits(&self, topic: &Topic, bytes: usize) -> bool {
         let system_fits = match topic {
             Topic::CoordinateSystem(cs, _) => {
@@ -140,7 +142,7 @@ impl Heard {
         system_fits && self.bytes.values().sum::<usize>() + bytes <= MACHINE_BYTES_MAX
     }
 
-    /// What was said before on this topic counts no more.
+    /// Discards the earlier message of this topic.
     fn forget(&mut self, topic: &Topic) {
         self.bytes.remove(topic);
         match topic {
@@ -174,7 +176,7 @@ impl Heard {
         self.bytes.insert(message.topic, bytes);
     }
 
-    /// Whether it is there; `None`: it has never said so.
+    /// Returns whether the machine is online. `None` if it has not published a presence.
     fn link(&self, now: Instant) -> Option<MachineLink> {
         let (presence, heard) = self.presence.as_ref()?;
         let expires = presence.expires_ms.map(Duration::from_millis);
@@ -221,7 +223,7 @@ impl System {
     fn seen(&self, number: CoordinateSystemNumber) -> CoordinateSystemSeen {
         let waits = self.state.as_ref().and_then(|state| state.waiting_on.as_ref());
         let output = waits.and_then(|waits| self.outputs.iter().find(|open| open.output.seq == waits.seq));
-        // a time of another run is none of this one
+        // discards a remaining time of another run
         let run_id = self.state.as_ref().and_then(|state| state.run_id.as_ref());
         let is_of_run = run_id.is_some() && self.time_left.run_id.as_ref() == run_id;
         let finite = |value: Option<f64>| value.filter(|value| is_of_run && value.is_finite());

@@ -1,4 +1,4 @@
-//! Bodies as they come in, with a limit on everything.
+//! Reading of request bodies, with a limit on everything.
 
 use std::time::Duration;
 
@@ -10,14 +10,14 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::problem::Problem;
 
-/// Time for a body to come in, to which each byte that has come adds as much as it may take by [`BODY_RATE_MIN`]; then 408.
-/// Reason: a body that hardly comes holds a place, and the largest may need minutes on a slow line.
+/// Time for a body to arrive; each received byte extends it at [`BODY_RATE_MIN`]. Then 408. Reason: a body that hardly
+/// arrives holds a slot, and the largest may need minutes on a slow line.
 pub(super) const BODY_MAX: Duration = Duration::from_secs(20);
 
 /// Bytes per second: the largest program takes 17 minutes at this rate.
 pub(super) const BODY_RATE_MIN: u32 = 64 * 1024;
 
-/// What curl says of `-d` when it is told nothing else.
+/// Content type that curl sends with `-d` by default.
 const OF_FORMS: &str = "application/x-www-form-urlencoded";
 
 /// A JSON body; an empty one is `{}`.
@@ -32,9 +32,9 @@ pub(super) async fn json(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Pro
     Ok(body)
 }
 
-/// Whether a body is meant as JSON. One that says nothing of its type, or what curl says by itself, is JSON if it can be
-/// nothing else: the fields of a form never begin with a brace. A web page may send such a body to other sites without
-/// being asked about it beforehand, so from a browser, which tells the origin of a page, only the JSON type counts.
+/// Whether a body is meant as JSON. A body without a content type, or with curl's default one, is JSON if it cannot be
+/// anything else: the fields of a form never begin with a brace. A web page may send such a body to other sites without
+/// a preflight request, so from a browser, which sends the origin of a page, only the JSON type is accepted.
 fn is_json(headers: &HeaderMap, body: &[u8]) -> bool {
     let is_of_browser = [header::ORIGIN.as_str(), "sec-fetch-site"]
         .iter()
@@ -77,7 +77,7 @@ fn media_type(headers: &HeaderMap) -> Option<String> {
     )
 }
 
-/// The whole body, at most `limit` bytes. One that says beforehand that it is larger is not waited for.
+/// Reads the whole body, at most `limit` bytes. A body that announces a larger size is rejected at once.
 pub(super) async fn read(body: Body, limit: usize) -> Result<Vec<u8>, Problem> {
     let too_large = || {
         Err(Problem::new(

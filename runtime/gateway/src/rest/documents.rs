@@ -15,7 +15,7 @@ use crate::shared::{Shared, unexpected};
 const OPENAPI: &str = include_str!("../../api/openapi.json");
 const ASYNCAPI: &str = include_str!("../../api/asyncapi.json");
 
-/// Read once: that takes longer than all else of a request for it.
+/// Parsed once: that takes longer than the rest of a request for it.
 static PARSED_ASYNCAPI: LazyLock<Option<Value>> = LazyLock::new(|| serde_json::from_str(ASYNCAPI).ok());
 
 pub(super) fn routes() -> Router<Arc<Shared>> {
@@ -29,7 +29,7 @@ fn document(text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-/// The document of MQTT, with the servers by which whoever asks reaches this machine.
+/// Returns the MQTT document, with the servers at which the client reaches this machine.
 async fn asyncapi(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Value>, Problem> {
     let mut document = Value::clone(PARSED_ASYNCAPI.as_ref().ok_or_else(unexpected)?);
     let asked = headers.get(header::HOST).and_then(|host| host.to_str().ok());
@@ -45,7 +45,7 @@ async fn asyncapi(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Resu
     Ok(Json(document))
 }
 
-/// The host of `host:port`; an IPv6 address stands in brackets.
+/// Returns the host of `host:port`; an IPv6 address is in brackets.
 fn without_port(host: &str) -> &str {
     match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|digit| digit.is_ascii_digit()) && !name.is_empty() => name,

@@ -21,14 +21,14 @@ use crate::problem::Problem;
 use crate::server::Peer;
 use crate::shared::Shared;
 
-/// Lets a person in.
+/// Logs a person in.
 pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) -> Result<Response, Problem> {
     let Some(users) = shared.access.users() else {
         let text =
             "this machine has no token file: everyone on this computer may do everything without a login";
         return Err(Problem::not_found(text));
     };
-    // a request that came over no connection is one of a test of the router
+    // a request without a connection comes from a test of the router
     let from = request
         .extensions()
         .get::<Peer>()
@@ -76,7 +76,7 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
     Ok(json_response(StatusCode::OK, json!(answer).to_string()))
 }
 
-/// Who asks.
+/// Returns the user of the request.
 pub(super) async fn who(Extension(shown): Extension<Shown>) -> Response {
     let answer = CurrentUser {
         user: shown.user.name().map(str::to_owned),

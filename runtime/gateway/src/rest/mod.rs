@@ -22,7 +22,7 @@ use crate::contract::routes::{ROUTES, Serves};
 use crate::problem::Problem;
 use crate::shared::Shared;
 
-/// The routes, without the path before all of them.
+/// Returns the routes, without their common path prefix.
 pub(crate) fn routes() -> Router<Arc<Shared>> {
     let mut router = Router::new()
         .merge(states::own_routes())
@@ -56,7 +56,7 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
     router
 }
 
-/// The names in a path with their values; one that cannot stand there is 404.
+/// Returns the names in a path with their values; an invalid value is 404.
 fn params<'a>(
     raw: &'a Result<RawPathParams, RawPathParamsRejection>,
     uri: &Uri,
@@ -70,7 +70,7 @@ fn nothing_at(uri: &Uri) -> Problem {
     Problem::not_found(format!("there is nothing at {}", uri.path()))
 }
 
-/// The answer to what came in and is no request.
+/// Returns the response to a malformed request.
 fn problem_of(fault: Fault, uri: &Uri) -> Problem {
     match fault {
         Fault::Level(_) => nothing_at(uri),

@@ -1,5 +1,5 @@
-//! Requests: each row of the wire is read, asked and answered in the same way. Commands answer 202 when accepted; with
-//! `?wait=1` 200 when done, or 202 when that takes longer than a minute.
+//! Requests: each row of the wire is read, executed and answered in the same way. Commands answer 202 when accepted;
+//! with `?wait=1` 200 when done, or 202 when that takes longer than a minute.
 
 use std::borrow::Cow;
 use std::future::poll_fn;
@@ -36,7 +36,7 @@ use crate::server::Peer;
 use crate::shared::{Shared, unexpected};
 use crate::urgent_slots::UrgentKind;
 
-/// Who commands when a command comes over REST from nobody in particular.
+/// Client id of a REST command that names no client.
 const CLIENT_ID: &str = "rest";
 
 /// Longest time that `?wait=1` waits; then 202. Reason: shorter than what proxies and clients allow.
@@ -116,7 +116,7 @@ async fn read_body(route: &Route, headers: &HeaderMap, body: Body) -> Result<Vec
     })
 }
 
-/// A handler registers, or leaves.
+/// Registers a handler, or removes it.
 async fn register(shared: &Shared, authorized: Authorized) -> Result<Answer, Problem> {
     let Request::Handler(id, presence) = authorized.request().clone() else {
         return Err(unexpected());
@@ -132,7 +132,7 @@ async fn register(shared: &Shared, authorized: Authorized) -> Result<Answer, Pro
     answer
 }
 
-/// The tag of what a client may have already.
+/// Returns the tag of a reply that the client may already have.
 fn tag_of(reply: &Reply) -> Option<&str> {
     match reply {
         Reply::Program(ProgramText { hash: tag, .. }) | Reply::Bytes(PlannedPath { tag, .. }) => Some(tag),
@@ -171,7 +171,7 @@ impl<'a> HttpSender<'a> {
         }
     }
 
-    /// The answer, or that the client has it.
+    /// Returns the reply, or that the client already has it.
     fn response(&self, reply: Reply) -> Response {
         if self.had(&reply) {
             not_modified(&reply)
@@ -180,7 +180,8 @@ impl<'a> HttpSender<'a> {
         }
     }
 
-    /// The values of a header that the route lists; of another one none, so that no route reads what its document does not list.
+    /// Returns the values of a header that the route lists; none of another one, so that no route reads an undocumented
+    /// header.
     fn listed(&self, name: &str) -> impl Iterator<Item = &HeaderValue> {
         let is_listed = self.route.headers.reads(name);
         is_listed
@@ -189,7 +190,7 @@ impl<'a> HttpSender<'a> {
             .flatten()
     }
 
-    /// True if the client has what is answered.
+    /// True if the client already has this reply.
     fn had(&self, reply: &Reply) -> bool {
         let mut tags = self.listed(IF_NONE_MATCH).filter_map(|tags| tags.to_str().ok());
         tag_of(reply).is_some_and(|tag| tags.any(|tags| tag::is_had(tags, tag)))
@@ -211,7 +212,7 @@ impl Sender for HttpSender<'_> {
     }
 }
 
-/// The coordinate system that an alarm stopped; the first one for an alarm of all.
+/// Returns the coordinate system that an alarm stopped; the first one for an alarm of all.
 async fn of_alarm(shared: &Shared, id: &str, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
     let id: u64 = number(id).ok_or_else(|| nothing_at(uri))?;
     let active = shared.read(&Topic::AlarmActive).await?;
@@ -244,7 +245,7 @@ async fn carry_out(
         Request::Command { meta, wait, .. } => (meta.command_id.clone(), *wait),
         _ => (String::new(), false),
     };
-    // a task of its own: a client that goes away takes back nothing
+    // in a separate task, so that a client that disconnects does not cancel it
     let asking = {
         let shared = Arc::clone(shared);
         async move {
@@ -279,7 +280,7 @@ async fn carry_out_urgent(
         async move {
             let mut asking = pin!(shared.ask(authorized));
             let first = poll_fn(|context| Poll::Ready(asking.as_mut().poll(context))).await;
-            // the coordinate system has it: what follows is only the wait until it is done
+            // the coordinate system has accepted it: from here on the request only waits until it is done
             let slot = (!is_waiting).then_some(slot);
             let answer = match first {
                 Poll::Ready(answer) => answer,
@@ -293,7 +294,7 @@ async fn carry_out_urgent(
     answered(asking, form, command_id).await
 }
 
-/// Starts a request in a task of its own; a panic ends that request alone.
+/// Starts a request in a separate task; a panic ends that request alone.
 fn spawn_request(
     shared: &Shared,
     asking: impl Future<Output = Result<Answer, Problem>> + Send + 'static,
@@ -304,7 +305,8 @@ fn spawn_request(
         .spawn(supervisor.catch_panic("request over REST", asking))
 }
 
-/// The answer to a command; with `waiting`, the id of one that is to be done, that it is accepted after [`WAIT_MAX`].
+/// Returns the response to a command. `waiting` is the id of a command that must be done; after [`WAIT_MAX`] the
+/// response is that it is accepted.
 async fn answered(
     asking: JoinHandle<Option<Result<Answer, Problem>>>,
     form: &AnswerForm,
@@ -350,7 +352,7 @@ fn response(reply: Reply) -> Response {
     }
 }
 
-/// With the route below the API where the rest is.
+/// Adds the location of the rest, a route below the API.
 fn at(mut response: Response, route: &str) -> Response {
     if let Ok(location) = HeaderValue::try_from(format!("{API}{route}")) {
         response.headers_mut().insert(header::LOCATION, location);

@@ -1,4 +1,4 @@
-//! What can be read: the same messages as on MQTT, with the revision as `ETag`.
+//! Readable states: the same messages as on MQTT, with the revision as `ETag`.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ use crate::metrics::States;
 use crate::problem::Problem;
 use crate::shared::Shared;
 
-/// What the server says itself.
+/// Routes that the server answers without the machine.
 pub(super) fn own_routes() -> Router<Arc<Shared>> {
     Router::new()
         .route("/cs", get(coordinate_systems))
@@ -41,7 +41,7 @@ pub(super) fn own_routes() -> Router<Arc<Shared>> {
 /// Names and values in a path.
 pub(super) type Params = Result<RawPathParams, RawPathParamsRejection>;
 
-/// Of a path that names one, else 0.
+/// Returns the coordinate system of a path that names one, else 0.
 fn cs_of(raw: &Params, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
     let params = params(raw, uri)?;
     let cs = params.iter().find(|(name, _)| *name == "cs");

@@ -1,4 +1,4 @@
-//! Users: what each role may do over HTTP, WebSocket and the embedded broker, and what nobody may.
+//! Users: the rights of each role over HTTP, WebSocket and the embedded broker, and their limits.
 
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, StatusCode, header};
@@ -468,7 +468,7 @@ async fn what_a_user_may_not_publish_reaches_nobody_and_the_connection_stays() {
     operate
         .publish("cs/1/m_code/5/claim", false, &claim("operate"))
         .await;
-    // each connection still carries what its user may
+    // each connection still has exactly the rights of its user
     handler
         .publish("cs/1/m_code/5/claim", false, &claim("handler"))
         .await;
@@ -551,7 +551,7 @@ async fn with_tokens_any_address_may_be_listened_on_and_needs_them() {
     gateway.shutdown().await;
 }
 
-/// What a server answers to these bytes, until it closes.
+/// Returns a server's answer to these bytes, up to its end.
 async fn answer_to(address: std::net::SocketAddr, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).await.unwrap();
     stream.write_all(bytes).await.unwrap();

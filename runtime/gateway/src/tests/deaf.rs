@@ -1,4 +1,4 @@
-//! Clients of the broker that take nothing of what they are sent.
+//! Clients of the broker that do not read.
 
 use axum::body::Bytes;
 use plc_api::types::command::Verb;
@@ -59,7 +59,7 @@ async fn a_subscriber_that_takes_nothing_holds_up_nobody_who_publishes() {
     let _deaf = Raw::deaf(&gateway, "#").await;
     let mut publisher = Raw::connect(&gateway).await;
     let mut longest = Duration::ZERO;
-    // far more than its connection and what is on the way to it hold
+    // far more than the connection and the queue can hold
     for _ in 0..600 {
         let (answer, time) = publisher.publish(&vec![b'x'; 50_000]).await;
         assert_eq!(answer, [0x40, 2, 0, 7]);

@@ -1,4 +1,4 @@
-//! What was opened with a token or a login ends with it.
+//! Connections that were opened with a token or a login end with it.
 
 use futures_util::StreamExt;
 use tokio::io::AsyncReadExt;

@@ -1,4 +1,4 @@
-//! Rights are judged on the request that is carried out, whatever text it came from and on whichever transport.
+//! Rights are checked on the request that is executed, for every text and every transport.
 
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, StatusCode, header};
@@ -36,7 +36,7 @@ fn port() -> Arc<StubPort> {
     })
 }
 
-/// Payloads with which a handler reaches for another's output, or for more than its own.
+/// Payloads with which a handler tries to use another handler's output, or to do more than it may.
 const FORGERIES: [&str; 9] = [
     r#"{"boot_id":"b","seq":1,"handler_id":"other","result":"ok","force":null}"#,
     r#"{"boot_id":"b","seq":1,"handler_id":"other","result":"fault","code":1,"text":"x","force":null}"#,
@@ -52,7 +52,7 @@ const FORGERIES: [&str; 9] = [
 /// The reset with which a test ends.
 const OWN: &str = r#"{"boot_id":"b","seq":2,"handler_id":"handler","result":"ok","force":null}"#;
 
-/// True for the one request that a handler may make here.
+/// True for the only request that a handler may make here.
 fn is_own(request: &Request) -> bool {
     matches!(request, Request::Reset(1, Some(5), reset)
         if reset.handler_id == "handler" && reset.seq == 2 && reset.force != Some(true))
@@ -78,7 +78,7 @@ async fn no_payload_lets_a_handler_reset_in_anothers_name_over_either_version_of
     options.set_credentials("handler", users.token("handler"));
     let (new, mut events) = rumqttc::v5::AsyncClient::new(options, 32);
     let poller = tokio::spawn(async move { while events.poll().await.is_ok() {} });
-    // the broker alone names the publisher
+    // only the broker names the publisher
     let named = |names: &[&str]| mqtt5::PublishProperties {
         user_properties: names
             .iter()
@@ -116,7 +116,7 @@ async fn no_payload_lets_a_handler_reset_in_anothers_name_over_either_version_of
     gateway.shutdown().await;
 }
 
-/// What the sets of coordinate system 2 and of all ask for.
+/// Returns the requests that set values of coordinate system 2 and of all coordinate systems.
 fn sets_of_system_2_and_of_all() -> [Request; 4] {
     [
         Request::Tool(2, 4),
@@ -305,7 +305,7 @@ fn name() -> impl Strategy<Value = &'static str> {
     ])
 }
 
-/// Payloads near the right ones: fields that belong there, and others beside them, in any order and more than once.
+/// Almost valid payloads: expected fields and additional ones, in any order and repeated.
 fn payload() -> impl Strategy<Value = String> {
     let right = prop::sample::select(vec![
         ("boot_id", "\"b\""),
@@ -329,7 +329,7 @@ fn payload() -> impl Strategy<Value = String> {
     })
 }
 
-/// The handler whom a request names, and whether it is by force: read from its own fields.
+/// Returns the handler named by a request, and whether it is by force, from the request's own fields.
 fn named(request: &Request) -> (Option<String>, bool) {
     match request {
         Request::Claim(_, _, said) => (Some(said.handler_id.clone()), false),
@@ -343,7 +343,7 @@ fn named(request: &Request) -> (Option<String>, bool) {
     }
 }
 
-/// What the port is asked is what was parsed, and nothing beyond a handler's own name.
+/// Checks that the port receives exactly the parsed request, and nothing beyond a handler's own name.
 fn is_judged_and_carried_out_as_one_value(parsed: ParsedRequest) -> Result<(), TestCaseError> {
     let port = port();
     let machine = Machine::new(Arc::<StubPort>::clone(&port));

@@ -1,4 +1,4 @@
-//! Tests of the server ends over a port that remembers what it was asked and answers what a test says.
+//! Tests of the servers with a port that records its requests and returns the answers of a test.
 
 mod access;
 mod data;
@@ -48,7 +48,7 @@ use crate::{Gateway, GatewaySettings};
 
 type Script = Box<dyn Fn(&Request) -> Result<Answer, Refusal> + Send + Sync>;
 
-/// A port over a hub of its own.
+/// A port with its own hub.
 pub(super) struct StubPort {
     pub(super) hub: Hub,
     pub(super) asked: Mutex<Vec<Request>>,
@@ -142,7 +142,7 @@ impl StubPort {
         self.say(Topic::cs(1, CsTopic::Position), None, Payload::Position(position));
     }
 
-    /// A handler is there, and serves M5 in this coordinate system.
+    /// Reports an online handler that serves M5 in this coordinate system.
     pub(super) fn say_handler(&self, id: &str, cs: u8) {
         let presence = HandlerPresence {
             online: true,
@@ -154,7 +154,7 @@ impl StubPort {
         self.say(topic, Some(1), Payload::HandlerPresence(presence));
     }
 
-    /// Who has made each request so far.
+    /// Returns the origin of each request so far.
     pub(super) fn origins(&self) -> Vec<Origin> {
         self.origins.lock().unwrap().clone()
     }
@@ -265,7 +265,7 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
     }
 }
 
-/// What HTTP handlers share, as if served at 127.0.0.1:8080.
+/// Returns the shared state of the HTTP handlers, as if served at 127.0.0.1:8080.
 pub(super) fn shared(port: Arc<StubPort>) -> Arc<Shared> {
     shared_with(port, None)
 }
@@ -356,7 +356,7 @@ pub(super) fn packet(kind: u8, body: &[&[u8]]) -> Vec<u8> {
     packet
 }
 
-/// The CONNECT packet of a user over this version of MQTT, with a client id of its own.
+/// Returns the CONNECT packet of a user over this version of MQTT, with a unique client id.
 pub(super) fn connect_packet(version: u8, user: &str, password: &str) -> Vec<u8> {
     static CLIENTS: AtomicU32 = AtomicU32::new(0);
     let id = format!("raw-{}", CLIENTS.fetch_add(1, Ordering::Relaxed));

@@ -85,7 +85,7 @@ impl Client {
         within(publish).await.unwrap();
     }
 
-    /// The same with a text that need not be JSON.
+    /// Publishes a text that need not be JSON.
     pub(super) async fn publish_text(&self, path: &str, payload: &str) {
         let topic = format!("{ROOT}{path}");
         let publish = self.mqtt.publish(topic, QoS::AtLeastOnce, false, payload);
@@ -263,7 +263,7 @@ async fn on_every_connection_presence_birth_and_all_retained_state_are_published
     client.next("cs/1/state", |_| true).await;
     drop(client);
     first.stop().await;
-    // said while nobody listens, and forgotten by the broker with everything else
+    // published while no client listens, and lost when the broker forgets everything
     port.say_dry_run(1, true);
     port.say_dry_run(2, false);
     let (second, _) = broker(address);
@@ -300,7 +300,7 @@ async fn an_external_broker_keeps_no_command() {
         (&reply["status"], &reply["code"]),
         (&json!("rejected"), &json!("retained"))
     );
-    // a live one counts, and its topic is cleared as well
+    // a live one is executed, and its topic is cleared as well
     let command = json!({"command_id": "new", "client_id": "hmi"});
     client.publish("cs/1/command/hold", false, &command).await;
     port.asked_for(is_command).await;
@@ -331,7 +331,7 @@ async fn an_external_broker_keeps_no_command() {
 /// A broker that knows nothing of commands, as an external one.
 pub(super) fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
     let (refused, _) = mpsc::channel(1);
-    // knows nothing of our topics, as a broker of somebody else
+    // has other topics, like a foreign broker
     let access = BrokerAccess {
         root: "none/".into(),
         runtime_client_id: "none".into(),
@@ -347,7 +347,7 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     mqtt_end_that(true, port, address)
 }
 
-/// The same; it accepts senders that topics do not name, or not.
+/// Returns an MQTT task that accepts senders that topics do not name, or not.
 pub(super) fn mqtt_end_that(accepts: bool, port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     let (_, refused) = mpsc::channel(1);
     let parts = mqtt::Parts {
@@ -375,7 +375,7 @@ pub(super) fn mqtt_end_that(accepts: bool, port: &Arc<StubPort>, address: std::n
     MqttEnd::start(parts, at)
 }
 
-/// A broker of two nodes; a silent one takes everything and acknowledges nothing.
+/// A broker of two nodes; a silent one accepts everything and acknowledges nothing.
 #[derive(Clone, Default)]
 struct TwoNodes {
     silent: Option<usize>,
@@ -453,7 +453,7 @@ async fn a_node_that_acknowledges_nothing_for_10_s_is_left_for_the_next_one_whic
     end.crash();
 }
 
-/// Nodes that were parted have lost what they were to tell each other, and whoever listens at one is never told.
+/// Disconnected nodes have lost the messages that they were to exchange, and their clients never receive them.
 #[tokio::test(start_paused = true)]
 async fn every_state_is_published_again_with_the_third_presence() {
     let (port, nodes) = (StubPort::new(), TwoNodes::default());

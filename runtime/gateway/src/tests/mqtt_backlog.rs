@@ -7,10 +7,10 @@ use rumqttc::{LastWill, Publish, QoS};
 use super::*;
 use crate::mqtt::{self, Connect, MqttEnd, Named, Version, Wire};
 
-/// Events that wait when the broker is there.
+/// Events that are queued when the broker becomes available.
 const BACKLOG: usize = 1000;
 
-/// A broker that takes all that is published, and delivers one command after the first message.
+/// A broker that accepts all messages, and delivers one command after the first message.
 pub(super) struct Eager {
     published: Arc<AtomicUsize>,
     connects_at: Option<tokio::time::Instant>,
@@ -94,7 +94,7 @@ async fn a_request_does_not_wait_for_a_backlog_of_events() {
     while at_request.load(Ordering::Relaxed) == 0 {
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    // one round may have gone out before the command came, and another while the five other sources had their turn
+    // one round may be sent before the command arrives, and another while the five other sources have their turn
     let before = at_request.load(Ordering::Relaxed);
     assert!(
         before <= 64 * 6,

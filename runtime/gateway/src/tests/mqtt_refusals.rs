@@ -1,4 +1,4 @@
-//! What comes in over MQTT and is refused.
+//! Rejected MQTT messages.
 
 use plc_api::types::request::Input;
 use rumqttc::{LastWill, QoS};
@@ -8,7 +8,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use super::mqtt::{Client, ROOT};
 use super::*;
 
-/// A gateway whose MQTT end is connected, and a client that reads its replies.
+/// Returns a gateway with a connected MQTT task, and a client that reads its replies.
 async fn connected(port: &Arc<StubPort>) -> (Gateway, Client) {
     let gateway = start(port).await;
     let filters = ["presence", "reply/hmi"];
@@ -159,7 +159,7 @@ async fn the_embedded_broker_refuses_a_retained_command_outright() {
     gateway.shutdown().await;
 }
 
-/// A client that speaks in bytes.
+/// A client that sends raw bytes.
 struct Raw {
     stream: tokio::net::TcpStream,
     version: u8,
@@ -206,7 +206,7 @@ impl Raw {
         [&head[..], &body].concat()
     }
 
-    /// What the broker answers to a message with packet id 7.
+    /// Returns the broker's answer to a message with packet id 7.
     async fn publish(&mut self, topic: &str, qos: u8, retain: bool, payload: &[u8]) -> Vec<u8> {
         let length = u16::try_from(topic.len()).unwrap().to_be_bytes();
         let properties = self.properties();
@@ -220,7 +220,7 @@ impl Raw {
     }
 }
 
-/// What the broker answers, byte for byte, to a client of this protocol version that publishes a state with this
+/// Returns the broker's answer, byte for byte, to a client of this protocol version that publishes a state with this
 /// quality of service.
 async fn answer_to_a_published_state(gateway: &Gateway, version: u8, qos: u8) -> Vec<u8> {
     let mut raw = Raw::connect(gateway, version).await;
@@ -259,7 +259,7 @@ async fn a_retained_message_that_is_not_kept_is_refused_with_its_reason_and_pres
         });
         last.flatten()
     };
-    // to a client of MQTT 3.1.1 nothing else says it
+    // a client of MQTT 3.1.1 gets no other notification
     let stands = told().unwrap();
     assert!(
         stands.contains("plant/128 of raw-5") && stands.contains("32 MiB"),
@@ -275,7 +275,7 @@ async fn a_retained_message_that_is_not_kept_is_refused_with_its_reason_and_pres
         .await;
     late.next("cs/1/input/dry_run/state", |value| value["value"] == true)
         .await;
-    // what is cleared makes room
+    // clearing a topic makes room
     assert_eq!(new.publish("plant/0", 1, true, b"").await[0], 0x40);
     assert_eq!(told(), None, "the warning ends when there is room again");
     assert_eq!(new.publish("plant/new", 1, true, &large).await, [0x40, 2, 0, 7]);

@@ -33,7 +33,7 @@ fn status(opened: Result<Socket, Error>) -> u16 {
     }
 }
 
-/// The next packet; `None`: the connection has ended.
+/// Returns the next packet; `None` if the connection has ended.
 async fn next(socket: &mut Socket) -> Option<Vec<u8>> {
     loop {
         match within(socket.next()).await {

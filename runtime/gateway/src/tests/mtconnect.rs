@@ -1,4 +1,4 @@
-//! MTConnect: off where nothing is written, for users who may read, and its adapter on the loopback only.
+//! MTConnect: off by default, for users who may read, and its adapter on the loopback only.
 
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, header};

@@ -1,4 +1,4 @@
-//! Pages of others: those of a machine builder in the folder of `[hmi]`, and those of allowed origins.
+//! Foreign pages: those of a machine builder in the folder of `[hmi]`, and those of allowed origins.
 
 use axum::body::Body;
 use axum::http::{HeaderMap, Request as HttpRequest, StatusCode};
@@ -84,7 +84,7 @@ async fn a_page_of_an_allowed_origin_needs_a_token_and_one_of_another_origin_get
         "it reads why"
     );
 
-    // what a browser asks before it sends a command of that page
+    // the browser's preflight request before it sends a command of that page
     let preflight = [
         ("access-control-request-method", "POST"),
         (

@@ -1,8 +1,8 @@
-//! What is kept for those who stop a machine, when all other places are taken.
+//! Connection slots that are reserved for users who may stop a machine.
 
 use super::*;
 
-/// Clients of a broker that are known, without those who may operate.
+/// Known clients of a broker, without those who may operate.
 const OTHERS: usize = 256 - 32;
 
 #[tokio::test]
@@ -19,7 +19,7 @@ async fn the_last_places_of_the_broker_are_for_users_who_may_operate() {
     };
     // MQTT 5 section 3.2.2.2: 0x89, server busy
     assert_eq!(refused, [0x20, 0x89]);
-    // the runtime itself has a place, too
+    // the runtime itself has a slot, too
     assert_eq!(clients.len(), OTHERS, "of 256");
     assert_eq!(
         mqtt_as(&gateway, 5, "handler", users.token("handler")).await.1,
@@ -88,7 +88,7 @@ async fn while_all_connections_are_busy_only_what_brings_to_rest_is_taken() {
         let answer = answer(send(&gateway, &head, "{}").await).await;
         assert!(answer.starts_with("HTTP/1.1 202"), "{verb}: {answer}");
     }
-    // as soon as one is done, there is a place again
+    // as soon as one is done, there is a free slot again
     drop(busy.pop());
     within(async {
         while !answer(send(&gateway, "GET /api/v1/health", "").await)

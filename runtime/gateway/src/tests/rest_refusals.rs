@@ -13,7 +13,7 @@ use tokio::net::TcpStream;
 use super::rest::{JSON, call, json_of};
 use super::*;
 
-/// What curl says of `-d`.
+/// Content type that curl sends with `-d`.
 const FORM: (&str, &str) = ("content-type", "application/x-www-form-urlencoded");
 
 /// Status and code, after looking that it is a problem.
@@ -84,7 +84,7 @@ async fn what_is_malformed_too_large_or_of_another_type_is_a_problem() {
         ("POST", load, &[FORM], "program=1", wrong_type),
         ("POST", load, &[FORM], "[1]", wrong_type),
         ("POST", load, &[], "1", wrong_type),
-        // what a browser sends, which tells so
+        // a browser's headers, which identify it
         (
             "POST",
             load,

@@ -1,4 +1,4 @@
-//! Behind a broker of others topics name the senders of requests.
+//! With an external broker, topics name the senders of requests.
 
 use plc_api::types::request::Input;
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! The page of security names a test for each line of what is tried; each of them is there.
+//! The security page names a test for each attack; each of these tests exists.
 
 use std::path::Path;
 

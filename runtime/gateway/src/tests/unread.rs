@@ -1,4 +1,4 @@
-//! What clients make the server owe them, and what they make it keep.
+//! Limits on responses that clients do not read.
 
 use futures_util::{SinkExt, StreamExt};
 use plc_api::types::program::ProgramText;
@@ -119,7 +119,7 @@ async fn a_subscription_longer_than_any_topic_is_refused_over_each_transport() {
 async fn a_packet_beyond_a_limit_ends_its_connection_to_the_broker() {
     let (users, gateway) = served().await;
     let mut stranger = TcpStream::connect(gateway.mqtt_addr().unwrap()).await.unwrap();
-    // a CONNECT of a megabyte, of which only the beginning comes
+    // a CONNECT of a megabyte, of which only the beginning arrives
     stranger.write_all(&[0x10, 0xff, 0xff, 0x3f, 0]).await.unwrap();
     let mut rest = Vec::new();
     within(stranger.read_to_end(&mut rest)).await.ok();

@@ -1,4 +1,4 @@
-//! Hold, stop and abort beside floods of other requests.
+//! Hold, stop and abort during floods of other requests.
 
 use plc_api::types::command::{Command, Verb};
 use rumqttc::QoS;
@@ -10,7 +10,7 @@ use super::*;
 use crate::access::Account;
 use crate::urgent_slots::UrgentKind;
 
-/// Requests that the machine does not answer before others are refused, and more.
+/// More requests than the machine leaves unanswered before it rejects further ones.
 const MORE_THAN_UNANSWERED: usize = 300;
 
 fn is_command(request: &Request, command_id: &str) -> bool {

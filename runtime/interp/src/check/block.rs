@@ -1,4 +1,4 @@
-//! A block of words in a state: what is wrong with it, and what it leaves in force.
+//! Checks a block of words in a state: finds its faults and the state after it.
 
 use tandem_model::Diagnostic;
 use tandem_model::limits::{BLOCK_BYTES_MAX, CALL_DEPTH_MAX};
@@ -54,7 +54,7 @@ impl Explorer<'_> {
         self.skippable(here, step, before, state)
     }
 
-    /// A block that may be skipped leaves two states where it changes what is in force or the way.
+    /// Leaves two states for a block that may be skipped, if it changes the modal state or the path.
     #[inline(never)]
     fn skippable(&self, here: Here<'_>, step: Step, mut before: State, state: &mut State) -> Step {
         let moved = self.words.axis_words;
@@ -92,7 +92,7 @@ impl Explorer<'_> {
             way: Way::Skip(true),
             kind: Kind::Real,
         });
-        // an end of the program is a way, too: whether the run comes here is not certain
+        // the end of the program is also a path: it is not certain that a run reaches this block
         if parts.len() == 1 {
             parts.push(Next {
                 place: on,
@@ -104,7 +104,7 @@ impl Explorer<'_> {
         Step::Parts(parts)
     }
 
-    /// Tells when the block's line in the intermediate code is too long (D03).
+    /// Reports a block whose line in the intermediate code is too long (D03).
     fn length(&mut self, here: Here<'_>, state: &State) {
         let Here { tree, block, .. } = here;
         let span = tree.span(block);
@@ -124,7 +124,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Reads the words as the state says, and notes what is wrong with them.
+    /// Reads the words in the given state, and records their faults.
     fn read(&mut self, here: Here<'_>, state: &State) {
         let mut found = Vec::new();
         self.read_with(here, state, Trust::Own, &mut found);
@@ -133,7 +133,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Notes what has been found, and what is found where the text does not show all.
+    /// Records the findings, and those of values that the text does not fully show.
     #[inline(never)]
     fn judge(&mut self, here: Here<'_>, state: &State, mut found: Vec<Diagnostic>) {
         if state.is_open {
@@ -151,8 +151,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Tells apart what the text shows by itself, what depends on calculated values and on the way, and what on values that
-    /// somebody else may have written.
+    /// Separates findings that the text alone shows, those that depend on calculated values and on the path, and those
+    /// that depend on values that another writer may have changed.
     fn read_by_trust(&mut self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
         if !self.words.doubtful.is_empty() {
             let mut believed = Vec::new();
@@ -202,7 +202,7 @@ impl Explorer<'_> {
             .read(tree, block, &reading, &mut |finding| found.push(finding));
     }
 
-    /// Where motion or plane is not known, what is wrong with each of them is wrong.
+    /// If motion or plane is unknown, records the faults that occur with every possible one.
     fn read_in_all(&mut self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let no_plane = state.modal.in_force.plane.is_none() && self.words.taker.is_some_and(is_arc);
@@ -252,7 +252,7 @@ impl Explorer<'_> {
         self.read_with(here, state, Trust::Own, &mut Vec::new());
         let mut more = common.unwrap_or_default();
         if more.is_empty() && all_wrong {
-            // wrong with each of them, but not for one reason
+            // wrong with each of them, but for different reasons
             more = first.unwrap_or_default();
         }
         let known = |one: &Diagnostic, found: &[Diagnostic]| {
@@ -267,7 +267,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Tells values that are out of their range whatever the variable is of all that it may be.
+    /// Reports values that are out of range for every possible value of the variable.
     fn judge_ranges(&self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
         let Here { tree, block, .. } = here;
         for word in tree.words(block) {
@@ -295,7 +295,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Warns of two blocks in a row that do not move in the plane, in tool-diameter offset whose overcuts nobody looks for.
+    /// Warns of two consecutive blocks without motion in the plane in tool-diameter offset that does not check for
+    /// overcuts.
     fn rest_in_offset(&mut self, here: Here<'_>, state: &mut State) {
         let Here { tree, block, .. } = here;
         let unchecked = self.dialect.path.compensation == CompensationRules::Unchecked;
@@ -316,7 +317,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Notes the M codes that a fixed cycle puts out.
+    /// Records the M codes that a fixed cycle outputs.
     fn cycle_outputs(&mut self, here: Here<'_>) {
         let Some(taker) = self.words.taker else { return };
         let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {
@@ -344,7 +345,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Does what the M code of the block says.
+    /// Applies the M code of the block.
     #[inline]
     fn m_code(&mut self, here: Here<'_>, state: &mut State) -> Step {
         match self.words.m_code() {
@@ -420,12 +421,12 @@ impl Explorer<'_> {
         if span.start < call.span.start {
             call.span = span;
         }
-        // what is not called in this state is looked at all the same
+        // a program is also checked if it is not called in this state
         let program = self.called(number);
         if times == Some(0) {
             return Step::On;
         }
-        // in a fixed cycle it is not allowed, which is told: G80 is meant to stand before it
+        // a call is not allowed in a fixed cycle, which is reported: presumably a G80 is missing before it
         if state.modal.fixed_cycle().is_some() {
             state.modal.end_cycle(self.dialect);
         }
@@ -468,7 +469,7 @@ impl Explorer<'_> {
     }
 }
 
-/// Follows what is in force.
+/// Updates the modal state.
 #[inline]
 fn follow(dialect: &'static Dialect, words: &BlockWords, block: &Block, state: &mut State) {
     restrictions::follow(words, &mut state.modal);

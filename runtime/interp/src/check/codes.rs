@@ -1,4 +1,4 @@
-//! Program codes: what they assign, and where they may jump.
+//! Program codes: their assignments and possible jumps.
 
 use tandem_syntax::{Expression, ExpressionId, NcProgram, Operator, ProgramCode, Statement, diagnostics};
 
@@ -62,7 +62,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Tells a calculation that has no result.
+    /// Reports a calculation that has no result.
     fn calculation(&mut self, here: Here<'_>, code: &ProgramCode, state: &State) {
         let Here { tree, .. } = here;
         if let Some(id) = code.expression
@@ -79,7 +79,7 @@ impl Explorer<'_> {
     }
 }
 
-/// The ways that a condition parts: where it holds, and where it does not.
+/// Returns the paths of a condition: where it holds, and where it does not.
 fn branch(tree: &NcProgram, condition: ExpressionId, ways: [(Place, Way); 2], state: &State) -> Step {
     let known = holds(tree, condition, &state.values);
     let parts = ways.into_iter().zip([true, false]).map(|((place, way), is_so)| {
@@ -154,7 +154,8 @@ fn switch(
     Step::Parts(parts)
 }
 
-/// What has no result for sure, innermost first: a division by zero, a function outside of its domain (manual 4-1-3).
+/// Finds the innermost operation without a defined result: a division by zero, a function outside of its domain (manual
+/// 4-1-3).
 fn undefined(program: &NcProgram, id: ExpressionId, values: &Values) -> Option<String> {
     let known = |id| {
         let range = number(program, id, values);

@@ -1,7 +1,8 @@
-//! Follows states from block to block until no new one comes.
+//! Follows states from block to block until no new one is found.
 //!
-//! A node is a state at the head of a run of blocks; the run goes on to where ways part or join. States of one block are
-//! kept apart, so that what belongs together stays together, up to [`STATES_MAX`]; more are joined, which bounds the work.
+//! A node is a state at the start of a run of blocks; the run ends where paths fork or join. States of one block are
+//! kept separate up to [`STATES_MAX`], so that related values stay together; further ones are merged, which limits the
+//! work.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
@@ -19,15 +20,15 @@ use crate::block_words::BlockWords;
 use crate::dialect::Dialect;
 use crate::text_values::Values;
 
-/// States of one block that are kept apart. A loop of so many turns is followed turn by turn.
+/// States of one block that are kept separate. A loop with this number of turns is followed turn by turn.
 const STATES_MAX: usize = 128;
 /// Steps from block to block for each block, and for each program: beyond them, states are joined at once.
 const STEPS_PER_BLOCK: usize = 8;
 const STEPS_MIN: usize = 200_000;
-/// So many times the steps, and what is left is looked at block by block.
+/// At this multiple of the steps, the remaining blocks are only checked one by one.
 const STEPS_HARD: usize = 4;
 
-/// Where a run goes on, by which decision.
+/// The place where a run continues, and the decision that leads there.
 pub(super) struct Next {
     pub place: Place,
     pub state: State,
@@ -35,7 +36,7 @@ pub(super) struct Next {
     pub kind: Kind,
 }
 
-/// What a block leads to.
+/// Result of a block.
 pub(super) enum Step {
     /// The next block.
     On,
@@ -50,7 +51,8 @@ pub(super) struct Explorer<'a> {
     pub nodes: Vec<Node>,
     pub groups: Groups,
     pub words: BlockWords,
-    /// Where calculated values are no errors: the state as the text shows it since ways have joined. `None`: as the state is.
+    /// If faults of calculated values are no errors: the state as the text shows it since paths have joined. `None` if
+    /// it equals the state.
     pub shown: Option<State>,
     heads: HashMap<Place, Vec<usize>>,
     open: BinaryHeap<Reverse<(usize, usize)>>,
@@ -116,7 +118,7 @@ impl<'a> Explorer<'a> {
         self.arrive(None, next, is_certain);
     }
 
-    /// The place of a called program among those checked; `None`: its text is not known.
+    /// Returns the index of a called program among those checked; `None` if its text is unknown.
     pub fn called(&mut self, number: u16) -> Option<usize> {
         let known = self.programs.iter().skip(1).position(|of| of.number == number);
         if let Some(at) = known {
@@ -169,10 +171,10 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Looks at blocks that no state has come to.
+    /// Checks blocks that no state has reached.
     fn look_at_the_rest(&mut self) {
         let mut program = 0;
-        // what is looked at may call programs that nothing else does
+        // checked blocks may call programs that no other block calls
         while program < self.programs.len() {
             let blocks = self.programs[program].tree.blocks().len();
             for block in 0..blocks {
@@ -200,7 +202,7 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Follows a node to where ways part or join.
+    /// Follows a node to the next fork or join of paths.
     fn run(&mut self, node: usize) {
         let Place {
             program,
@@ -216,7 +218,7 @@ impl<'a> Explorer<'a> {
             let checked = &mut self.programs[program];
             let Some(block) = tree.blocks().get(at) else {
                 checked.set(at, reached);
-                // without its M99, which is told, a program that was called is meant to return
+                // a missing M99 is reported; a called program is assumed to return
                 let place = Place { program, block: at };
                 let parts = returned(&state, place).into_iter();
                 self.part(node, parts.filter(|next| next.kind == Kind::Real).collect());
@@ -245,7 +247,8 @@ impl<'a> Explorer<'a> {
         self.nodes[node].end = at;
     }
 
-    /// What the text shows by itself at the head of a node: nothing behind a jump, a call or a block that may be skipped.
+    /// Returns the state that the text alone shows before a node: none after a jump, a call or a block that may be
+    /// skipped.
     fn shown_at(&self, node: usize, state: &State) -> Option<State> {
         let Node { place, before, .. } = &self.nodes[node];
         let (before, way) = before.filter(|_| !self.calculates(node))?;
@@ -259,7 +262,8 @@ impl<'a> Explorer<'a> {
         })
     }
 
-    /// True where what will be an alarm in a run counts as an error. Where no run comes to, blocks are looked at as a load does.
+    /// True if a fault that would be an alarm in a run is an error. Blocks that no run reaches are checked as when
+    /// loading.
     pub fn calculates(&self, node: usize) -> bool {
         self.context.calculates && self.is_real(node)
     }
@@ -305,7 +309,7 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Notes that a run may come to a place with a state.
+    /// Records that a run may reach a place with a state.
     fn arrive(&mut self, from: Option<usize>, next: Next, is_certain: bool) {
         let Next {
             place,
@@ -371,7 +375,7 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Notes a finding in a block that a node comes to. Where no run comes to, no value is calculated.
+    /// Records a finding in a block that a node reaches. In blocks that no run reaches, no value is calculated.
     pub fn note(&mut self, here: Here<'_>, finding: Diagnostic, weight: Weight) {
         if weight != Weight::Sure && !self.is_real(here.node) {
             return;
@@ -427,7 +431,7 @@ impl<'a> Explorer<'a> {
     }
 }
 
-/// Where the called program has ended: another repetition, or the caller.
+/// Returns the places after the called program has ended: another repetition, or the caller.
 pub(super) fn returned(state: &State, place: Place) -> Vec<Next> {
     let mut outside = state.clone();
     let Some(caller) = outside.callers.pop() else {

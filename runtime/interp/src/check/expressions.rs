@@ -1,4 +1,4 @@
-//! What expressions and conditions may be, by what is known of variables.
+//! Possible values of expressions and conditions, from the known values of variables.
 
 use tandem_syntax::{Expression, ExpressionId, NcProgram, Operator, Variable, VariableKind};
 
@@ -35,7 +35,7 @@ pub(super) fn number(program: &NcProgram, id: ExpressionId, values: &Values) -> 
     }
 }
 
-/// Whether a condition holds; `None`: that is not known. What is not the program's own alone decides nothing.
+/// Whether a condition holds. `None` if that is unknown, also if it depends on values that the program does not own.
 pub(super) fn holds(program: &NcProgram, id: ExpressionId, values: &Values) -> Option<bool> {
     let of = |id| holds(program, id, values);
     let is_one = || {
@@ -75,7 +75,7 @@ pub(super) fn holds(program: &NcProgram, id: ExpressionId, values: &Values) -> O
     }
 }
 
-/// What two ranges say of a comparison.
+/// Compares two ranges, if that decides the comparison.
 fn apart(operator: Operator, left: Range, right: Range) -> Option<bool> {
     let numbers = !left.nan && !right.nan;
     let below = left.high < right.low;
@@ -95,7 +95,7 @@ fn apart(operator: Operator, left: Range, right: Range) -> Option<bool> {
     }
 }
 
-/// Takes over what a condition says of the variables that it compares, where it is known to hold or not.
+/// Applies a condition, known to hold or not, to the ranges of the variables that it compares.
 pub(super) fn suppose(program: &NcProgram, id: ExpressionId, is_so: bool, values: &mut Values) {
     match program.expression(id).copied() {
         Some(Expression::Not(condition)) => suppose(program, condition, !is_so, values),
@@ -124,7 +124,7 @@ pub(super) fn suppose(program: &NcProgram, id: ExpressionId, is_so: bool, values
     }
 }
 
-/// The operator that says the same with its sides exchanged.
+/// Returns the equivalent operator for exchanged sides.
 fn turned(operator: Operator) -> Operator {
     match operator {
         Operator::Less => Operator::Greater,
@@ -135,14 +135,14 @@ fn turned(operator: Operator) -> Operator {
     }
 }
 
-/// Bounds a variable by a comparison with a range. A comparison that does not hold says nothing where one side may be no
-/// number.
+/// Limits a variable by a comparison with a range. A comparison that does not hold gives no limit if one side may be
+/// NaN.
 fn bound(values: &mut Values, variable: Variable, operator: Operator, is_so: bool, other: Range) {
     let before = values.get(variable);
     if before.value().is_some() && before.own {
         return;
     }
-    // what somebody else may have written is what the condition says, and nothing more
+    // if another writer may have changed the value, only the condition limits it
     let mut range = if before.own { before } else { Range::ANY };
     let numbers = !range.nan && !other.nan;
     let (above, below) = match (operator, is_so) {

@@ -10,7 +10,7 @@ use super::state::State;
 use super::{CheckContext, Findings};
 use crate::dialect::{Dialect, OtherMCodes};
 
-/// A decision that a way has taken.
+/// A decision taken on a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Way {
     /// None.
@@ -29,12 +29,12 @@ pub(super) enum Way {
     Called,
 }
 
-/// Whether a run comes to a node.
+/// Whether a run reaches a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// It may.
     Real,
-    /// It does not, by the values that conditions compare or behind the end; it is checked all the same.
+    /// No run reaches it, because of compared values or because it follows the end; it is checked all the same.
     Supposed,
 }
 
@@ -55,7 +55,7 @@ pub(super) struct Here<'t> {
 }
 
 impl Here<'_> {
-    /// The place behind the block.
+    /// Returns the place after the block.
     pub fn behind(&self) -> Place {
         Place {
             block: self.place.block + 1,
@@ -67,15 +67,15 @@ impl Here<'_> {
 pub(super) struct Node {
     pub place: Place,
     pub kind: Kind,
-    /// Whatever others do, a run comes here.
+    /// A run reaches this node, independent of other writers.
     pub is_certain: bool,
-    /// Something in force is not known.
+    /// Some modal value is unknown.
     pub is_open: bool,
     /// The node that it was first come to from, and the decision there.
     pub before: Option<(usize, Way)>,
     /// One past the last block of its run.
     pub end: usize,
-    /// The last block of its run, where the way goes on from.
+    /// State after the last block of its run, where the path continues.
     pub state: Arc<State>,
     /// It is to be followed, or followed again.
     pub waits: bool,
@@ -85,7 +85,7 @@ pub(super) struct Node {
 pub(super) struct Checked<'a> {
     pub number: u16,
     pub tree: Tree<'a>,
-    /// What is known of each block, and of the place past the last one.
+    /// Knowledge about each block, and about the place past the last one.
     pub marks: Vec<u8>,
     pub m_codes: BTreeMap<u16, (Span, bool)>,
     pub programs: BTreeMap<u16, Call>,
@@ -99,11 +99,11 @@ pub(super) struct Call {
     pub is_missing: bool,
 }
 
-/// Ways join before the block.
+/// Paths join before the block.
 pub(super) const JOIN: u8 = 1;
-/// A run comes to it.
+/// A run reaches it.
 pub(super) const REACHED: u8 = 2;
-/// It has been looked at.
+/// It has been checked.
 pub(super) const LOOKED_AT: u8 = 4;
 
 impl Checked<'_> {
@@ -139,7 +139,7 @@ impl std::ops::Deref for Tree<'_> {
 }
 
 impl Checked<'_> {
-    /// Tells M codes without settings and programs that are not there, each at its first place.
+    /// Reports M codes without settings and missing programs, each at its first place.
     pub fn tell_what_is_missing(
         &self,
         dialect: &Dialect,
@@ -169,7 +169,7 @@ impl Checked<'_> {
         }
     }
 
-    /// Tells when the program does not begin with the mark of the dialect (manual dgshape, 1-1).
+    /// Reports a program that does not begin with the mark of the dialect (manual dgshape, 1-1).
     pub fn mark(&self, dialect: &Dialect, findings: &mut Findings) {
         let mark = (dialect.grammar)().program_form.mark.map(char::from);
         if let Some(mark) = mark.filter(|_| !self.tree.is_marked()) {

@@ -1,4 +1,5 @@
-//! A block's words against the machine, as far as the context tells it, and words that a motion needs or does not use.
+//! Checks a block's words against the machine, as far as the context describes it, and words that a motion needs or
+//! does not use.
 
 use tandem_syntax::{Address, AddressSet, diagnostics};
 
@@ -15,14 +16,14 @@ use crate::restrictions;
 /// The words of an arc's centre.
 const CENTRES: AddressSet = AddressSet::of(&[Address::I, Address::J, Address::K]);
 
-/// Share of its radius by which the end of an arc may lie beside its circle.
+/// Allowed distance of an arc's end from its circle, as a share of the radius.
 const BESIDE_MAX: f64 = 0.01;
 
-/// The same of small arcs, mm or inches: what rounding to three decimals leaves of them.
+/// Allowed distance for small arcs, mm or inches: the error of rounding to three decimals.
 const ROUNDING_MAX: f64 = 0.01;
 
 impl Explorer<'_> {
-    /// Checks words against what is known of the coordinate system.
+    /// Checks words against the known data of the coordinate system.
     pub(super) fn context_of_words(&mut self, here: Here<'_>, state: &State) {
         let Here { tree, block, .. } = here;
         let words = &self.words;
@@ -98,7 +99,7 @@ impl Explorer<'_> {
             };
             let used = AddressSet::of(&plane.axes().map(restrictions::centre));
             if centres.intersection(used).is_empty() {
-                // that is an error by itself
+                // that is reported as a separate error
                 return;
             }
             let unused = centres.without(used);
@@ -137,7 +138,7 @@ impl Explorer<'_> {
         let [i, j] = axes.map(|axis| words.get(restrictions::centre(axis)).unwrap_or_default());
         let (start, end) = (i.hypot(j), (x - i).hypot(y - j));
         let difference = (start - end).abs();
-        // not a number, and so no reason to warn, where the text does not show the way
+        // NaN, and so no reason to warn, if the text does not show the path
         if start > 0.0 && difference > ROUNDING_MAX && difference > BESIDE_MAX * start {
             let Here { tree, block, .. } = here;
             let finding = diagnostics::ARC_END_OFF.at(
@@ -149,8 +150,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Tells a cutting motion before the first F, where the machine has no other or is not known (alarm 101), and a thread
-    /// before the first S (alarm 113).
+    /// Reports a cutting motion before the first F, if the machine has no default feedrate or is unknown (alarm 101),
+    /// and a thread before the first S (alarm 113).
     pub(super) fn feed_and_speed(&mut self, here: Here<'_>, state: &mut State) {
         let Here { tree, block, .. } = here;
         let words = &self.words;

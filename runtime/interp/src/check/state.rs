@@ -1,4 +1,4 @@
-//! What the text shows of a run at one of its places.
+//! State of a run at one place, as far as the text shows it.
 
 use tandem_syntax::AddressSet;
 
@@ -14,14 +14,14 @@ use super::CheckContext;
 pub(super) struct Caller {
     /// Place of the program among those checked.
     pub program: usize,
-    /// The block that it goes on with.
+    /// The block at which it continues.
     pub block: usize,
-    /// How often the called program runs again; `None`: that is not known.
+    /// Remaining repetitions of the called program. `None` if unknown.
     pub repetitions: Option<u16>,
     pub locals: Locals,
 }
 
-/// What is known where a run comes to a block.
+/// Known state of a run before a block.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct State {
     pub modal: Modal,
@@ -34,7 +34,7 @@ pub(super) struct State {
     pub has_speed: bool,
     /// Blocks in a row that do not move in the plane of cutter compensation.
     pub at_rest: u8,
-    /// Something that is in force is not known: it stands for many states.
+    /// Some modal value is unknown: the state represents many states.
     pub is_open: bool,
 }
 
@@ -58,7 +58,7 @@ impl State {
         }
     }
 
-    /// Lets go what is in force and where the tool is.
+    /// Discards the modal state and the tool position.
     pub fn forget(&mut self) {
         self.modal.forget();
         self.position = TextPosition::unknown();
@@ -67,18 +67,18 @@ impl State {
         self.is_open = true;
     }
 
-    /// What somebody whose text is not seen leaves: a subprogram.
+    /// Discards everything that an unknown subprogram may change.
     pub fn forget_all(&mut self) {
         self.forget();
         self.values.forget_shared();
     }
 
-    /// Lets go the axes of a block that may be skipped.
+    /// Discards the positions of the axes of a block that may be skipped.
     pub fn lose(&mut self, named: AddressSet) {
         self.position.lose(named);
     }
 
-    /// Takes over what another state of the same place does not share. True when that is less than was known.
+    /// Merges another state of the same place. Returns `true` if that loses knowledge.
     pub fn widen(&mut self, other: &Self) -> bool {
         let mut changed = self.values.widen(&other.values);
         changed |= self.position.join(&other.position);

@@ -1,4 +1,4 @@
-//! The ways through a program that its structure allows, whatever conditions say.
+//! The paths through a program that its structure allows, independent of conditions.
 
 use tandem_model::Span;
 use tandem_syntax::{Address, Block, NcProgram, ProgramCode, Statement, Word, diagnostics};
@@ -9,7 +9,7 @@ use crate::codes::{Code, tenths};
 use crate::dialect::Dialect;
 use crate::meaning::Role;
 
-/// Tells which block is never executed, and when the program runs past its last block (D06).
+/// Reports blocks that are never executed, and a program that runs past its last block (D06).
 pub(super) fn judge(of: &Checked<'_>, dialect: &Dialect, findings: &mut Findings) {
     let program: &NcProgram = &of.tree;
     let blocks = program.blocks();
@@ -19,14 +19,14 @@ pub(super) fn judge(of: &Checked<'_>, dialect: &Dialect, findings: &mut Findings
         let reached = reachable(program, dialect);
         let mut all = blocks.iter().zip(&reached);
         let dead = all.position(|(block, reached)| !reached && !is_mark(program, block));
-        // a loop that never ends needs no end behind it
+        // after an endless loop no end is needed
         let is_run = of.has(0, REACHED);
         let ends_there = reached.last() == Some(&true);
         (dead, ends_there && (!is_run || of.has(blocks.len(), REACHED)))
     } else {
         (dead, dead.is_none())
     };
-    // what could not be read may lead there
+    // an unreadable block may lead there
     let is_clear = !branches || !blocks.iter().any(Block::has_errors);
     if let Some(block) = dead.and_then(|dead| blocks.get(dead)).filter(|_| is_clear) {
         let (message, help) = if branches {
@@ -63,7 +63,7 @@ fn has_branches(program: &NcProgram) -> bool {
     program.has_program_codes() && program.blocks().iter().any(|block| is_mark(program, block))
 }
 
-/// Which blocks a run may come to, whatever conditions say; the last entry is the place past the last block.
+/// Returns which blocks a run may reach, independent of conditions; the last entry is the place past the last block.
 fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
     let blocks = program.blocks();
     let mut reached = vec![false; blocks.len() + 1];
@@ -114,7 +114,7 @@ fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
     block.skip_numbers() == 0 && program.words(block).iter().any(ends)
 }
 
-/// True for a program that returns: what is in force at its head may be what its caller left.
+/// True for a program that returns: its initial modal state may be that of its caller.
 pub(super) fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
     let returns = |word: &Word| m_code(word, dialect).is_some_and(|code| code.role == Role::Return);
     if !program.all_words().iter().any(returns) {
@@ -130,7 +130,7 @@ fn m_code(word: &Word, dialect: &Dialect) -> Option<&'static Code> {
     dialect.m_codes.find(tenths(number)?)
 }
 
-/// True for parts of branches that need not be reached: the way on from commands that end.
+/// True for parts of branches that need not be reached: the continuation after commands that end.
 fn is_mark(program: &NcProgram, block: &Block) -> bool {
     program
         .program_code(block)

@@ -1,5 +1,5 @@
-//! From what was found in single states to what is told: an error where it is wrong in all of them, a warning with the way
-//! where it is wrong in some.
+//! Combines the findings of single states into reports: an error if they occur in all states, a warning with the path
+//! if they occur in some.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use tandem_syntax::{Grammar, NcProgram, diagnostics};
 
 use super::graph::{Checked, Kind, Node, Place, Way};
 
-/// More findings than can be listed need not be told apart.
+/// Beyond the number that can be listed, findings need not be distinguished.
 const GROUPS_MAX: usize = 4 * tandem_syntax::DIAGNOSTICS_MAX;
 
 /// A finding in one state.
@@ -19,14 +19,14 @@ pub(super) struct Found {
     pub weight: Weight,
 }
 
-/// What a finding depends on.
+/// Dependency of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Weight {
-    /// On what is written.
+    /// On the written text.
     Sure,
     /// On a calculated value: it is an alarm in a run (D11).
     Calculated,
-    /// On a variable that somebody else may have written.
+    /// On a variable that another writer may have changed.
     Doubtful,
 }
 
@@ -59,7 +59,7 @@ impl Groups {
         group.nodes.insert(found.node);
     }
 
-    /// What is told of each program.
+    /// Returns the reports on each program.
     pub fn judge(
         self,
         grammar: &Grammar,
@@ -141,7 +141,7 @@ fn verdict(place: Place, found: &BTreeSet<usize>, nodes: &[Node]) -> Verdict {
     match (with, without.or(without_open)) {
         (_, None) => Verdict::Always,
         (Some(with), without) => Verdict::Sometimes { with, without },
-        // what stands for many states is no proof of any of them
+        // a summary of many states proves nothing about any single one
         (None, Some(_)) => Verdict::Never,
     }
 }
@@ -154,7 +154,8 @@ fn is_root_of_two(nodes: &[Node]) -> bool {
     roots.count() > 1
 }
 
-/// Where the way to one node has parted from that to another, and by which decision; without another, the last decision.
+/// Returns where the path to one node has parted from that to another, and by which decision; without another, the last
+/// decision.
 fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize, Way)> {
     let mut others = BTreeSet::new();
     let mut at = without;

@@ -1,4 +1,4 @@
-//! The words that fixed cycles have in common, and what a block with them does (D42).
+//! The words that fixed cycles have in common, and the effect of a block with them (D42).
 //!
 //! All levels are programmed positions. The initial level is Z where the cycle began, not where each of its blocks
 //! does: in the manual's examples the last hole returns with G98 to the level before the first one, and in G91 all
@@ -25,7 +25,7 @@ pub static CYCLE_WORDS: [WordSpec; 6] = [
     WordSpec::new(Address::K, "number of repetitions", "", 0.0, 10_000.0).whole(),
 ];
 
-/// Takes over the words of a block in the fixed cycle in force, and begins to give its steps.
+/// Stores the words of a block in the active fixed cycle, and starts its steps.
 pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
     take_over(execution, words.distance);
     let kept = execution.modal.cycle;
@@ -48,7 +48,7 @@ pub(super) struct Levels {
     pub z: CycleLevel,
 }
 
-/// Begins to give the steps of a block. What was written in G91 is a distance: of Z from the R point.
+/// Starts the steps of a block. Z in G91 is a distance from the R point.
 pub(super) fn begin(
     execution: &mut Execution<'_>,
     position: AxisWords,
@@ -77,7 +77,7 @@ pub(super) fn begin(
     execution.draft.cycle = Some(Box::new(Expansion::new(cycle, hole)));
 }
 
-/// Takes over the words of a block that stay.
+/// Stores the modal words of a block.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

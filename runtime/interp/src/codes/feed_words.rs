@@ -1,4 +1,4 @@
-//! The words that stay in force without a code: F, S, ta, td, ts. No modal group belongs to them.
+//! The words that are modal without a code: F, S, ta, td, ts. No modal group belongs to them.
 
 use tandem_model::Alarm;
 use tandem_model::alarm::VALUE_OUT_OF_RANGE;
@@ -20,7 +20,7 @@ pub static FEED_WORDS: [WordSpec; 5] = [
     WordSpec::new(Address::Ts, "jerk time", "ms", 0.0, 125_000.0),
 ];
 
-/// F and S of dialect dgshape. What is below the least feedrate or speed of the machine counts as that (2-4, 2-5).
+/// F and S of dialect dgshape. A value below the machine's least feedrate or speed is replaced by that (2-4, 2-5).
 pub static FEED_AND_SPEED: [WordSpec; 2] = [
     WordSpec::new(Address::F, "feedrate", "mm/min", FEEDRATE_MIN, f64::INFINITY),
     WordSpec::new(
@@ -33,9 +33,9 @@ pub static FEED_AND_SPEED: [WordSpec; 2] = [
     .whole(),
 ];
 
-/// Takes over the words of a block that no code has as its own. F above the maximum gives a warning, S above the
-/// spindle's maximum is an alarm (D11). F stays as it is written, since it makes the pitch of a thread
-/// (M1h); no motion is faster than the maximum.
+/// Stores the words of a block that no code has as its own. F above the maximum gives a warning, S above the spindle's
+/// maximum is an alarm (D11). F keeps its written value, since it determines the pitch of a thread (M1h); no motion is
+/// faster than the maximum.
 pub(crate) fn take_over(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
         let max = execution.limits.max_feedrate_mm_min;

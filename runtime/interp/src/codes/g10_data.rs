@@ -1,5 +1,5 @@
-//! G10 of dialect dgshape: work offsets, EXOFS and tool-diameter offsets (2-2). What it sets holds until the next program
-//! begins; the tables of the machine stay.
+//! G10 of dialect dgshape: work offsets, EXOFS and tool-diameter offsets (2-2). Its values are valid until the next
+//! program begins; the machine's tables do not change.
 
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::{OUT_OF_RANGE, WORD_MISSING, WORD_NOT_TAKEN};

@@ -1,4 +1,4 @@
-//! G20 Inch input and G21 Metric input; `units` of the coordinate system tells which is in force at start-up (D25).
+//! G20 Inch input and G21 Metric input; `units` of the coordinate system selects the start-up unit (D25).
 
 use tandem_model::settings::Unit;
 

@@ -1,4 +1,4 @@
-//! G28 and G30: to a reference point by way of a middle point (D23, D24).
+//! G28 and G30: to a reference point through a middle point (D23, D24).
 
 use tandem_model::Axis;
 use tandem_model::flow::{Action, AxisWords, Distance};

@@ -68,14 +68,14 @@ pub static G42_D: Code = Code {
     ..G42
 };
 
-/// Puts the compensation of the side in force into effect, with the radius of the selected tool in the plane in force.
+/// Activates the compensation on the current side, with the radius of the selected tool in the current plane.
 pub fn compensate(execution: &mut Execution<'_>) {
     compensate_with(execution, |execution| {
         execution.selected_tool(ModalGroup::ToolRadius, "radius").radius
     });
 }
 
-/// The same with the offset of D.
+/// Starts compensation with the offset of D.
 fn compensate_by_number(execution: &mut Execution<'_>) {
     compensate_with(execution, |execution| {
         let (number, tool) = execution.offset_entry(Address::D);

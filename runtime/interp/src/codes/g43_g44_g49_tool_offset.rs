@@ -61,7 +61,7 @@ pub static G49_H: Code = Code {
     ..G49
 };
 
-/// Takes an offset, and moves Z by its change where no axis word of the block moves.
+/// Sets an offset, and moves Z by its change if no axis word of the block does.
 fn move_by(execution: &mut Execution<'_>, length: f64) {
     if (length - execution.modal.transform.tool_length).abs() == 0.0 {
         return;
@@ -83,7 +83,7 @@ fn move_by(execution: &mut Execution<'_>, length: f64) {
     });
 }
 
-/// Puts the tool offset in force into effect, with the length of the selected tool.
+/// Activates the current tool offset, with the length of the selected tool.
 pub fn offset(execution: &mut Execution<'_>) {
     let how = execution.modal.in_force.length.unwrap_or_default();
     let mut length = || execution.selected_tool(ModalGroup::ToolLength, "length").length;

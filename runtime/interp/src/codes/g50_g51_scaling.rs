@@ -1,4 +1,4 @@
-//! G50 and G51 Scaling. The factors have a gap about zero, which no range can say.
+//! G50 and G51 Scaling. The factors have a gap about zero, which no range can express.
 
 use tandem_model::axis::Axis;
 use tandem_model::flow::{Scaling, Transform};
@@ -19,7 +19,7 @@ pub(crate) const SAME_FACTOR_MIN: f64 = 0.001;
 /// Largest factor of dialect dgshape.
 pub(crate) const SAME_FACTOR_MAX: f64 = 999.999;
 
-/// What P may be written as there (range 1).
+/// Limit of P with a decimal point (range 1).
 const POINT_MAX: f64 = 99_999_999.0;
 
 const fn factor(address: Address, meaning: &'static str) -> WordSpec {

@@ -1,7 +1,7 @@
 //! G81 to G83, G85, G86 and G89 of dialect dgshape: drilling along Z (2-2).
 //!
-//! Z, R, P and Q stay until G80, K is of its block alone. Without Z nothing is drilled, without R the R point is the initial
-//! level. None of them turns the spindle, which is why G86 moves as G81 does.
+//! Z, R, P and Q stay until G80; K applies to its block only. Without Z nothing is drilled; without R the R point is
+//! the initial level. None of them turns the spindle, which is why G86 moves as G81 does.
 
 use tandem_model::flow::{Action, AxisWords};
 use tandem_model::{Axis, AxisSet};
@@ -31,7 +31,7 @@ static WORDS: [WordSpec; 5] = [X, Y, Z, R, K];
 static WITH_DWELL: [WordSpec; 6] = [X, Y, Z, R, P, K];
 static WITH_PECKS: [WordSpec; 6] = [X, Y, Z, R, Q, K];
 
-/// A cycle that goes into the hole and out of it so.
+/// Creates a cycle that moves into the hole and out of it by these steps.
 const fn drilling(repetition: &'static [Step]) -> Cycle {
     let steps = Steps::new(&[], repetition, &[]);
     Cycle {
@@ -116,7 +116,7 @@ pub static G89: Code = cycle(
     "As G85, with a dwell of P milliseconds at the bottom.",
 );
 
-/// Takes over the words of a block in the fixed cycle in force, and begins to give its steps.
+/// Stores the words of a block in the active fixed cycle, and starts its steps.
 fn run(execution: &mut Execution<'_>, words: AxisWords) {
     execution.modal.cycle.repetitions = None;
     take_over(execution, words.distance);

@@ -1,4 +1,4 @@
-//! G92 of dialect dgshape: the tool is where the words say (2-2).
+//! G92 of dialect dgshape: sets the work coordinates of the tool's position (2-2).
 
 use super::{Code, axis_word, work_offset};
 use crate::execution::Execution;

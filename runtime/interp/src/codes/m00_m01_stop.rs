@@ -14,7 +14,7 @@ pub static M00: Code = Code {
     ..Code::BASE
 };
 
-/// M01: the same, while the optional stop input is on.
+/// M01: stops like M00 while the optional stop input is on.
 pub static M01: Code = Code {
     code: "M01",
     name: "Optional Stop",

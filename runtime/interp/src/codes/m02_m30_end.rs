@@ -1,4 +1,4 @@
-//! M02 and M30 End of Program: both the same.
+//! M02 and M30 End of Program, with equal effect.
 
 use super::Code;
 use crate::execution::Flow;

@@ -63,36 +63,36 @@ pub struct Code {
     pub name: &'static str,
     /// The modal group; M codes are [`ModalGroup::NonModal`].
     pub group: ModalGroup,
-    /// What it sets in its modal group, where that is a value that the machinery knows.
+    /// The value that it sets in its modal group, if the interpreter and checker use it.
     pub sets: Option<ModalValue>,
     /// Its part in a block.
     pub role: Role,
-    /// The words that are its own. The motion in force takes none of the axis words when a code of another group has
-    /// axis words of its own.
+    /// Its own words. The active motion takes none of the axis words when a code of another group has its own axis
+    /// words.
     pub words: &'static [WordSpec],
-    /// What it does, for the reference.
+    /// Its effect, for the reference.
     pub docs: &'static str,
-    /// What its words must fulfil together, beyond their ranges.
+    /// Common requirement on its words, beyond their ranges.
     pub check: Option<BlockCheck>,
-    /// What happens when it is in a block, besides being remembered in its modal group.
+    /// Effect when it is in a block, in addition to its modal value.
     pub select: Effect,
-    /// What a block with axis words does while the code is in force; for codes of group 01.
+    /// Effect of a block with axis words while the code is active; for codes of group 01.
     pub motion: Option<Motion>,
 }
 
-/// Finds what is wrong with the words of a block that has the code.
+/// Finds a fault in the words of a block that has the code.
 pub type BlockCheck = fn(&BlockWords) -> Option<Refusal>;
 
-/// What a [`BlockCheck`] finds.
+/// The fault that a [`BlockCheck`] finds.
 #[derive(Debug)]
 pub struct Refusal {
     /// Which diagnostic.
     pub entry: &'static DiagnosticEntry,
     /// The word that it is shown at.
     pub address: Address,
-    /// What is wrong.
+    /// The error text.
     pub message: String,
-    /// What to write instead.
+    /// How to correct it.
     pub help: String,
 }
 
@@ -109,7 +109,7 @@ impl PartialEq for Code {
 }
 
 impl Code {
-    /// A code without words that does nothing; rows name what differs.
+    /// A code without words and effect; rows name the differences.
     pub const BASE: Self = Self {
         code: "",
         name: "",
@@ -181,7 +181,7 @@ impl Code {
 pub struct WordSpec {
     /// Its address.
     pub address: Address,
-    /// What it says.
+    /// Its meaning.
     pub meaning: &'static str,
     /// Unit of the value; empty for plain numbers.
     pub unit: &'static str,
@@ -215,14 +215,14 @@ impl WordSpec {
         }
     }
 
-    /// The same word, for whole numbers only.
+    /// Returns the word, restricted to whole numbers.
     #[must_use]
     pub const fn whole(mut self) -> Self {
         self.integer = true;
         self
     }
 
-    /// The same word, one that the code needs.
+    /// Returns the word, required by its code.
     #[must_use]
     pub const fn needed(mut self) -> Self {
         self.required = true;

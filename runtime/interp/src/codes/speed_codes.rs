@@ -17,7 +17,7 @@ const SPEEDS: [f64; 20] = [
     8.00, 9.00, 10.0,
 ];
 
-/// The speed that a whole S says, within those of the spindle, r/min.
+/// Returns the speed of a whole S, within those of the spindle, r/min.
 pub(super) fn speed(programmed: f64, limits: &Limits) -> f64 {
     let slowest = limits.options.min_spindle_speed_r_min;
     let configured = limits.options.max_spindle_speed_r_min;
@@ -47,7 +47,7 @@ fn of_code(code: usize, slowest: f64, fastest: f64) -> f64 {
         _ => {
             let decade = (code - 1) / SPEEDS.len();
             let factor = [1.0, 10.0, 100.0, 1000.0, 10_000.0];
-            // a hundredth is what the manual's table is written in
+            // the manual's table is written in hundredths
             (SPEEDS[(code - 1) % SPEEDS.len()] * 100.0).round() * factor[decade.min(4)] / 100.0
         }
     }

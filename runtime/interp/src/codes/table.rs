@@ -40,7 +40,7 @@ impl CodeTable {
         }
     }
 
-    /// The same, with programs that show codes of the dialect.
+    /// Adds programs that show codes of the dialect.
     #[must_use]
     pub const fn shown_by(mut self, examples: &'static [Example]) -> Self {
         self.examples = examples;
@@ -57,7 +57,7 @@ impl CodeTable {
 /// Ten times a code's number; `None` for a value that is no code number.
 pub(crate) fn tenths(value: f64) -> Option<u16> {
     let tenths = (value * 10.0).round();
-    // the quotient is the nearest number to what is written, so it is the parsed value itself
+    // the quotient is the double nearest to the written decimal, so it equals the parsed value
     #[expect(clippy::float_cmp, reason = "both are the nearest number to the same decimal")]
     let is_tenth = tenths / 10.0 == value;
     #[expect(

@@ -1,13 +1,13 @@
 //! Outputs that the manual of dialect nj names.
 
-/// What the manual says of an output.
+/// The manual's description of an output.
 #[derive(Debug)]
 pub struct UsualOutput {
     /// Number of the M code.
     pub m: u16,
     /// Its name in the manual.
     pub name: &'static str,
-    /// What it does.
+    /// Its effect.
     pub docs: &'static str,
 }
 

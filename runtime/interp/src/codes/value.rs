@@ -5,7 +5,7 @@ use tandem_syntax::diagnostics;
 
 use super::WordSpec;
 
-/// Judges a value by the description of its word (D07, D11).
+/// Checks a value against the description of its word (D07, D11).
 #[inline]
 pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     if spec.integer || !value.is_finite() || !spec.holds(value) {
@@ -13,7 +13,7 @@ pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut d
     }
 }
 
-/// Judges a value that may have to be a whole number, or is not right.
+/// Checks a value that may have to be a whole number, or is invalid.
 #[cold]
 fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     let name = spec.address.text();

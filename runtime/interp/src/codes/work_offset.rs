@@ -84,7 +84,7 @@ fn select_shifted<const INDEX: usize>(execution: &mut Execution<'_>) {
     put_into_force(execution);
 }
 
-/// Puts the origin of the selected work coordinate system into force: its offset, EXOFS and the shift of G92.
+/// Activates the origin of the selected work coordinate system: its offset, EXOFS and the shift of G92.
 pub(super) fn put_into_force(execution: &mut Execution<'_>) {
     let index = execution.kept().selected;
     let Some(own) = execution.kept().work_offsets[index].or_else(|| of_table(execution, index)) else {
@@ -94,7 +94,7 @@ pub(super) fn put_into_force(execution: &mut Execution<'_>) {
     execution.transform(|transform| transform.work_offset = offset);
 }
 
-/// EXOFS in force.
+/// Returns the current EXOFS.
 fn external(execution: &Execution<'_>) -> AxisVector {
     let kept = execution.kept().external_offset;
     kept.unwrap_or(execution.limits.options.external_offset)

@@ -1,8 +1,8 @@
-//! Programs of other dialects, written in dialect nj: block by block, with the comments. What has no equal in nj is left
-//! out of the program, stands there as a comment, and is told; nothing is dropped without a word.
+//! Converts programs of other dialects to dialect nj, block by block, with the comments. A part without an equivalent
+//! in nj becomes a comment and is reported; nothing is dropped silently.
 //!
-//! Each motion names its code, fixed cycles become their motions, and an M code stands in a block of its own. What comes
-//! out is checked as a program of nj, and a block that is wrong there is reported.
+//! Each motion names its code, fixed cycles become their motions, and an M code gets a block of its own. The result is
+//! checked as an nj program, and its faulty blocks are reported.
 
 mod block;
 mod coordinates;
@@ -25,7 +25,7 @@ use self::state::State;
 use crate::check::{CheckContext, check, check_source};
 use crate::dialects;
 
-/// What a program starts with in its own dialect, where nj starts otherwise, in this unit.
+/// Returns the start of a program, in this unit, that sets the dialect's start-up state where nj differs.
 fn start(unit: Unit) -> String {
     let unit = match unit {
         Unit::Millimetre => "G21",
@@ -39,7 +39,7 @@ fn start(unit: Unit) -> String {
 pub struct Settings {
     /// Those of its dialect.
     pub options: NcOptions,
-    /// The unit in force at the start of a program.
+    /// The unit at the start of a program.
     pub unit: Unit,
 }
 
@@ -53,7 +53,7 @@ impl From<&NcOptions> for Settings {
     }
 }
 
-/// A program of nj, and what it lacks.
+/// A program of nj, and the parts that could not be converted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Converted {
     /// The text.
@@ -69,9 +69,9 @@ pub struct Left {
     pub line: u32,
     /// Its blocks are in the text. The text does not load until they are corrected.
     pub is_written: bool,
-    /// What stands there.
+    /// The converted text.
     pub text: String,
-    /// Why, and what to write instead.
+    /// The reason, and the replacement.
     pub reason: String,
 }
 
@@ -105,7 +105,7 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
     let mut state = State::new(from, options, unit);
     let mut lines = vec![(0, start(unit))];
     if from == Source::Fanuc && fanuc::is_subprogram(&program) {
-        // what is in force is that of the program that calls it
+        // its modal state is that of the calling program
         state.lose_modal_state();
         lines.clear();
     }
@@ -144,7 +144,7 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
     writer.finish()
 }
 
-/// What is wrong with the source, by lines. The mark may be missing in programs of other controls.
+/// Returns the errors of the source, by lines. The program mark may be missing in programs of other controls.
 fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> BTreeMap<u32, String> {
     let index = LineIndex::new(source);
     let is_told = |one: &&Diagnostic| {
@@ -166,7 +166,7 @@ struct Writer<'a> {
     grammar: &'static Grammar,
     /// The text as it is read.
     source: &'a str,
-    /// Its lines as they are told.
+    /// Its lines as they are displayed.
     shown: Vec<&'a str>,
     program: &'a NcProgram,
     wrong: BTreeMap<u32, String>,
@@ -308,7 +308,7 @@ impl Writer<'_> {
         written
     }
 
-    /// What a line that is left puts in force for those behind it, as blocks of nj.
+    /// Returns nj blocks for the modal state that an unconverted line sets for later lines.
     fn keep(&mut self, line: &[Token]) -> Vec<String> {
         let mut state = self.state.clone();
         let written = left::in_force(line, |token| self.of(token)).and_then(|text| {
@@ -326,7 +326,7 @@ impl Writer<'_> {
         Vec::new()
     }
 
-    /// What was written, as far as it is right in nj.
+    /// Returns the converted program, as far as it is valid in nj.
     fn finish(mut self) -> Converted {
         let text: String = self
             .lines

@@ -1,14 +1,15 @@
 //! Dialect dgshape: the NC code reference manual of DGSHAPE Corporation.
 //!
-//! What the manual leaves to the machine is a setting ([`NcOptions`]). Where its figures are lost or it says nothing, we
-//! decide as most controls do:
+//! The manual leaves some options to the machine; they are settings ([`NcOptions`]). Where its figures are lost or it
+//! is silent, the dialect follows most controls:
 //!
-//! - A program begins with G54, G90, G17, G00, G40, G49, G50, G80 and G98 in force; in mm, unless `units` says otherwise.
+//! - A program begins with G54, G90, G17, G00, G40, G49, G50, G80 and G98 active; in mm, unless `units` sets another
+//!   unit.
 //! - A comment ends on its line.
 //! - D and H name an entry of the tool table: its radius, its length.
-//! - What G10, G28 and G92 keep holds until the next program begins.
+//! - Data kept by G10, G28 and G92 are valid until the next program begins.
 //! - Motion keeps to the path within the limits of the motors, as with G500 of dialect nj and ramp times of 0.
-//! - Cutter compensation neither looks for overcuts nor holds rapids back.
+//! - Cutter compensation neither checks for overcuts nor holds rapids back.
 //!
 //! [`NcOptions`]: tandem_model::settings::NcOptions
 

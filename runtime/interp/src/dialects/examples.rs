@@ -3,7 +3,7 @@
 use crate::codes::{Code, Example};
 use crate::dialect::Dialect;
 
-/// Of dialect nj.
+/// Examples of dialect nj.
 pub static NJ: &[Example] = &[
     (&["G00", "G01"], "G90 G00 X10 Y10\nG01 X40 F600\nY30\nG00 X0 Y0"),
     (
@@ -80,7 +80,7 @@ pub static NJ: &[Example] = &[
     ),
 ];
 
-/// Of dialect dgshape.
+/// Examples of dialect dgshape.
 pub static DGSHAPE: &[Example] = &[
     (&["G00", "G01"], "G90G00X10.Y10.\nG01X40.F600.\nY30.\nG00X0Y0"),
     (

@@ -20,10 +20,10 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     DIALECTS.iter().map(|dialect| dialect.name)
 }
 
-/// The dialect of a name.
+/// Returns the dialect with this name.
 ///
 /// # Errors
-/// What to write instead.
+/// Returns the correction if there is no such dialect.
 pub fn find(name: &str) -> Result<&'static Dialect, String> {
     let found = DIALECTS.iter().copied().find(|dialect| dialect.name == name);
     found.ok_or_else(|| {

@@ -1,5 +1,5 @@
-//! What a dialect says in words of its own of what it shares with others: codes that do something else in it, and
-//! diagnostics whose rule or example is another one.
+//! A dialect's own texts: for codes whose effect differs from other dialects, and for diagnostics whose rule or example
+//! differs.
 
 use tandem_syntax::DiagnosticEntry;
 
@@ -7,7 +7,7 @@ use crate::codes::{Code, WordSpec};
 use crate::dialect::{Dialect, Numbers};
 use crate::numbers;
 
-/// Texts of a dialect in place of those that codes and diagnostics have themselves.
+/// Texts of a dialect that replace the default ones of codes and diagnostics.
 #[derive(Debug, Clone, Copy)]
 pub struct Texts {
     /// Code, its name, and what it does; empty: as the code says it.
@@ -22,7 +22,7 @@ pub static NO_TEXTS: Texts = Texts {
     diagnostics: &[],
 };
 
-/// Of dialect dgshape.
+/// Texts of dialect dgshape.
 pub static DGSHAPE: Texts = Texts {
     codes: &[
         (
@@ -221,13 +221,13 @@ impl Dialect {
         self.texts.codes.iter().find(|(own, ..)| *own == code.code)
     }
 
-    /// What a code is called in the dialect.
+    /// Returns the name of a code in the dialect.
     pub fn name_of(&self, code: &Code) -> &'static str {
         let own = self.own(code).map(|(_, name, _)| *name);
         own.filter(|name| !name.is_empty()).unwrap_or(code.name)
     }
 
-    /// What a code does in the dialect.
+    /// Returns the effect of a code in the dialect.
     pub fn docs_of(&self, code: &Code) -> &'static str {
         let own = self.own(code).map(|(.., docs)| *docs);
         own.filter(|docs| !docs.is_empty()).unwrap_or(code.docs)

@@ -24,7 +24,7 @@ impl Interpreter {
         }
     }
 
-    /// No program, in a modal state that was in force before. What the transform is must be told to the path stage.
+    /// Restores an earlier modal state, without a program. The caller must pass the transform to the path stage.
     pub fn restore(&mut self, state: ModalState) {
         self.forget_program();
         self.modal = state.modal;
@@ -32,8 +32,8 @@ impl Interpreter {
         self.opens = state.opens;
     }
 
-    /// Lets the program that begins read its numbers as at start-up: in the unit of the settings, and as positions. All other codes
-    /// stay in force.
+    /// Makes the program that begins read its numbers as at start-up: in the unit of the settings, and as positions.
+    /// All other codes stay active.
     pub fn read_as_at_start_up(&mut self) {
         for group in [ModalGroup::Unit, ModalGroup::Distance] {
             if let Some(code) = self.start_up.code(group) {
@@ -43,8 +43,8 @@ impl Interpreter {
         self.modal.unit_settled = self.start_up.unit_settled;
     }
 
-    /// Codes in force that differ from those at start-up, except for motion and the return level of fixed cycles, which the next
-    /// block names if it needs them.
+    /// Returns the active codes that differ from those at start-up, except for motion and the return level of fixed
+    /// cycles, which the next block names if it needs them.
     pub fn codes_unlike_start_up(&self) -> impl Iterator<Item = &'static str> {
         let named = [ModalGroup::Motion, ModalGroup::ReturnLevel].map(ModalGroup::number);
         let start_up: Vec<_> = self.start_up.groups().collect();

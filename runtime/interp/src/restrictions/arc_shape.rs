@@ -8,7 +8,7 @@ use crate::block_words::{BlockWords, Reading};
 use crate::codes::Refusal;
 use crate::meaning::{MotionKind, Shape};
 
-/// What is wrong with the arc of a block.
+/// Finds a fault in the arc of a block.
 pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     if !moves_by(words, MotionKind::Arc) {
         return None;
@@ -31,10 +31,10 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     }
     let distance = own.distance.or(in_force.distance);
     let [first, second] = axes.map(|axis| with.position.way(words, distance, axis));
-    // not a number, and so no reason to refuse, where the text does not show the way
+    // NaN, and so no reason to reject, if the text does not show the path
     let chord = first.hypot(second);
-    // a difference in the unit in force: an inch is more than a millimetre, so this never refuses too much; what
-    // scaling leaves of it the path stage knows
+    // a difference in the current unit: an inch is more than a millimetre, so this never rejects too much; the path
+    // stage checks the result of scaling
     let scaling = Shape::Scaling as usize;
     let unscaled = own.shapes[scaling].or(in_force.shapes[scaling]) == Some(false);
     let short = unscaled && radius.abs() < chord / 2.0 - with.arc_radius_tolerance_mm;

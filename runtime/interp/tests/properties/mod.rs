@@ -1,4 +1,4 @@
-//! What holds for every text, one property a stage. The robustness tests and the fuzzers of `tests/fuzz` examine texts
+//! Properties of every text, one for each stage. The robustness tests and the fuzzers of `tests/fuzz` examine texts
 //! with these functions; each panics where its property does not hold.
 
 #![allow(dead_code, reason = "a fuzzer examines one stage")]
@@ -29,8 +29,8 @@ pub fn all(source: &str) {
     what_checks_clean_runs_clean(source);
 }
 
-/// Lexer: words come in the order of the text, none overlaps another, each number is the nearest one to what is
-/// written, and each block knows its line.
+/// Lexer: words come in the order of the text, none overlaps another, each number is the double nearest to the written
+/// one, and each block knows its line.
 pub fn words_are_what_the_text_says(source: &str) {
     in_each_dialect(|dialect| words_of_dialect(source, dialect));
 }
@@ -95,8 +95,8 @@ fn tree_of_dialect(source: &str, dialect: &'static Dialect) {
     }
 }
 
-/// Layout: only blanks and case change, so that the intermediate code and what is found stay the same; a text in its
-/// layout is not changed. Tokens leave nothing out but blanks.
+/// Formatting: only blanks and case change, so that the intermediate code and the findings stay the same; a formatted
+/// text does not change. Tokens omit only blanks.
 pub fn the_layout_changes_only_blanks_and_case(source: &str) {
     in_each_dialect(|dialect| layout_of_dialect(source, dialect));
 }
@@ -153,7 +153,7 @@ pub fn checking_gives_bounded_findings(source: &str) {
         let (_, check) = checked(source, dialect);
         let (_, again) = checked(source, dialect);
         assert_eq!(check, again, "{source:?}");
-        // errors and warnings of parser and checker, and what tells of more
+        // errors and warnings of parser and checker, and the note that there are more
         assert!(check.diagnostics.len() <= 4 * (DIAGNOSTICS_MAX + 1));
         examine_findings(source, &check.diagnostics);
     });

@@ -1,4 +1,4 @@
-//! Numbers for programs made at random: the same for the same seed.
+//! Random numbers for generated programs; equal seeds give equal numbers.
 
 /// xorshift64*
 pub struct Random(pub u64);

@@ -30,7 +30,7 @@ struct Side {
 }
 
 impl Side {
-    /// Of a block between these distances along it, the first of which is at the joint.
+    /// Creates the side of a block between these distances along it, the first of which is at the joint.
     fn new(path: &Path, slopes: AxisVector, speed: f64, [at, to]: [f64; 2]) -> Self {
         match path {
             Path::Line { .. } => Self {

@@ -27,7 +27,7 @@ const EXCESS_MAX: f64 = 0.1;
 /// Most halvings of a ramp.
 const HALVINGS_MAX: u32 = 4;
 
-/// The same as a number of parts.
+/// The resulting number of parts.
 const PARTS_MAX: f64 = 16.0;
 
 /// The largest turn of an arc on one piece, rad: it reserves 0.6 percent of the centripetal acceleration for the deviation

@@ -223,7 +223,8 @@ pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2
     [x, y]
 }
 
-/// The point of largest x, then y, on a half plane's border within these limits; `None`: none but for rounding.
+/// Returns the point of largest x, then y, on a half plane's border within these limits. `None` if there is none except
+/// by rounding.
 fn on_border(border: HalfPlane, within: &[HalfPlane], cap: f64, end: f64) -> Option<(f64, f64)> {
     let HalfPlane { left, right } = border;
     // The coordinate u runs along the border, the other one is w = base + slope u.

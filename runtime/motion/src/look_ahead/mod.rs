@@ -3,10 +3,10 @@
 //!
 //! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each piece; o is the
 //! feed override, at least 1 (below 100 percent the servo scales the time of the plan). A backward pass starts at the
-//! end of what is known and gives the begin of each piece the largest x from which the machine can still come to rest
-//! at that end; a second one leaves the end open. Where the two agree, no later block can change what comes before: up
-//! to there the plan is final, and a forward pass gives the largest rate. A backward pass starts only when as many
-//! blocks have been added as are not final, so the cost of a block does not depend on how far look-ahead reaches.
+//! end of the known blocks and gives the begin of each piece the largest x from which the machine can still stop at
+//! that end; a second one leaves the end open. Where the two agree, no later block can change the preceding plan: up to
+//! there the plan is final, and a forward pass gives the largest rate. A backward pass starts only when as many blocks
+//! have been added as are not final, so the cost of a block does not depend on how far look-ahead reaches.
 //!
 //! A piece on which the velocity would change at a constant rate, or at whose end the rate could be higher than at its
 //! begin, is halved while that gains time. On a ramp between blocks of different speeds the rate is measured by the
@@ -77,7 +77,7 @@ const BLOCKS_MIN: usize = 128;
 const IN_A_ROW: usize = 64;
 const IN_A_ROW_PERIODS: f64 = 0.5;
 
-/// Limits of x that differ by less than this share count as equal: 0.05 percent of the rate.
+/// Limits of x that differ by less than this share are treated as equal: 0.05 percent of the rate.
 const MET: f64 = 1e-3;
 
 /// The blocks of a chain that are not final.
@@ -92,7 +92,7 @@ pub(crate) struct LookAhead {
     in_a_row: VecDeque<f64>,
     /// Blocks that an earlier backward pass has seen.
     seen: usize,
-    /// Square of the rate where the first block begins; `None`: up to its limit, since the path is at rest there.
+    /// Square of the rate where the first block begins. `None` allows its limit, since the path is at rest there.
     square: Option<f64>,
     /// The rate is constant where the first block begins.
     is_even: bool,
@@ -157,7 +157,7 @@ impl LookAhead {
         self.braking.begin(segment, is_backward);
     }
 
-    /// Takes the next block of a chain, and puts out the blocks that are final; one that ends at rest ends the chain.
+    /// Takes the next block of a chain, and outputs the blocks that are final; one that ends at rest ends the chain.
     pub(crate) fn push(&mut self, block: RampedBlock, record: &mut Record, out: &mut VecDeque<Profile>) {
         let is_last = block.ends_at_rest();
         self.pass(block, Passage::default(), is_last, record, out);
@@ -220,12 +220,13 @@ impl LookAhead {
         (whole_s / least_s).min(most).powi(2)
     }
 
-    /// True when no more blocks are held back.
+    /// True if no further blocks are held back.
     fn is_full(&self) -> bool {
         self.blocks.len() >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX
     }
 
-    /// Puts out the blocks that are final. `end` is the largest square of the rate at the end of the chain; `None`: more blocks follow.
+    /// Outputs the blocks that are final. `end` is the largest square of the rate at the end of the chain, or `None` if
+    /// more blocks follow.
     fn plan(&mut self, end: Option<f64>, record: &mut Record, out: &mut VecDeque<Profile>) {
         let mut finals = self.pass_back(end);
         let half = self.blocks.len() / 2;
@@ -295,7 +296,7 @@ impl LookAhead {
         finals.unwrap_or(0)
     }
 
-    /// Passes a block forward as fast as its limits allow; the pieces of earlier blocks are gone.
+    /// Passes a block forward as fast as its limits allow; the pieces of earlier blocks are already removed.
     fn put_out(&mut self, block: usize, end: f64, out: &mut VecDeque<Profile>) {
         let Some(held) = self.blocks.get(block) else {
             return;
@@ -341,7 +342,7 @@ mod tests {
     /// Maximum acceleration of Z, mm/s^2.
     const OF_Z: f64 = 0.01;
 
-    /// Of the samples, s.
+    /// Period of the samples, s.
     const STEP_S: f64 = 0.005;
 
     /// A thread along Z of 0.1 mm a turn, each a block of some thirty pieces. Z needs thousands of them to come to rest.

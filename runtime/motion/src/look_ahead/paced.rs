@@ -7,7 +7,7 @@ use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile};
 use super::held::Held;
 use super::step::Step;
 
-/// Puts out a block with these steps, in as many profiles as they need.
+/// Outputs a block with these steps, in as many profiles as they need.
 pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
     let block = &held.block;
     let is_backward = held.passage.is_backward;

@@ -1,4 +1,4 @@
-//! Steps of the rate: the parts of a piece as they are put out.
+//! Steps of the rate: the parts of a piece as they are output.
 
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
@@ -101,7 +101,7 @@ mod tests {
             ..Step::default()
         };
         let mut steps = Vec::new();
-        // A way down of rounding, longer than what is left out.
+        // A deceleration caused by rounding, longer than the limit below which steps are omitted.
         push(&mut steps, step(0.0, 1e-11, 0.25 - 1e-14, -10.0, 100.0), 1.0);
         push(&mut steps, step(1e-11, 1.0, 0.25, 0.0, 0.0), 1.0);
         assert_eq!(steps.len(), 1);

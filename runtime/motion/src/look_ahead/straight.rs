@@ -137,7 +137,7 @@ impl Straight {
         }
     }
 
-    /// The square of the peak rate; `None`: not even the larger end is possible.
+    /// Returns the square of the peak rate, or `None` if not even the larger end is possible.
     fn peak(self, h_s: f64, cap: f64, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
         let least = before.max(after);
         let most = f64::midpoint(before + after, self.change * h_s)

@@ -5,7 +5,7 @@ use tandem_model::profile::{Lead, Ramped};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{ArcPath, Axis, AxisVector};
 
-/// Speeds that differ by less than this share count as equal.
+/// Speeds that differ by less than this share are treated as equal.
 const SAME_SPEED: f64 = 1e-3;
 
 /// From this ratio on two speeds are not measured by distance: its square is lost in the digits of plan time.
@@ -345,7 +345,7 @@ pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
     })
 }
 
-/// True for speeds that differ by more than rounding, and not so much that powers of them overflow.
+/// True for speeds that differ by more than rounding, but by less than the ratio at which their powers overflow.
 fn differ([one, other]: &[f64; 2]) -> bool {
     let ratio = one.max(*other) / one.min(*other);
     (1.0 + SAME_SPEED..RATIO_MAX).contains(&ratio)

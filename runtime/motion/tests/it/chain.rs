@@ -26,7 +26,7 @@ fn shrunk([ta, ts]: Ramp, most: f64) -> Ramp {
     let total = (ta + ts).min(most);
     let ta = ta.min(total);
     let ts = total - ta;
-    // What rounding leaves of ts is none.
+    // a ts that is only rounding is treated as 0
     [ta, if ts > 1e-12 * total { ts } else { 0.0 }]
 }
 
@@ -353,7 +353,7 @@ fn a_block_is_held_back_until_the_next_one_tells_how_it_ends() {
         .map(|profile| (profile.segment, profile.exact_stop))
         .collect();
     assert_eq!(numbers, [(1, false), (2, false), (3, true)]);
-    // A restart forgets what is held back; an exact stop leaves nothing to hold back.
+    // A restart discards the blocks held back; an exact stop leaves nothing to hold back.
     out.clear();
     planner.push(&segments[0], &mut out).unwrap();
     planner.restart(1);

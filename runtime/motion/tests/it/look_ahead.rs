@@ -1,5 +1,5 @@
-//! G500 (M1d): limits, near the best time, the programmed profile where nothing exceeds them, the same
-//! path as G501, worst cases, and what is held back.
+//! G500 (M1d): limits, near the best time, the programmed profile where nothing exceeds them, the same path as G501,
+//! worst cases, and blocks held back.
 
 use std::collections::VecDeque;
 
@@ -52,7 +52,7 @@ fn m1d_the_time_is_within_2_percent_of_the_best_possible() {
         let blocks = 1 + usize::try_from(numbers.bits() % 8).unwrap();
         let chain = random(&mut numbers, blocks);
         let time = time_s(&chain.plan()) - 3.0 * PERIOD_S;
-        // A coarse grid may be too good by itself.
+        // On a coarse grid the reference time may be too short.
         let is_near = |n| time <= best_time_s(&chain, n) * 1.02;
         assert!([100, 1000].into_iter().any(is_near), "seed {seed}: {time} s");
     });
@@ -174,7 +174,7 @@ fn m1d_blocks_come_out_when_nothing_to_come_can_change_them_and_flush_ends_at_re
     let begun = out.len();
     assert!(out.iter().any(|profile| profile.segment > 100), "{begun}");
     assert!(out.iter().all(|profile| !profile.exact_stop));
-    // What came out is what it would have been with all blocks known.
+    // The output equals that with all blocks known.
     for (early, late) in out.iter().zip(&whole) {
         assert_eq!(early.segment, late.segment);
         assert!((early.duration_s - late.duration_s).abs() <= 2e-3 * late.duration_s);

@@ -83,7 +83,7 @@ impl Motion {
         self.0[self.0.len() - 1].end()
     }
 
-    /// Time at which X, which does not fall, is there.
+    /// Returns the time at which X, which does not fall, reaches this position.
     fn when_x_is(&self, x: f64) -> f64 {
         let (mut low, mut high) = (0.0, self.time_s());
         for _ in 0..100 {
@@ -97,8 +97,8 @@ impl Motion {
         low
     }
 
-    /// Divided differences of the positions from one time to another: the most of the second and third derivative, each
-    /// being a mean of it over its samples. What rounding adds is taken off.
+    /// Divided differences of the positions from one time to another: the maxima of the second and third derivative,
+    /// each being a mean of it over its samples. The effect of rounding is subtracted.
     pub fn most(&self, axis: Axis, [from, to]: [f64; 2]) -> [f64; 2] {
         let n = 1000;
         let h = (to - from) / f64::from(n);
@@ -361,7 +361,7 @@ impl LongLines {
         let mut points = vec![AxisVector::ZERO];
         let mut time_s = corners.iter().map(|w| (ta + ts) / w).sum::<f64>();
         for (i, direction) in directions.iter().enumerate() {
-            // Of the rate on this line.
+            // Limits of the rate on this line.
             let own = [0, 1].map(|k| {
                 let axes = limits.iter().zip(direction.0);
                 axes.fold(f64::INFINITY, |least, (limit, share)| {

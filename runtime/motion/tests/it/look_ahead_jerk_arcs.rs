@@ -83,7 +83,7 @@ impl Machine {
         }
     }
 
-    /// Of a circle of this radius, which passes both directions.
+    /// Returns a circle of this radius, which passes both directions.
     fn circle(&self, r: f64) -> Circle {
         let (v, [ta, ts]) = (self.v, self.ramp);
         let [bend, sway] = [v * v / r, v * v * v / (r * r)];
@@ -162,7 +162,7 @@ impl Contour {
         contour
     }
 
-    /// A line with this time at its speed, and with these rates on the ramps beside it; `None`: rest.
+    /// Adds a line with this time at its speed, and these rates on the ramps before and after it. `None` means rest.
     fn line(&mut self, at_speed_s: f64, ends: [Option<f64>; 2]) {
         let own = self.machine.on_line(self.direction);
         let rest_s = rest_ramp_s(own, self.machine.ramp);
@@ -191,7 +191,7 @@ impl Contour {
         self.push(line(self.at, to, self.machine.feed()).motion, to);
     }
 
-    /// An arc with these rates on the ramps beside it.
+    /// Adds an arc with these rates on the ramps before and after it.
     fn arc(&mut self, r: f64, sweep: f64, ends: [f64; 2]) {
         let circle = self.machine.circle(r);
         let mut plan = r * sweep.abs() / self.machine.v;

@@ -18,12 +18,11 @@ mod jerk;
 
 pub use jerk::check_jerk;
 
-/// Geometry of a block, kept beside the path that it made.
+/// Geometry of a block, kept in addition to its path.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
     Line,
-    /// From an angle through a signed one, the radius growing evenly with it; all axes beside the plane go along evenly
-    /// with it, too.
+    /// From an angle through a signed one. The radius and all axes outside the plane change in proportion to the angle.
     Arc {
         plane: Plane,
         centre: [f64; 2],
@@ -43,7 +42,7 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Of the motors X, Y, Z, A, B, C, as many as there are accelerations.
+    /// Creates a chain for the motors X, Y, Z, A, B, C, as many as there are accelerations.
     pub fn new(accelerations: &[f64], blocks: Vec<(Segment, Shape)>) -> Self {
         let (segments, shapes): (Vec<_>, Vec<_>) = blocks
             .into_iter()
@@ -61,7 +60,7 @@ impl Chain {
         } else {
             ShortBlock::Shrink
         };
-        // An acceleration time of 0 counts as one servo period.
+        // An acceleration time of 0 is replaced by one servo period.
         let counted: Vec<Segment> = segments
             .iter()
             .cloned()
@@ -180,7 +179,7 @@ impl Chain {
             return [way.scaled(1.0 / length), AxisVector::ZERO];
         };
         let in_plane = plane.axes();
-        // How much of the angle is gone: of a spiral its radius tells.
+        // Share of the angle that has been passed; on a spiral the radius gives it.
         let share = if growth.abs() < 1e-7 * radius {
             gone / path.length()
         } else {
@@ -335,7 +334,7 @@ fn exceeded(
     })
 }
 
-/// What the exact derivatives of the plan say: worst share of a maximum acceleration and velocity.
+/// Returns the worst share of a maximum acceleration and velocity, from the exact derivatives of the plan.
 pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), String> {
     let mut rate_before = None;
     for profile in profiles {
@@ -366,8 +365,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 if !(0.0..=most * (1.0 + 1e-9)).contains(&rate) {
                     return Err(format!("the rate is {rate} in segment {}", profile.segment));
                 }
-                // Of the phase inside, so that rounding does not look at the one beside; only where it runs as planned a
-                // piece may hold several.
+                // Samples lie inside the phase, so that rounding does not select the adjacent one; only where it runs
+                // as planned a piece may hold several.
                 let joined =
                     piece.rate_change.abs() < 1e-12 && piece.rate_jerk == 0.0 && piece.growth.is_none();
                 let inwards = within - plan(t);
@@ -383,7 +382,7 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 };
                 // Rounding of plan time moves the begin of a ramp, in the plan and in the formula. Where a ramp is far
                 // steeper than the motors, the acceleration is a small difference of two large values that both shift
-                // with it: a limit counts as exceeded where it is for all begins within that rounding.
+                // with it: a limit is exceeded only if it is exceeded for all begins within that rounding.
                 let rounding = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|n| n * f64::EPSILON * within);
                 if let Some(found) = found_at(0.0)
                     && rounding.into_iter().all(|off| found_at(off).is_some())

@@ -84,7 +84,7 @@ fn near(what: &str, chain: &Chain) {
         panic!("{what}: {found}");
     }
     let time_s = time_s(&profiles) - 3.0 * PERIOD_S;
-    // A coarse grid may be too good by itself.
+    // On a coarse grid the reference time may be too short.
     let over = |n| time_s / best_time_s(chain, n);
     let is_near = over(100) <= 1.02 || over(1000) <= 1.02;
     assert!(is_near, "{what}: {} of the best time", over(1000));

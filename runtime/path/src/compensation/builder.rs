@@ -10,7 +10,7 @@ use super::curve::{Curve, Vec2};
 use super::piece::{Leg, Piece, Way};
 use crate::length::line_between;
 
-/// An arc shorter than this goes out as a line, mm: an arc path between equal directions would be a full turn.
+/// An arc shorter than this is output as a line, mm: an arc path between equal directions would be a full turn.
 const ARC_MIN: f64 = 1e-8;
 
 /// Builds segments one after the other; each begins to the last bit where the one before ends.
@@ -21,7 +21,7 @@ pub(super) struct Builder {
     plane: Plane,
     /// End of the last segment.
     at: AxisVector,
-    /// Of the block built last.
+    /// Feedrate of the last block built.
     feed: Feed,
     /// A stop before a block that turned out not to move.
     stop: bool,
@@ -46,10 +46,10 @@ impl Builder {
         (self.plane, self.at, self.stop) = (plane, at, false);
     }
 
-    /// Puts out a piece and the blocks after it that do not move in the plane.
+    /// Outputs a piece and the blocks after it that do not move in the plane.
     ///
     /// # Errors
-    /// `VALUE_NOT_FINITE` for a length that is not a number, at the block.
+    /// Returns `VALUE_NOT_FINITE` for a length that is not a number, at the block.
     pub fn build(&mut self, piece: &Piece, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= piece.leg.stop_before;
         self.is_exact = piece.leg.is_exact;
@@ -108,7 +108,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Along a curve; the axes outside the plane move to their values in `others`.
+    /// Moves along a curve; the axes outside the plane move to their values in `others`.
     fn cut(
         &mut self,
         segment: &Segment,

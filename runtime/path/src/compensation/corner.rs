@@ -1,9 +1,10 @@
 //! The joint of two compensated blocks (M1g).
 //!
-//! A joint is judged by the deflection between the blocks. On the inside both are cut at the intersection of their
-//! offset curves. On the outside both are extended by straight lines to where these meet, as long as the deflection is
-//! at most 90 degrees; beyond that, an arc about the programmed corner is added. A reversal within [`REVERSAL`] counts
-//! as an outside corner on either side; on the inside the overcut check finds it where its blocks are apart.
+//! The type of a joint depends on the deflection between the blocks. On the inside both are cut at the intersection of
+//! their offset curves. On the outside both are extended by straight lines to where these meet, as long as the
+//! deflection is at most 90 degrees; beyond that, an arc about the programmed corner is added. A reversal within
+//! [`REVERSAL`] is treated as an outside corner on either side; on the inside the overcut check finds it where its
+//! blocks are apart.
 //!
 //! Decision: an arc is extended along its tangent, by a straight piece.
 
@@ -24,7 +25,7 @@ pub(super) const REVERSAL: f64 = PI / 180.0;
 pub(super) const RIGHT_ANGLE: f64 = -1e-9;
 
 /// The path of the tool's centre from one block to the next: along the first one's curve to `end`, straight to `meet`,
-/// where a programmed exact stop is made, then along `arc` or straight, by way of `via`, to `start`, where the next one's
+/// where a programmed exact stop is made, then along `arc` or straight, through `via`, to `start`, where the next one's
 /// curve begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Joint {
@@ -90,7 +91,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
     let straight = matches!((before, after), (Curve::Line(_), Curve::Line(_)));
     let outside = turn * tool < 0.0;
     if straight || outside || turn.abs() < TANGENT {
-        // Both normals make the same angle with the way to the corner point.
+        // Both normals make the same angle with the direction to the corner point.
         let meet = corner + (incoming.left() + outgoing.left()) * (tool / (1.0 + cos));
         let mut joint = Joint::at(meet, turn);
         if outside && turn.abs() >= TANGENT {

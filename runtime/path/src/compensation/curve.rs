@@ -9,8 +9,8 @@ use tandem_model::plane::Plane;
 
 use crate::length::LENGTH_MIN;
 
-/// Radius of the centre's way where the tool is as large as the arc, mm: the direction along it still is exact to
-/// [`super::corner::TANGENT`] some hundred mm away from the origin, and the wall is cut by no more than that.
+/// Radius of the centre's path if the tool is as large as the arc, mm: the direction along it is still exact to
+/// [`super::corner::TANGENT`] some hundred mm away from the origin, and the wall is overcut by this value at most.
 const POINT_RADIUS: f64 = 1e-7;
 
 /// A point or a direction in the plane: first and second axis.
@@ -167,8 +167,9 @@ impl Curve {
         }
     }
 
-    /// The parallel curve at this distance to the left; `None` for an arc that the tool does not fit into. A tool of the
-    /// arc's own radius fits where `as_large` says so: its centre stays in that of the arc but for [`POINT_RADIUS`].
+    /// Returns the parallel curve at this distance to the left; `None` for an arc that the tool does not fit into. A
+    /// tool of the arc's own radius fits if `as_large` is set: its centre stays in that of the arc except for
+    /// [`POINT_RADIUS`].
     pub fn offset(&self, left: f64, as_large: bool) -> Option<Self> {
         match *self {
             Self::Line(line) => {

@@ -113,7 +113,7 @@ pub(super) struct Chord {
     /// Unit vector.
     along: Vec2,
     radius: f64,
-    /// Of the middle from the circle's centre; above the radius: they do not meet.
+    /// Distance of the middle from the circle's centre. If it is above the radius, they do not meet.
     distance: f64,
 }
 

@@ -14,7 +14,7 @@ use super::piece::{Piece, Role, Way};
 /// Overcuts by less than this are the rounding of programs, mm.
 pub(super) const OVERCUT_MIN: f64 = 1e-3;
 
-/// Directions within this angle count as within half a turn, radians.
+/// Directions within this angle are treated as within half a turn, radians.
 const HALF_TURN: f64 = 3.1;
 
 /// A piece that the tool on another one would cut into.
@@ -53,8 +53,9 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
     found
 }
 
-/// The same for an arc added before the lead-out, which follows the pieces in the queue and leaves the last one's
-/// corner: it belongs to no block of the contour, and its tool cuts all the same. The lead-out itself is not measured.
+/// Finds an overcut of an arc added before the lead-out, which follows the pieces in the queue and leaves the last
+/// one's corner: it belongs to no block of the contour, but its tool cuts all the same. The lead-out itself is not
+/// measured.
 pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
     let way = Way::of(&[Some(arc), None, None, None])?;
     let mut found = None;

@@ -15,7 +15,7 @@
 //!   each other: they cut at different heights.
 //! - The straight lead-in and lead-out are measured against nothing: the manual's own examples come closer than the
 //!   radius. Arcs added to them are measured.
-//! - An arc whose radii differ by no more than the arc radius tolerance counts as the circle of each end; a spiral is
+//! - An arc whose radii differ by at most the arc radius tolerance is treated as the circle of each end; a spiral is
 //!   refused, since it has no offset curve.
 //! - Blocks that prevention leaves out take their feedrate and stops with them; the next block makes the moves of the
 //!   other axes.
@@ -47,14 +47,14 @@ pub(crate) use self::piece::Leg;
 use self::piece::{Piece, Role};
 use crate::length::LENGTH_MIN;
 
-/// Blocks held back to look for overcuts, and blocks without a move in the plane between two with one. An overcut between
-/// blocks farther apart is not found; more blocks without a move in the plane are an alarm.
+/// Blocks held back for the overcut check, and limit of blocks without a move in the plane between two with one. An
+/// overcut between blocks farther apart is not found; more blocks without a move in the plane are an alarm.
 pub const LOOK_AHEAD_MAX: usize = 64;
 
 /// How far a rounded corner's direction may be off that of the next motion, radians: a hundredth of a degree.
 const DIRECTION_TOLERANCE: f64 = 1.75e-4;
 
-/// In which direction the motion goes on after a corner that is rounded.
+/// Direction in which the motion continues after a rounded corner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Rounding {
     /// In any.
@@ -63,7 +63,7 @@ pub(crate) enum Rounding {
     Towards(AxisVector),
 }
 
-/// The compensation in force.
+/// The active compensation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Side {
     pub plane: Plane,
@@ -88,7 +88,7 @@ pub(crate) struct Compensator {
     rules: CompensationRules,
     start: CompensationStart,
     spiral_min_mm: f64,
-    /// In force from the lead-in to the lead-out.
+    /// Set from the lead-in to the lead-out.
     pub side: Option<Side>,
     queue: VecDeque<Piece>,
     builder: Builder,
@@ -118,7 +118,7 @@ impl Compensator {
         }
     }
 
-    /// Rounds the next corner, if it is an outside one and the motion after it goes in this direction.
+    /// Rounds the next corner, if it is an outside one and the motion after it has this direction.
     pub fn round_next(&mut self, rounding: Rounding) {
         self.round_next = Some(rounding);
     }
@@ -156,7 +156,7 @@ impl Compensator {
         self.round_next = None;
     }
 
-    /// Puts out the pieces that do not depend on later blocks, and drops the others.
+    /// Outputs the pieces that do not depend on later blocks, and drops the others.
     pub fn abandon(&mut self, out: &mut Vec<Leg>) {
         let end = self.conflict.as_ref().map_or(u64::MAX, |conflict| conflict.first);
         while let Some(piece) = self.queue.pop_front() {
@@ -168,10 +168,10 @@ impl Compensator {
         self.clear();
     }
 
-    /// Takes a segment of a block, `side` being in force or wanted; with `wanted` `None` it leads out.
+    /// Takes a segment of a block; `side` is active or requested. With `wanted` `None` it leads out.
     ///
     /// # Errors
-    /// The alarms of `PathStage::push`. The pieces before the block that the alarm names have been put out.
+    /// Returns the alarms of `PathStage::push`. The pieces before the block that the alarm names have been output.
     pub fn take(
         &mut self,
         leg: Leg,
@@ -288,7 +288,8 @@ impl Compensator {
         self.judge(unsolved, side.tool.abs())
     }
 
-    /// The arc about a corner that is to be rounded; `None`: it is not, or the corner is an inside one.
+    /// Returns the arc about a corner that must be rounded. `None` if the corner is not to be rounded or is an inside
+    /// one.
     fn rounded(&mut self, next: &Curve, corner: Vec2, side: Side) -> Result<Option<Joint>, Alarm> {
         let Some(wanted) = self.round_next.take() else {
             return Ok(None);

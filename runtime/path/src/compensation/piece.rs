@@ -10,7 +10,7 @@ use super::curve::{Bounds, Curve};
 pub(crate) struct Leg {
     pub segment: Segment,
     pub stop_before: bool,
-    /// Of a block in G61: the machine rests also where an added arc meets it, so that none of them is blended.
+    /// True for a block in G61: the machine rests also where an added arc meets it, so that none of them is blended.
     pub is_exact: bool,
 }
 
@@ -57,7 +57,7 @@ pub(super) struct Piece {
     /// The programmed curve in the plane.
     pub wall: Curve,
     pub wall_bounds: Bounds,
-    /// The same moved by the tool's radius.
+    /// The same curve moved by the tool's radius.
     pub offset: Curve,
     /// Joint with the piece before.
     pub joint: Joint,
@@ -76,7 +76,7 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// The way when the joint with the next piece is known; `None` when nothing is left.
+    /// Returns the path when the joint with the next piece is known; `None` when nothing is left.
     pub fn up_to(&self, next: &Joint) -> Option<Way> {
         let joint = &self.joint;
         let curve = match self.role {
@@ -93,7 +93,7 @@ impl Piece {
         Way::of(&[head, second, Some(curve), Curve::line(next.end, next.meet)])
     }
 
-    /// The way against the direction of a line that is too short for the tool, where overcuts are not looked for.
+    /// Returns the path against the direction of a line that is too short for the tool, if overcuts are not checked.
     fn back(&self, next: &Joint) -> Option<Curve> {
         let is_line = matches!(self.offset, Curve::Line(_));
         (self.may_go_back && is_line).then(|| Curve::line(self.joint.start, next.end))?

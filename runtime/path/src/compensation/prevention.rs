@@ -7,8 +7,8 @@ use super::interference::to_wall;
 use super::piece::{Piece, Role, Way};
 
 /// Tries to join the piece at `place` with an earlier one so that the pieces from `first` on, except these two, are
-/// left out. False, without any change, when each such way has an overcut. Pieces followed by blocks that do not move in
-/// the plane are not left out.
+/// omitted. Returns `false`, without any change, when each such path has an overcut. Pieces followed by blocks that do
+/// not move in the plane are not omitted.
 pub(super) fn prevent(queue: &mut VecDeque<Piece>, place: usize, first: u64, radius: f64) -> bool {
     for earlier in (0..place).rev() {
         let Some(piece) = queue.get(earlier) else {
@@ -36,7 +36,7 @@ fn joined(queue: &VecDeque<Piece>, earlier: usize, place: usize) -> Option<[Way;
     join(before, queue.get(place)?.way.as_ref()?)
 }
 
-/// True when neither the shortened ways nor those before them come too close to anything programmed.
+/// True when neither the shortened paths nor those before them come too close to anything programmed.
 fn is_free(
     queue: &VecDeque<Piece>,
     earlier: usize,
@@ -45,7 +45,7 @@ fn is_free(
     radius: f64,
 ) -> bool {
     let hits = |way: &Way, piece: &Piece| to_wall(way, piece, radius).is_some();
-    // Pieces that were skipped while they had no way are measured here for the first time.
+    // Pieces that were skipped while they had no path are measured here for the first time.
     let shortened_hits = |piece: &Piece| hits(before, piece) || hits(after, piece);
     if queue.range(earlier..=place).any(shortened_hits) {
         return false;
@@ -77,7 +77,7 @@ fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, aft
     }
 }
 
-/// Joins two ways where they meet first, without the parts between. `None` when they do not meet.
+/// Joins two paths where they meet first, without the parts between. `None` when they do not meet.
 fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
     for (i, part) in earlier.parts.iter().enumerate() {
         let Some(part) = part else { continue };

@@ -1,9 +1,10 @@
 //! The joints of dialect dgshape (G40 to G42 of its manual, whose figures are lost: as most controls make them).
 //!
-//! Outside corners stay straight. Up to a deflection of 90 degrees the offset blocks meet where their tangents cross; beyond
-//! it both go on by the tool's radius, and a line joins them. The way in and the way out end beside the corner (type A), or
-//! have the same joints as two blocks (type B); within 1 degree of a reversal they are of type A. On the inside the blocks
-//! meet where their offset curves cross, and within 1 degree of a reversal a line joins their ends.
+//! Outside corners stay straight. Up to a deflection of 90 degrees the offset blocks meet where their tangents cross;
+//! beyond it both are extended by the tool's radius, and a line joins them. The lead-in and the lead-out end next to
+//! the corner (type A), or have the same joints as two blocks (type B); within 1 degree of a reversal they are of type
+//! A. On the inside the blocks meet where their offset curves cross, and within 1 degree of a reversal a line joins
+//! their ends.
 
 use std::f64::consts::PI;
 
@@ -13,7 +14,7 @@ use super::corner::{self, Joint, REVERSAL, RIGHT_ANGLE, TANGENT};
 use super::curve::{Curve, Vec2};
 use crate::length::LENGTH_MIN;
 
-/// A curve's end at a corner: the point beside the corner, and the direction there.
+/// A curve's end at a corner: the point offset from the corner, and the direction there.
 #[derive(Clone, Copy)]
 struct End {
     foot: Vec2,

@@ -408,8 +408,8 @@ fn soft_limits_hold_where_arcs_are_blended_beyond_the_hull_of_both() {
         let mut out = Vec::new();
         blocks.iter().find_map(|block| stage.push(block, &mut out).err())
     };
-    // At the ends of the blend only one of them is away from the joint: 191 + 5 at the most there; between them the one is
-    // at its most while the other has gone `(1 - sqrt(5/7.85))^2` of 7.85 mm.
+    // At the ends of the blend only one of them is away from the joint: 191 + 5 at most there; between them the one is
+    // at its maximum when the other has passed `(1 - sqrt(5/7.85))^2` of 7.85 mm.
     let half = 2.5 * PI;
     let farthest = 191.0 + 5.0 + half * (1.0 - (5.0 / half).sqrt()).powi(2);
     assert_eq!(alarm_within(&arcs(30_000.0), farthest + 1e-6), None);

@@ -1,5 +1,5 @@
-//! What holds for every compensated contour (M1g), on random ones: lines and arcs with all kinds of
-//! corners. The random numbers are the same in each run.
+//! Properties of every compensated contour (M1g), on random ones: lines and arcs with all kinds of corners. The random
+//! numbers are the same in each run.
 
 use std::f64::consts::{PI, TAU};
 

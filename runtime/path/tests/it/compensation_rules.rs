@@ -1,5 +1,5 @@
-//! What G41 and G42 ask of a program, and what else stands between their blocks (M1g, D20, D23; manual,
-//! restrictions of G41).
+//! Requirements of G41 and G42 on a program, and other codes between their blocks (M1g, D20, D23; manual, restrictions
+//! of G41).
 
 use tandem_model::alarm::{
     COMPENSATION_ARC_SMALL, COMPENSATION_CORNER, COMPENSATION_LEAD_SHORT, COMPENSATION_LOOK_AHEAD,
@@ -211,7 +211,7 @@ fn a_radius_of_the_tool_that_is_no_length_is_an_alarm() {
 
 #[test]
 fn the_soft_limits_are_those_of_the_tools_centre() {
-    // Y may go to 200: the programmed line is within, the centre beside it is not.
+    // Y may move to 200: the programmed line is within that limit, the offset centre is not.
     let contour = |y: f64| {
         [
             L(10.0, y - 20.0),
@@ -315,8 +315,8 @@ fn s1g_a_block_that_has_nothing_left_between_its_neighbours_is_an_overcut() {
 
 #[test]
 fn s1g_an_overcut_of_blocks_apart_is_found_before_the_first_of_them_moves() {
-    // A chamber with a mouth 8 wide. The centre beside its first wall, x = 5, passes the chamber's ceiling, which ends
-    // in (8, -10): line 9.
+    // A chamber with a mouth 8 wide. The centre offset from its first wall, x = 5, passes the chamber's ceiling, which
+    // ends in (8, -10): line 9.
     let (alarm, moved) = refused(
         R,
         (-30.0, 0.0),

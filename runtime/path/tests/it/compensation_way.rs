@@ -169,7 +169,7 @@ fn s1g_a_lead_out_with_g00_starts_beside_the_last_block() {
 #[test]
 fn stops_are_made_where_blocks_meet() {
     use SegmentEnd::{Continuous, ExactStop};
-    // The added arc of the corner goes with the block behind it.
+    // The added arc of the corner belongs to the block after it.
     let corner = |change: &dyn Fn(&mut Vec<Block>)| {
         let mut all = blocks(
             (0.0, 0.0),

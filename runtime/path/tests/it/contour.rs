@@ -1,4 +1,4 @@
-//! Contours in a plane, compensated: what is programmed and what comes out, in plane coordinates.
+//! Compensated contours in a plane: the program and the resulting segments, in plane coordinates.
 
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{
@@ -96,7 +96,7 @@ pub fn blocks(start: (f64, f64), steps: &[Step], compensation: Compensation) -> 
     all
 }
 
-/// What comes out for blocks, and the alarm that ended them.
+/// Returns the output for blocks, and the alarm that ended them.
 pub fn outcome(settings: &CoordinateSystemSettings, blocks: &[Block]) -> (Vec<Segment>, Option<Alarm>) {
     let mut stage = PathStage::new(settings, MachinePosition::default());
     let mut out = Vec::new();
@@ -112,7 +112,7 @@ pub fn completed(blocks: &[Block]) -> Vec<Segment> {
     segments
 }
 
-/// What a segment is in a plane.
+/// Converts a segment to plane coordinates.
 pub fn step(segment: &Segment, plane: Plane) -> Step {
     let [first, second] = plane.axes();
     match &segment.motion {

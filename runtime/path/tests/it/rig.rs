@@ -1,4 +1,4 @@
-//! A machine, blocks made by hand, and what comes out for them.
+//! A machine, handmade blocks, and their output.
 
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{

@@ -1,4 +1,4 @@
-//! Stops, soft limits, F, and what is refused.
+//! Stops, soft limits, F, and rejected blocks.
 
 use tandem_model::alarm::{AXIS_MISSING, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{

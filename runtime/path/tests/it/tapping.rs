@@ -1,4 +1,4 @@
-//! Threads of G74 and G84: revolutions, offsets, and what is refused (M1h).
+//! Threads of G74 and G84: revolutions, offsets, and rejected programs (M1h).
 
 use tandem_model::alarm::{
     AXIS_MISSING, COMPENSATION_REFUSED, FEEDRATE_MISSING, SOFT_LIMIT, SPINDLE_SPEED_MISSING, TAP_OFF_AXIS,
@@ -178,7 +178,7 @@ fn ahead(line: u32, r: f64, z: f64) -> Block {
     holes(line, words(Distance::Absolute, &[]), 1, [r, z])
 }
 
-/// The same with as many holes, each at or on by `position`.
+/// Returns a block with this number of holes, each at or on by `position`.
 fn holes(line: u32, position: AxisWords, repetitions: u16, [r, z]: [f64; 2]) -> Block {
     let first = tap(line, z, TapLeg::In, Some(300.0));
     let Action::Tap(tap) = first.action else {

@@ -13,7 +13,7 @@ use crate::rig::{Rig, T, close, dwell, is_finished, is_stopped, rapid, settings,
 /// Cycles that a drive takes to come to power.
 const POWER_UP: u32 = 5;
 
-/// What a test does to the drives, and sees of their commands.
+/// Switches by which a test changes the drives, and their observed commands.
 #[derive(Debug, Default)]
 struct Switches {
     /// Frames that are still to be lost, and late.
@@ -24,7 +24,7 @@ struct Switches {
     fault_stays: AtomicBool,
     has_no_supply: AtomicBool,
     enabled: AtomicBool,
-    /// What all motors report; at first what they report at the start.
+    /// Homed state that all motors report; initially the one at the start.
     is_homed: AtomicBool,
 }
 

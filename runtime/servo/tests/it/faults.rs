@@ -1,4 +1,4 @@
-//! What goes wrong, and the limits of the rings.
+//! Faults, and the limits of the rings.
 
 use tandem_model::profile::Law;
 use tandem_model::{Axis, AxisVector};
@@ -9,7 +9,7 @@ use tandem_servo::{
 
 use crate::rig::{Rig, T, close, dwell, is_stopped, rapid, settings, vector};
 
-/// A bus whose second motor stays half a millimetre behind for ever.
+/// A bus whose second motor always stays half a millimetre behind.
 #[derive(Debug)]
 struct Stuck;
 
@@ -147,7 +147,7 @@ fn no_event_of_a_stop_is_lost_when_nobody_reads_for_a_long_time() {
         mut handle,
     } = Rig::with_room(&settings(), 8);
     let mut pushed = 0_u64;
-    // Twice as many events as the ring holds, and nobody reads.
+    // Twice as many events as the ring holds, without a reader.
     for _ in 0..40_000 {
         if pushed < EVENTS_MAX as u64
             && handle

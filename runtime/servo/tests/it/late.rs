@@ -39,7 +39,7 @@ fn on_drives() -> Rig {
     Rig::on_bus(&settings(), Drives::default())
 }
 
-/// A cycle behind so many that were left out, and its events.
+/// Runs a cycle after `missed` ones, and returns its events.
 fn late(rig: &mut Rig, missed: u64) -> Vec<Event> {
     let told = rig.servo.cycle_after_missed(missed);
     let events: Vec<Event> = std::iter::from_fn(|| rig.handle.events.pop().ok()).collect();

@@ -52,7 +52,7 @@ pub fn machine(acceleration: f64) -> CoordinateSystemSettings {
     settings
 }
 
-/// The same with a maximum jerk.
+/// Returns a machine with a maximum jerk.
 pub fn soft_machine(acceleration: f64, jerk: Option<f64>) -> CoordinateSystemSettings {
     let mut settings = machine(acceleration);
     for motor in settings.motors.iter_mut().flatten() {

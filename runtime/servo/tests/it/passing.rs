@@ -104,7 +104,7 @@ fn a_dwell_a_hold_and_a_line_pass_in_a_few_cycles() {
     assert!(passed > 1_200_000, "{passed}");
 }
 
-/// What is commanded at which cycle, in a run of some blocks.
+/// Controls with their cycles, in a run of some blocks.
 fn controls() -> impl Strategy<Value = Vec<(u64, Control)>> {
     let control = prop_oneof![
         Just(Control::Hold),

@@ -10,7 +10,7 @@ use tandem_servo::{Control, Event, Splice, profile_queue};
 use crate::look_ahead::{Feeds, Watch, Way, push};
 use crate::rig::{Rig, is_finished};
 
-/// A machine that runs what is planned, and can be given new plans.
+/// A machine that runs planned profiles, and can be given new plans.
 pub struct Machine {
     pub rig: Rig,
     pub planner: Planner,
@@ -29,7 +29,7 @@ impl Machine {
         Self::of(settings, planner, out)
     }
 
-    /// That runs what a planner has put out.
+    /// Creates a machine that runs the output of a planner.
     pub fn of(settings: &CoordinateSystemSettings, planner: Planner, out: VecDeque<Profile>) -> Self {
         let mut rig = Rig::with_room(settings, 100_000);
         let profiles: Vec<Profile> = out.into();

@@ -1,5 +1,5 @@
-//! A ring too short for the way to rest (M1d: what is known always ends in a planned stop): the motion is
-//! slower, on its path and within its limits, and never runs out.
+//! A ring too short for the path to rest (M1d: the known profiles always end in a planned stop): the motion is slower,
+//! on its path and within its limits, and never runs out of profiles.
 
 use proptest::prelude::*;
 use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};

@@ -157,7 +157,7 @@ fn a_motor_beyond_its_threshold_at_the_start_stays_and_one_that_does_not_move_ca
         close(rig.x(), 0.0);
     }
     assert_eq!(capture(&events), ([0.0, 0.0, 3.0], set(&[X])));
-    // The next G31 begins anew.
+    // The next G31 starts from the beginning.
     rig.push(skip(2, &[0.0, 0.0, 3.0], &[0.0, 0.0, 6.0]));
     let mut events = Vec::new();
     while !events.iter().any(is_finished(2)) {

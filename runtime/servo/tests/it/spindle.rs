@@ -58,7 +58,7 @@ fn orientation_is_told_once_for_each_command() {
 /// Cycles that the spindle's drive takes to come to power.
 const POWER_UP: u32 = 5;
 
-/// What a test does to the spindle's drive, and sees of its commands.
+/// Switches by which a test changes the spindle's drive, and its observed commands.
 #[derive(Debug, Default)]
 struct Switches {
     /// Goes when it is cleared, unless it stays.

@@ -32,8 +32,8 @@ fn acts() -> impl Strategy<Value = Vec<(u32, Act)>> {
     prop::collection::vec((0_u32..150, act), 1..12)
 }
 
-/// Gives these commands, each followed by a wait, and each override with a new plan; gives how often the motion has gone
-/// over to a new plan.
+/// Executes these acts, each followed by a wait, and sends each override with a new plan. Returns how often the motion
+/// has changed to a new plan.
 fn run(machine: &mut Machine, acts: impl IntoIterator<Item = (u32, Act)>) -> Result<u32, TestCaseError> {
     let mut pending = None;
     let mut taken = 0;
@@ -191,7 +191,7 @@ fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_in_the_next_profile()
     assert!(worst <= 10_000.0 * (1.0 + 1e-6), "{worst} of 10000");
 }
 
-/// A new plan is too slow at its place, so that the old one goes on, and begins to brake in that cycle.
+/// A new plan is too slow at its place, so the previous one continues, and begins to brake in that cycle.
 #[test]
 fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_not_taken() {
     let ways = [

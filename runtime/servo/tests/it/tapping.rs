@@ -54,7 +54,7 @@ fn leg(segment: u64, from: f64, to: f64, revolutions: f64, leg: TapLeg) -> Profi
     }
 }
 
-/// Down to R, in, 0.5 s, out, and a move behind it. The tool is at R when this returns.
+/// Moves down to R, cuts in, waits 0.5 s, cuts out, and queues a move after it. The tool is at R when this returns.
 pub fn at_the_hole(rig: &mut Rig, turns: f64) {
     rig.push(line(1, AxisVector::ZERO, vector(&[0.0, 0.0, R]), 50.0, 0.05));
     rig.until(is_finished(1));

@@ -1,4 +1,4 @@
-//! What the trace keeps of a motion, against the formula of a trapezoid: 100 mm/s, reached in 0.1 s, so 1000 mm/s².
+//! The trace of a motion, compared with the formula of a trapezoid: 100 mm/s, reached in 0.1 s, so 1000 mm/s².
 
 use tandem_servo::{Event, TraceSample};
 

@@ -1,4 +1,4 @@
-//! Finds where two lists of elements differ.
+//! Finds the differences between two lists of elements.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -10,23 +10,23 @@ use tandem_model::flow::Path;
 
 use super::recorded::{Does, Element};
 
-/// How far both programs are searched for where they are the same again, elements of both together. Reason: the search
-/// takes the square of it.
+/// Number of elements of both programs together that are searched for the next match. Reason: the time of the search
+/// grows with its square.
 const SEARCH_MAX: usize = 4000;
 
-/// Where two programs differ.
+/// Differences between two programs.
 pub struct Comparison {
     pub differences: Vec<Difference>,
 }
 
-/// A place where two programs differ.
+/// A difference between two programs.
 #[derive(Debug, Serialize)]
 pub struct Difference {
     /// `path`, `m_codes`, `time`.
     what: Vec<&'static str>,
-    /// Lines of the old program; null: the new one has something more.
+    /// Lines of the old program; null if only the new one has these elements.
     pub old: Option<Part>,
-    /// Lines of the new program; null: the old one has something more.
+    /// Lines of the new program; null if only the old one has these elements.
     pub new: Option<Part>,
 }
 
@@ -38,7 +38,7 @@ pub struct Part {
     to_line: u32,
     /// Time of its blocks, s.
     time_s: f64,
-    /// M codes that it puts out or stops at.
+    /// M codes that it outputs or stops at.
     m_codes: Vec<String>,
     #[serde(skip)]
     pub elements: Range<usize>,
@@ -86,7 +86,7 @@ fn m_code(element: &Element) -> Option<String> {
 }
 
 impl Difference {
-    /// True where ways differ.
+    /// Returns true if the paths differ.
     pub fn moves(&self) -> bool {
         self.what.contains(&"path")
     }
@@ -116,7 +116,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Compares what two programs do, within tolerances of positions and of times of elements.
+/// Compares the elements of two programs, within tolerances of positions and of times of elements.
 pub fn compare(programs: [&[Element]; 2], [tolerance, time_tolerance]: [f64; 2]) -> Comparison {
     let [old, new] = programs;
     let same = |i: usize, j: usize| match (old.get(i), new.get(j)) {
@@ -160,7 +160,7 @@ pub fn compare(programs: [&[Element]; 2], [tolerance, time_tolerance]: [f64; 2])
     Comparison { differences }
 }
 
-/// Beside another way the ramps are others, too: that is no difference of its own.
+/// Removes differences of the ramps next to a different path, because they only follow from it.
 fn forget_ramps(differences: &mut Vec<Difference>) {
     let range = |difference: &Difference| difference.old.as_ref().map(|part| part.elements.clone());
     let ways = differences.iter().filter(|difference| difference.moves());
@@ -173,7 +173,7 @@ fn forget_ramps(differences: &mut Vec<Difference>) {
     });
 }
 
-/// How many elements of each are passed until both do the same again.
+/// Returns the number of elements of each program until both match again.
 fn again(
     [i, j]: [usize; 2],
     same: &impl Fn(usize, usize) -> bool,
@@ -181,7 +181,7 @@ fn again(
 ) -> Option<(usize, usize)> {
     (1..SEARCH_MAX).find_map(|sum| {
         let both = (0..=sum).map(|more| (more, sum - more));
-        // what does not move is the same at many places
+        // elements without motion match at many positions
         let mut found = both.filter(|(a, b)| {
             let (i, j) = (i + a, j + b);
             same(i, j) && (moves(i) || same(i + 1, j + 1))
@@ -190,10 +190,10 @@ fn again(
     })
 }
 
-/// True for what is of a kind.
+/// Returns true for elements of one kind.
 type IsOf = fn(&Does) -> bool;
 
-/// In what two parts differ.
+/// Returns the kinds of differences between two parts.
 fn kinds(old: &[Element], new: &[Element], tolerance: f64) -> Vec<&'static str> {
     let differ = |is_of: IsOf| {
         let of = |part: &[Element]| -> Vec<Does> {
@@ -218,7 +218,7 @@ fn kinds(old: &[Element], new: &[Element], tolerance: f64) -> Vec<&'static str> 
         .map(|(kind, _)| kind)
         .collect();
     if found.is_empty() {
-        // the same in another order
+        // the same M codes in another order
         found.push("m_codes");
     }
     found

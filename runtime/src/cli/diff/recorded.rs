@@ -1,4 +1,4 @@
-//! What a program does, one after the other: its ways, dwells, outputs and stops.
+//! The sequence of paths, dwells, outputs and stops of a program.
 
 use std::sync::Arc;
 
@@ -11,31 +11,31 @@ use tandem_runtime::simulation::Planned;
 
 use crate::cli::simulate::{Outcome, Plan, Watch};
 
-/// Lines that an arc is drawn with.
+/// Number of lines that represent an arc in the drawing.
 const LINES_OF_ARC: u32 = 64;
 
-/// Something that a program does.
+/// An action of a program.
 #[derive(Debug, Clone)]
 pub struct Element {
     pub program: u16,
-    /// Lines from and to.
+    /// First and last line.
     pub lines: (u32, u32),
     pub time_s: f64,
     pub does: Does,
 }
 
-/// What.
+/// Kind of the action.
 #[derive(Debug, Clone)]
 pub enum Does {
-    /// Along a path at feedrate.
+    /// Motion along a path at feedrate.
     Feed(Path),
-    /// Each motor alone: a rapid, or a motion that a signal may end.
+    /// Independent motion of the motors: a rapid, or a motion that a signal may end.
     Alone {
         skips: bool,
         from: AxisVector,
         to: AxisVector,
     },
-    /// In a thread.
+    /// Motion in a thread.
     Tap {
         from: AxisVector,
         to: AxisVector,
@@ -52,7 +52,7 @@ pub enum Does {
 }
 
 impl Does {
-    /// True for a way.
+    /// Returns true for a motion.
     pub fn moves(&self) -> bool {
         matches!(self, Self::Feed(_) | Self::Alone { .. } | Self::Tap { .. })
     }
@@ -91,7 +91,7 @@ impl Element {
         }
     }
 
-    /// True when nothing moves from there to there.
+    /// Returns true if the motion has no length.
     fn is_nothing(&self) -> bool {
         let stays = |from: &AxisVector, to: &AxisVector| from == to;
         match &self.does {
@@ -101,7 +101,7 @@ impl Element {
         }
     }
 
-    /// Points that its way is drawn through.
+    /// Returns the points of its path for the drawing.
     pub fn way(&self) -> Option<Vec<AxisVector>> {
         match &self.does {
             Does::Feed(Path::Line { from, to, .. })
@@ -119,7 +119,7 @@ impl Element {
         }
     }
 
-    /// Goes on where a line goes on in the same direction.
+    /// Extends a line if the next one continues in the same direction.
     fn take(&mut self, next: &Self) -> bool {
         let (
             Does::Feed(Path::Line { from, to, length }),
@@ -149,7 +149,7 @@ fn alone(skips: bool, from: AxisVector, to: AxisVector) -> Does {
     Does::Alone { skips, from, to }
 }
 
-/// Elements while they are recorded; those that move with the number of their segment.
+/// Elements during the recording, with the segment numbers of those that move.
 #[derive(Default)]
 struct Recording(Vec<(u64, Element)>);
 
@@ -203,7 +203,7 @@ impl Recording {
 /// Runs a program in simulated time.
 ///
 /// # Errors
-/// A command is refused.
+/// Fails if a command is rejected.
 pub fn record(plan: Plan) -> anyhow::Result<(Vec<Element>, Outcome)> {
     let recording = Arc::new(Mutex::new(Recording::default()));
     let (planned, heard) = (Arc::clone(&recording), Arc::clone(&recording));

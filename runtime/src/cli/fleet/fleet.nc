@@ -1,4 +1,4 @@
-// A machine of a fleet: it moves, puts out an M code, waits, for as long as is measured.
+// A machine of a fleet: moves, outputs an M code and waits, until the measurement ends.
 G90 G54
 L0 = 0
 while (L0 < {rounds}) {

@@ -20,31 +20,31 @@ use tokio_util::task::AbortOnDropHandle;
 
 use super::super::server_ends::settings;
 
-/// The program of each machine, with how often and how long it waits.
+/// Program of each machine, with placeholders for the number and duration of its waits.
 const PROGRAM: &str = include_str!("fleet.nc");
 
-/// What its ways take between two M codes.
+/// Time of its motion between two M codes.
 const WAY: Duration = Duration::from_millis(200);
 
 /// The M code of the programs.
 const M_CODE: u16 = 100;
 
-/// How long a machine may take until its handler is known.
+/// Time limit until the handler of a machine is registered.
 const PATIENCE: Duration = Duration::from_mins(2);
 
-/// What all machines of a fleet have in common.
+/// Common settings of all machines of a fleet.
 pub(super) struct Order<'a> {
     pub(super) broker: &'a str,
     pub(super) folder: &'a Path,
     pub(super) servo_period_us: u64,
     pub(super) servo_late_ms: u64,
-    /// From one M code to the next.
+    /// Time from one M code to the next.
     pub(super) interval: Duration,
     pub(super) run_s: u32,
 }
 
 impl Order<'_> {
-    /// Three linear axes.
+    /// Returns a configuration with three linear axes.
     fn config(&self, name: &str) -> String {
         let motor = |number| {
             format!(
@@ -70,7 +70,8 @@ impl Order<'_> {
         )
     }
 
-    /// Its rounds have two M codes each; they last for what is measured, and for the starts of the others before.
+    /// Returns the program. Its loops have two M codes each, and last for the measurement and the preceding starts of
+    /// the other machines.
     fn program(&self) -> String {
         let dwell = self.interval.saturating_sub(WAY);
         let rounds = f64::from(self.run_s) / self.interval.as_secs_f64() / 2.0;
@@ -80,16 +81,16 @@ impl Order<'_> {
     }
 }
 
-/// What is counted of one machine, or of all.
+/// Counters of one machine, or of all.
 #[derive(Debug, Default)]
 pub(super) struct Counted {
-    /// From each output to its reset, s.
+    /// Time from each output to its reset, s.
     pub(super) m_code_s: Vec<f64>,
     /// Messages that the HMI has read.
     pub(super) messages: u64,
     pub(super) cycles: u64,
     pub(super) missed_cycles: u64,
-    /// Machines whose program does not run.
+    /// Machines whose program is not running.
     pub(super) stopped: u64,
     pub(super) handlers_lost: u64,
 }
@@ -105,7 +106,7 @@ impl Counted {
     }
 }
 
-/// Counts since the beginning of the measurement.
+/// Counters since the beginning of the measurement.
 #[derive(Debug, Default)]
 struct Counts {
     messages: AtomicU64,
@@ -127,7 +128,7 @@ async fn at_once(_output: AuxOutput) -> Result<(), Alarm> {
 }
 
 impl FleetMachine {
-    /// Starts it, and waits until its handler is known and its HMI has read the states.
+    /// Starts the machine, and waits until its handler is registered and its HMI has read the states.
     pub(super) async fn start(order: &Order<'_>, number: u64) -> anyhow::Result<Self> {
         let name = format!("fleet-{number}");
         let config = Config::from_toml(&order.config(&name), order.folder)?;
@@ -177,7 +178,7 @@ impl FleetMachine {
         *self.before.lock() = self.servo();
     }
 
-    /// Servo cycles, and those that were left out.
+    /// Returns the number of servo cycles, and of missed ones.
     fn servo(&self) -> (u64, u64) {
         let timing = self.runtime.served_port().servo_timing();
         timing.map_or((0, 0), |timing| {
@@ -206,7 +207,7 @@ impl FleetMachine {
     }
 }
 
-/// A connection to the machine, which may take a while to reach its broker itself.
+/// Connects to the machine, which may itself need some time to reach its broker.
 async fn connect(address: &str) -> anyhow::Result<Plc> {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -217,7 +218,7 @@ async fn connect(address: &str) -> anyhow::Result<Plc> {
     }
 }
 
-/// Waits until the machine knows its handler.
+/// Waits until the handler is registered at the machine.
 async fn until_served(plc: &Plc) -> anyhow::Result<()> {
     loop {
         let handlers = plc.port().ask(Handlers).await?;
@@ -228,14 +229,14 @@ async fn until_served(plc: &Plc) -> anyhow::Result<()> {
     }
 }
 
-/// What an HMI does: it reads everything.
+/// Reads all topics like an HMI.
 async fn read(mut topics: Subscription, counts: Arc<Counts>, _connection: Plc) {
     while topics.next().await.is_some() {
         counts.messages.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// Times each output by the time stamps of the runtime's messages.
+/// Measures the time of each output from the time stamps of the runtime's messages.
 async fn time(mut topics: Subscription, counts: Arc<Counts>) {
     let mut open: Option<(u64, SystemTime)> = None;
     while let Some(message) = topics.next().await {

@@ -1,4 +1,4 @@
-//! What can be written at a place of a program.
+//! Completion at a position of a program.
 
 use lsp_types::{CompletionItem, CompletionItemKind, Documentation, Position};
 use tandem_interp::Dialect;
@@ -9,10 +9,10 @@ use tandem_syntax::{Address, Function, Keyword, Token, TokenKind, VariableKind};
 use super::document::Document;
 use super::features::codes;
 
-/// Words without a code of their own that every block may have, but one that rests.
+/// Words without a code of their own that are allowed in every block except a dwell.
 const OF_EVERY_BLOCK: [Address; 5] = [Address::F, Address::S, Address::Ta, Address::Td, Address::Ts];
 
-/// What stands before a place.
+/// Context of a position.
 enum Place {
     /// The words of a block, or nothing.
     Block,
@@ -22,7 +22,7 @@ enum Place {
     Brackets,
 }
 
-/// What can be written at a place: words of the codes before it, codes, and program codes.
+/// Returns the items at a position: words of the preceding codes, codes, and program codes.
 pub(super) fn completion(document: &Document, at: Position) -> Vec<CompletionItem> {
     let byte = document.offset(at);
     let mut line = document.line_at(byte);
@@ -65,7 +65,7 @@ fn place(document: &Document, line: &[Token]) -> Place {
     }
 }
 
-/// Words and codes.
+/// Returns words and codes.
 fn block(document: &Document, line: &[Token]) -> Vec<CompletionItem> {
     let dialect = document.target.dialect;
     let mut items = words(&codes(document, line), dialect);
@@ -108,7 +108,7 @@ fn variables() -> impl Iterator<Item = CompletionItem> {
         let name = kind.prefix();
         let detail = format!("{name}0 to {name}{}", kind.index_max());
         CompletionItem {
-            // before the functions
+            // sorts before the functions
             sort_text: Some(format!("!{name}")),
             ..item(name, CompletionItemKind::VARIABLE, &detail, kind.meaning())
         }
@@ -131,13 +131,13 @@ fn item(label: &str, kind: CompletionItemKind, detail: &str, docs: &str) -> Comp
     }
 }
 
-/// The words of codes; where none has any, those that need no code.
+/// Returns the words of the codes; if none has any, the words that need no code.
 fn words(codes: &[&Code], dialect: &Dialect) -> Vec<CompletionItem> {
     let of_word = |word: &WordSpec| {
         let needed = if word.required { ", needed" } else { "" };
         let detail = format!("{}: {}{needed}", word.meaning, dialect.range_text(word));
         CompletionItem {
-            // before the codes
+            // sorts before the codes
             sort_text: Some(format!("!{}", word.address.text())),
             ..item(word.address.text(), CompletionItemKind::PROPERTY, &detail, "")
         }
@@ -159,7 +159,7 @@ fn words(codes: &[&Code], dialect: &Dialect) -> Vec<CompletionItem> {
     modal.map(of_word).collect()
 }
 
-/// The M codes that the manual names, and those that the configuration says something of.
+/// Returns the M codes of the manual, and those of the configuration.
 fn outputs(document: &Document) -> Vec<CompletionItem> {
     let target = &document.target;
     let known = target.machine.as_ref().map(|machine| &machine.m_codes);

@@ -1,4 +1,4 @@
-//! An open text: its places by line and UTF-16 column, as editors count, and what was found in it.
+//! An open text, with positions by line and UTF-16 column as editors count, and its diagnostics.
 
 use std::path::{Path, PathBuf};
 
@@ -12,11 +12,11 @@ use super::setup::Target;
 /// An open text.
 pub(super) struct Document {
     pub uri: Uri,
-    /// Its file, or what stands for the name of a text that has none.
+    /// File of the text, or a substitute name for a text without a file.
     pub path: PathBuf,
     pub version: i32,
     pub target: Target,
-    /// What the last check has found; places are of the text then.
+    /// Findings of the last check; their positions refer to the text at that time.
     pub found: Vec<Diagnostic>,
     text: String,
     /// First byte of each line.
@@ -40,7 +40,7 @@ impl Document {
         &self.text
     }
 
-    /// Takes over what was typed.
+    /// Applies a change by the editor.
     pub fn change(&mut self, change: TextDocumentContentChangeEvent) {
         match change.range {
             Some(range) => {
@@ -52,7 +52,7 @@ impl Document {
         self.starts = starts(&self.text);
     }
 
-    /// The byte of a place; one behind the end of its line or of the text is that end.
+    /// Returns the byte offset of a position; positions after the end of a line or of the text are set to that end.
     pub fn offset(&self, at: Position) -> usize {
         let line = at.line as usize;
         let Some(start) = self.starts.get(line) else {
@@ -72,7 +72,7 @@ impl Document {
         *start as usize + bytes
     }
 
-    /// The place of a byte.
+    /// Returns the position of a byte offset.
     pub fn position(&self, byte: u32) -> Position {
         let line = self
             .starts
@@ -92,7 +92,7 @@ impl Document {
         Range::new(self.position(span.start), self.position(span.end))
     }
 
-    /// The text of a line, from 0, without its end.
+    /// Returns the text of a line without its line end; lines start at 0.
     pub fn line_text(&self, line: usize) -> &str {
         let start = self
             .starts
@@ -115,7 +115,7 @@ impl Document {
         tokens(&self.text, (self.target.dialect.grammar)())
     }
 
-    /// The tokens of the line that a byte is in, comments and line ends left out.
+    /// Returns the tokens of the line at a byte offset, without comments and line ends.
     pub fn line_at(&self, byte: usize) -> Vec<Token> {
         let mut line = Vec::new();
         for token in self.tokens() {
@@ -140,7 +140,7 @@ fn starts(text: &str) -> Vec<u32> {
     std::iter::once(0).chain(ends.map(|(_, next)| next)).collect()
 }
 
-/// The path of a URI; the URI itself where it is none of a file.
+/// Returns the path of a URI; the URI itself if it is not a file URI.
 pub(super) fn path_of(uri: &Uri) -> PathBuf {
     let text = uri.as_str();
     let path = text
@@ -149,7 +149,7 @@ pub(super) fn path_of(uri: &Uri) -> PathBuf {
     path.map_or_else(|| Path::new(text).to_owned(), |path| PathBuf::from(path.as_ref()))
 }
 
-/// Lines and columns of a text of 64 MiB.
+/// Converts a line or column number; texts have at most 64 MiB.
 pub(super) fn small(number: usize) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
 }

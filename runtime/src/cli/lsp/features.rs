@@ -1,4 +1,4 @@
-//! What the editor asks about a place: what stands there, and where it leads.
+//! Answers to the editor's requests about a position: hover text, definition, diagnostics and formatting.
 
 use std::str::FromStr as _;
 
@@ -17,7 +17,7 @@ use super::super::find_subprogram;
 use super::super::findings::uri;
 use super::document::{Document, small};
 
-/// The findings, as the editor shows them.
+/// Returns the diagnostics as the editor shows them.
 pub(super) fn diagnostics(document: &Document) -> Vec<lsp_types::Diagnostic> {
     let shown = |found: &Diagnostic| lsp_types::Diagnostic {
         range: document.range(found.span),
@@ -33,7 +33,7 @@ pub(super) fn diagnostics(document: &Document) -> Vec<lsp_types::Diagnostic> {
     document.found.iter().map(shown).collect()
 }
 
-/// What stands at a place, and what was found there, explained.
+/// Returns the explanation of the token and of the diagnostics at a position.
 pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
     let byte = document.offset(at);
     let line = document.line_at(byte);
@@ -59,7 +59,7 @@ pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
     })
 }
 
-/// The name that a token has a page under: a code, an address, a variable, a keyword or a function.
+/// Returns the name under which a token has a page: a code, an address, a variable, a keyword or a function.
 fn name_of(document: &Document, line: &[Token], index: usize) -> Option<String> {
     let token = line.get(index)?;
     let text = document.of(token.span);
@@ -81,7 +81,7 @@ fn name_of(document: &Document, line: &[Token], index: usize) -> Option<String> 
     }
 }
 
-/// The codes of a line.
+/// Returns the codes of a line.
 pub(super) fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
     let dialect = document.target.dialect;
     let pairs = line.windows(2).filter_map(|pair| {
@@ -94,7 +94,7 @@ pub(super) fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
     pairs.collect()
 }
 
-/// The file of the subprogram that the block at a place calls.
+/// Returns the file of the subprogram that the block at a position calls.
 pub(super) fn definition(document: &Document, at: Position) -> Option<Location> {
     let line = document.line_at(document.offset(at));
     if !codes(document, &line).iter().any(|code| code.role == Role::Call) {
@@ -117,7 +117,7 @@ pub(super) fn definition(document: &Document, at: Position) -> Option<Location> 
     })
 }
 
-/// The lines that the layout changes, as one edit; none for a program with errors.
+/// Returns the lines that formatting changes as one edit; empty for a program with errors.
 pub(super) fn formatting(document: &Document) -> Vec<TextEdit> {
     let Ok(new) = tandem_syntax::format(document.text(), (document.target.dialect.grammar)()) else {
         return Vec::new();

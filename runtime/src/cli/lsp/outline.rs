@@ -1,4 +1,4 @@
-//! What the whole text looks like: sections, what can be folded, and what each token is.
+//! Structure of the text: sections, foldable ranges, and the type of each token.
 
 use lsp_types::{
     DocumentSymbol, FoldingRange, FoldingRangeKind, Position, Range, SemanticToken, SemanticTokenType,
@@ -8,7 +8,7 @@ use tandem_syntax::{Address, Token, TokenKind};
 
 use super::document::{Document, small};
 
-/// Blocks with a number that are listed; a text with more of them has its sections alone.
+/// Largest number of numbered blocks that are listed; for a text with more of them, only the sections are listed.
 const NUMBERED_MAX: usize = 2000;
 
 /// The types of tokens, in the order of their numbers.
@@ -24,7 +24,7 @@ pub(super) const TOKEN_TYPES: [SemanticTokenType; 9] = [
     SemanticTokenType::OPERATOR,
 ];
 
-/// The place of a token's type in [`TOKEN_TYPES`]. A number belongs to the G or M before it, and is of its type.
+/// Returns the index of a token's type in [`TOKEN_TYPES`]. A number has the type of the G or M before it.
 fn type_of(kind: TokenKind, before: Option<TokenKind>) -> Option<u32> {
     Some(match kind {
         TokenKind::Comment | TokenKind::Rest => 0,
@@ -44,8 +44,8 @@ fn type_of(kind: TokenKind, before: Option<TokenKind>) -> Option<u32> {
     })
 }
 
-/// The tokens of the lines from `first` to `last`, each by its distance from the one before. Those of several lines are
-/// one for each line.
+/// Returns the tokens of the lines from `first` to `last`, each by its distance from the previous one. A token of
+/// several lines is split into one for each line.
 pub(super) fn semantic_tokens(document: &Document, first: u32, last: u32) -> Vec<SemanticToken> {
     let mut tokens = Vec::new();
     let (mut before, mut at) = (None, Position::default());
@@ -80,7 +80,7 @@ pub(super) fn semantic_tokens(document: &Document, first: u32, last: u32) -> Vec
     tokens
 }
 
-/// A line that is a comment and nothing else, and stands behind an empty line or at the beginning: a section's title.
+/// Returns the section titles: comment lines after an empty line or at the beginning of the text.
 fn sections(document: &Document) -> Vec<(u32, String)> {
     let mut titles = Vec::new();
     let (mut line_begins, mut before_is_empty) = (true, true);
@@ -98,7 +98,7 @@ fn sections(document: &Document) -> Vec<(u32, String)> {
                 open = Some(token);
                 line_begins = false;
             }
-            // nothing else is said by the mark and the number of a program
+            // a line with only the mark and the number of a program is no block
             TokenKind::Mark | TokenKind::ProgramNumber => line_begins = false,
             _ => {
                 open = None;
@@ -110,7 +110,7 @@ fn sections(document: &Document) -> Vec<(u32, String)> {
     titles
 }
 
-/// The first line of a comment without what it begins and ends with.
+/// Returns the first line of a comment without its delimiters.
 fn title(comment: &str) -> String {
     let inside = |c: char| !"/*()-=#".contains(c) && !c.is_whitespace();
     let line = comment
@@ -120,7 +120,7 @@ fn title(comment: &str) -> String {
     line.trim_matches(|c| !inside(c)).to_owned()
 }
 
-/// The program number, sections, and in them the blocks with a number.
+/// Returns the program number, the sections, and their numbered blocks.
 pub(super) fn symbols(document: &Document) -> Vec<DocumentSymbol> {
     let end = document.position(u32::MAX);
     let mut symbols: Vec<DocumentSymbol> = document
@@ -189,7 +189,7 @@ fn symbol(name: String, kind: SymbolKind, range: Range) -> DocumentSymbol {
     }
 }
 
-/// What can be folded: commands in braces, comments of several lines, and sections.
+/// Returns the foldable ranges: commands in braces, comments of several lines, and sections.
 pub(super) fn folding(document: &Document) -> Vec<FoldingRange> {
     let mut folds = Vec::new();
     let mut open = Vec::new();
@@ -197,7 +197,7 @@ pub(super) fn folding(document: &Document) -> Vec<FoldingRange> {
         let line = document.position(token.span.start).line;
         match token.kind {
             TokenKind::Punctuation(b'{') => open.push(line),
-            // the line of the closing brace stays
+            // the line of the closing brace stays visible
             TokenKind::Punctuation(b'}') => {
                 let begin = open.pop();
                 folds.extend(

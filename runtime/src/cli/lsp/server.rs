@@ -1,4 +1,4 @@
-//! Messages of the editor, one after the other. What it types is checked when it has been quiet for a moment.
+//! Processes the messages of the editor in order. Typed text is checked after a short pause.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -28,39 +28,40 @@ use super::timing::Timing;
 use super::transport::MALFORMED;
 use super::{completion, features, outline};
 
-/// How long the editor has been quiet at least when what was typed is checked: one key often brings several messages.
+/// Shortest pause in typing before a check. Reason: one key often causes several messages.
 const QUIET_MIN: Duration = Duration::from_millis(10);
 
-/// And at most, where a check takes long.
+/// Longest pause before a check, used if a check takes long.
 const QUIET_MAX: Duration = Duration::from_millis(150);
 
-/// How long nothing has been typed when the program is simulated.
+/// Pause in typing before the program is simulated.
 const SETTLED: Duration = Duration::from_millis(400);
 
-/// How long the editor may take from its shutdown to its exit.
+/// Time limit for the editor from its shutdown request to its exit.
 const EXIT_MAX: Duration = Duration::from_secs(30);
 
 struct Server<'a> {
     connection: &'a Connection,
     setup: Setup,
-    /// By their URIs.
+    /// Open documents by their URIs.
     documents: BTreeMap<String, Document>,
-    /// Those that are to be checked.
+    /// Documents to be checked.
     due: BTreeSet<String>,
-    /// How long the last check took.
+    /// Duration of the last check.
     check_took: Duration,
-    /// The one that is simulated when nothing more is typed.
+    /// Document to be simulated after the pause in typing.
     untimed: Option<String>,
     timing: Timing,
-    /// The editor asks for times again when it is told that there are new ones.
+    /// The editor requests times again when the server reports new ones.
     refreshes: bool,
     requests: i32,
 }
 
-/// Serves an editor until it ends. `command` is this command. True: it has said that it would.
+/// Serves an editor until it ends. `command` is the path of this executable. Returns true if the editor announced its
+/// end.
 ///
 /// # Errors
-/// The editor does not speak the protocol, or has gone.
+/// Fails if the editor does not speak the protocol, or if the connection is closed.
 pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> anyhow::Result<bool> {
     let begun = connection.initialize_start();
     let (id, params) = begun.context("no editor has begun with the request initialize on standard input")?;
@@ -142,16 +143,16 @@ fn capabilities() -> ServerCapabilities {
 }
 
 impl Server<'_> {
-    /// How long the editor is to be quiet before what is left to do is done.
+    /// Returns the pause in typing after which the next pending job starts.
     fn quiet(&self) -> Option<Duration> {
         if !self.due.is_empty() {
-            // typing goes on while a long program is checked
+            // the user may continue to type while a long program is checked
             return Some((self.check_took / 2).clamp(QUIET_MIN, QUIET_MAX));
         }
         self.untimed.as_ref().map(|_| SETTLED)
     }
 
-    /// True when the editor ends as it has said. What was on its way meanwhile does not matter.
+    /// Returns true if the editor ends with the announced exit. Other messages received meanwhile are ignored.
     fn ends(&self) -> bool {
         loop {
             match self.connection.receiver.recv_timeout(EXIT_MAX) {
@@ -173,7 +174,7 @@ impl Server<'_> {
     }
 
     fn send(&self, message: impl Into<Message>) {
-        // when the editor has gone, the next message says so
+        // if the connection is closed, receiving the next message reports it
         let _ = self.connection.sender.send(message.into());
     }
 
@@ -253,7 +254,7 @@ impl Server<'_> {
         }
     }
 
-    /// Answers a request; with nothing where its document is not open.
+    /// Answers a request; the answer is empty if its document is not open.
     fn answer<R: request::Request>(
         &self,
         request: Request,
@@ -273,7 +274,7 @@ impl Server<'_> {
         self.documents.get(uri.as_str())
     }
 
-    /// What the editor tells; what is none of these, or malformed, changes nothing.
+    /// Handles a notification; unknown or malformed ones are ignored.
     fn notice(&mut self, notice: Notification) {
         match notice.method.as_str() {
             notification::DidOpenTextDocument::METHOD => {
@@ -297,7 +298,7 @@ impl Server<'_> {
                     self.due.insert(uri);
                 }
             }
-            // other programs may call it, or be called by it
+            // other programs may call the saved program, or be called by it
             notification::DidSaveTextDocument::METHOD => self.due.extend(self.documents.keys().cloned()),
             notification::DidCloseTextDocument::METHOD => {
                 let Some(params) = params::<notification::DidCloseTextDocument>(notice) else {
@@ -339,7 +340,7 @@ impl Server<'_> {
         }
     }
 
-    /// Does what is left to do.
+    /// Starts the next pending job.
     fn go_on(&mut self) {
         if self.due.is_empty() {
             self.start_timing();
@@ -348,7 +349,7 @@ impl Server<'_> {
         }
     }
 
-    /// Checks what has changed, and tells what was found.
+    /// Checks the changed documents and publishes the diagnostics.
     fn check_due(&mut self) {
         let begun = Instant::now();
         for uri in std::mem::take(&mut self.due) {
@@ -368,7 +369,7 @@ impl Server<'_> {
                 machine.as_deref(),
                 assigned,
             );
-            // those of the programs that it calls are shown where they are open
+            // diagnostics of called programs are shown in their own documents, if those are open
             document.found = all
                 .into_iter()
                 .next()
@@ -390,7 +391,7 @@ impl Server<'_> {
         self.refresh_times();
     }
 
-    /// Begins to simulate the program that was checked last.
+    /// Starts the simulation of the program that was checked last.
     fn start_timing(&mut self) {
         let uri = self.untimed.take();
         if let Some(document) = uri.and_then(|uri| self.documents.get(&uri)) {

@@ -1,4 +1,4 @@
-//! Which machine and dialect a program is for.
+//! Selects the machine and the dialect of a program.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,23 +10,23 @@ use tandem_runtime::Machine;
 
 use super::super::read_config;
 
-/// The name of a configuration that is found by itself.
+/// File name of a configuration that is found automatically.
 const CONFIG_NAME: &str = "tandem.toml";
 
-/// What the command line says, and the configurations that have been read.
+/// Options of the command line, and the configurations that have been read.
 pub(super) struct Setup {
     config: Option<PathBuf>,
     dialect: Option<&'static Dialect>,
     known: BTreeMap<PathBuf, Known>,
 }
 
-/// A configuration as it was at a time; `None`: it cannot be read.
+/// A configuration with the time of its last change; `None` if it cannot be read.
 struct Known {
     changed: Option<SystemTime>,
     machine: Option<Arc<Machine>>,
 }
 
-/// What a program is for.
+/// Machine and dialect of a program.
 #[derive(Clone)]
 pub(super) struct Target {
     pub dialect: &'static Dialect,
@@ -44,7 +44,8 @@ impl Setup {
         }
     }
 
-    /// What the program of this path is for, and what is wrong with its configuration where that has not been said.
+    /// Returns the target of the program at this path, and the problems of its configuration unless they were already
+    /// reported.
     pub fn target(&mut self, program: &Path) -> (Target, Option<String>) {
         let config = self.config.clone().or_else(|| {
             let folders = program.ancestors().skip(1);

@@ -51,7 +51,7 @@ impl Editor {
         self.connection.sender.send(notice.into()).unwrap();
     }
 
-    /// The result of a request, or its error.
+    /// Returns the result of a request, or its error.
     fn ask(&mut self, method: &str, params: Value) -> Value {
         self.requests += 1;
         let id = self.requests.into();
@@ -88,7 +88,7 @@ impl Editor {
         );
     }
 
-    /// The next diagnostics: their version, and the codes and ranges.
+    /// Returns the next diagnostics: their version, and the codes and ranges.
     fn diagnostics(&self) -> (Value, Vec<(String, [u64; 4])>) {
         loop {
             if let Message::Notification(notice) = self.next()
@@ -153,7 +153,7 @@ fn findings_come_while_typing_with_the_version_and_utf_16_columns() {
         editor.diagnostics(),
         (json!(1), vec![("E0105".to_owned(), [1, 16, 1, 18])])
     );
-    // the second X becomes a Y, then a line is taken out and one put in
+    // the second X becomes a Y, then one line is removed and one inserted
     let y = json!({"range": {"start": {"line": 1, "character": 16}, "end": {"line": 1, "character": 17}}, "text": "Y"});
     let cut = json!({"range": {"start": {"line": 0, "character": 0}, "end": {"line": 1, "character": 0}}, "text": ""});
     let more = json!({"range": {"start": {"line": 1, "character": 99}, "end": {"line": 1, "character": 99}}, "text": "\nG01"});

@@ -1,4 +1,4 @@
-//! How long a program takes: `tandem simulate` in a process of its own, which the next change ends.
+//! Run time of a program: `tandem simulate` in a separate process, which the next change ends.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -12,20 +12,20 @@ use serde::Deserialize;
 
 use super::document::Document;
 
-/// A simulation that takes longer is ended.
+/// Time after which a simulation is ended.
 const LIMIT: Duration = Duration::from_secs(20);
 
 /// The times of the open programs.
 pub(super) struct Timing {
-    /// This command.
+    /// Path of this executable.
     command: PathBuf,
-    /// What is known of each program, by its URI.
+    /// Known time or state of each program, by its URI.
     titles: BTreeMap<String, String>,
     running: Option<Running>,
-    /// Simulations that have ended: their number, and what they have printed.
+    /// Results of ended simulations: number and printed text.
     pub ended: Receiver<(u64, String)>,
     tell: Sender<(u64, String)>,
-    /// When the one that runs has taken too long.
+    /// Reports that the running simulation has exceeded its time limit.
     pub late: Receiver<Instant>,
     started: u64,
 }
@@ -35,7 +35,7 @@ struct Running {
     uri: String,
 }
 
-/// What is read of the simulation's result.
+/// Part of the simulation result that is used.
 #[derive(Deserialize)]
 struct Simulated {
     outcome: String,
@@ -50,7 +50,7 @@ struct Alarm {
     line: Option<u32>,
 }
 
-/// What is read where a program that it calls has errors.
+/// Part of the result that is used if a called program has errors.
 #[derive(Deserialize)]
 struct Refused {
     diagnostics: Vec<Found>,
@@ -77,7 +77,7 @@ impl Timing {
         }
     }
 
-    /// The program has changed: what is known of it is no longer so.
+    /// Discards the result of a program that has changed.
     pub fn forget(&mut self, uri: &str) {
         self.titles.remove(uri);
         if self.running.as_ref().is_some_and(|running| running.uri == uri) {
@@ -85,13 +85,13 @@ impl Timing {
         }
     }
 
-    /// A program with errors is not simulated.
+    /// Records that a program with errors is not simulated.
     pub fn refuse(&mut self, uri: &str) {
         let title = "no time: correct the errors first".to_owned();
         self.titles.insert(uri.to_owned(), title);
     }
 
-    /// Simulates a program without errors, in place of the one that runs.
+    /// Simulates a program without errors; ends the simulation that is running.
     pub fn start(&mut self, document: &Document) {
         let uri = document.uri.as_str().to_owned();
         self.end();
@@ -126,21 +126,21 @@ impl Timing {
         );
         std::thread::spawn(move || {
             if let Some(mut stdin) = stdin {
-                // one that is ended does not read to the end
+                // a simulation that is ended does not read its whole input
                 let _ = stdin.write_all(text.as_bytes());
             }
             let mut printed = String::new();
             if let Some(mut stdout) = stdout {
                 let _ = stdout.read_to_string(&mut printed);
             }
-            // nobody waits for it when the server has ended
+            // the receiver no longer exists after the server has ended
             let _ = tell.send((number, printed));
         });
         self.running = Some(Running { child, uri });
         self.late = after(LIMIT);
     }
 
-    /// A simulation has ended. True when it is the one that runs, so that there is a new time.
+    /// Handles the end of a simulation. Returns true if it is the current one, so that there is a new time.
     pub fn take(&mut self, (number, printed): (u64, String)) -> bool {
         if number != self.started {
             return false;
@@ -153,7 +153,7 @@ impl Timing {
         true
     }
 
-    /// The one that runs has taken too long.
+    /// Ends the running simulation because it has exceeded its time limit.
     pub fn give_up(&mut self) {
         if let Some(running) = &self.running {
             let title = format!("no time: the simulation takes longer than {} s", LIMIT.as_secs());
@@ -165,13 +165,13 @@ impl Timing {
     fn end(&mut self) {
         self.late = never();
         if let Some(mut running) = self.running.take() {
-            // it may have ended by itself
+            // the process may already have ended
             let _ = running.child.kill();
             let _ = running.child.wait();
         }
     }
 
-    /// The time of a program, above its first line.
+    /// Returns the lens with the time of a program, shown above its first line.
     pub fn lens(&self, document: &Document) -> CodeLens {
         let title = self.titles.get(document.uri.as_str());
         CodeLens {

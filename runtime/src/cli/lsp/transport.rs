@@ -1,5 +1,5 @@
-//! Messages of the editor over standard input and output. One that cannot be read is told and passed over; those behind it
-//! are read all the same.
+//! Messages of the editor over standard input and output. A message that cannot be read is reported and skipped; the
+//! messages after it are read normally.
 
 use std::io::{self, BufRead, Read};
 use std::thread::JoinHandle;
@@ -9,24 +9,24 @@ use lsp_server::{Connection, Message, Notification};
 use lsp_types::notification::{self, Notification as _};
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 
-/// A message with the largest program has so many bytes: some characters of a text take several in JSON.
+/// Largest size of a message, reached with the largest program: some characters take several bytes in JSON.
 const MESSAGE_BYTES_MAX: u64 = 4 * PROGRAM_BYTES_MAX as u64;
 
-/// Bytes of a line before a message.
+/// Largest size of a header line before a message, bytes.
 const HEADER_BYTES_MAX: u64 = 4096;
 
-/// The method under which the server hears of what cannot be read.
+/// Method by which the server is notified of a message that cannot be read.
 pub(super) const MALFORMED: &str = "$/tandem/malformed";
 
-/// What comes next.
+/// Next input.
 enum Next {
     Message(Message),
-    /// Something that is no message, and why.
+    /// Input that is not a valid message, with the reason.
     Malformed(String),
     End,
 }
 
-/// The editor at the other end of standard input and output, and what ends when all is written.
+/// Opens the connection over standard input and output; the thread ends when everything is written.
 pub(super) fn stdio() -> (Connection, JoinHandle<io::Result<()>>) {
     let (to_editor, written) = bounded::<Message>(0);
     let (read, from_editor) = bounded::<Message>(0);
@@ -36,7 +36,7 @@ pub(super) fn stdio() -> (Connection, JoinHandle<io::Result<()>>) {
             .into_iter()
             .try_for_each(|message| message.write(&mut output))
     });
-    // it ends with its input, and is not waited for
+    // this thread ends with its input and is not joined
     std::thread::spawn(move || {
         let mut input = io::stdin().lock();
         while let Ok(Some(message)) = read_message(&mut input) {
@@ -53,7 +53,7 @@ pub(super) fn stdio() -> (Connection, JoinHandle<io::Result<()>>) {
     (connection, writer)
 }
 
-/// The next message, or what says that one cannot be read; `None` at the end.
+/// Reads the next message, or returns a notification that it cannot be read; `None` at the end of the input.
 fn read_message(input: &mut impl BufRead) -> io::Result<Option<Message>> {
     Ok(match next(input)? {
         Next::Message(message) => Some(message),
@@ -112,7 +112,7 @@ fn next(input: &mut impl BufRead) -> io::Result<Next> {
 mod tests {
     use super::*;
 
-    /// The methods of all messages, and why the others are none.
+    /// Returns the methods of all valid messages, and the reasons why the others are invalid.
     fn all(input: &str) -> Vec<String> {
         let mut input = input.as_bytes();
         let mut all = Vec::new();

@@ -8,27 +8,27 @@ use super::{Line, Stroke};
 
 /// Longer side of the picture, in the unit of its text.
 const SIDE: f64 = 1000.0;
-/// Room around the path for the labels.
+/// Margin around the path for the labels.
 const MARGIN: f64 = 60.0;
-/// Grid lines along the longer side: about this many.
+/// Approximate number of grid lines along the longer side.
 const GRID_LINES: f64 = 10.0;
 
-/// What is drawn.
+/// Content of the picture.
 pub struct Drawing<'a> {
     /// Name of the program.
     pub title: &'a str,
     /// Cycle time, s.
     pub cycle_time_s: f64,
-    /// Axes to the right and up; `None`: no grid, since no distance can be read off.
+    /// Axes to the right and up; without them there is no grid, because no distance can be read.
     pub axes: Option<[Axis; 2]>,
-    /// What is told below the picture.
+    /// Strokes explained below the picture.
     pub legend: &'a [Stroke],
-    /// The toolpath.
+    /// The tool path.
     pub lines: &'a [Line],
 }
 
 impl Drawing<'_> {
-    /// The picture as text.
+    /// Returns the picture as text.
     pub fn to_svg(&self) -> String {
         let mut svg = String::new();
         // Writing into a String never fails.
@@ -88,7 +88,7 @@ impl Drawing<'_> {
 }
 
 impl Drawing<'_> {
-    /// The strokes of the legend with their names; there is room for three.
+    /// Returns the strokes of the legend with their names; there is space for three.
     fn strokes(&self, y: f64) -> String {
         let line = y - 5.0;
         let each = self.legend.iter().zip([14, 100, 300]).map(|(stroke, x)| {
@@ -115,7 +115,7 @@ const STYLE: &str = "\
 text { fill: #38414c }
 ";
 
-/// The places of machine positions in the picture.
+/// Converts machine positions into positions in the picture.
 struct Frame {
     lowest: [f64; 2],
     highest: [f64; 2],
@@ -130,7 +130,7 @@ impl Frame {
         let lowest = [0, 1].map(|axis| values(axis).reduce(f64::min).unwrap_or_default());
         let highest = [0, 1].map(|axis| values(axis).reduce(f64::max).unwrap_or_default());
         let longer = (highest[0] - lowest[0]).max(highest[1] - lowest[1]);
-        // A path of one point is drawn as if it were 1 mm long.
+        // A path of one point is drawn with a length of 1 mm.
         let longer = if longer > 0.0 { longer } else { 1.0 };
         Self {
             lowest,
@@ -139,10 +139,10 @@ impl Frame {
         }
     }
 
-    /// Width and height of the picture.
+    /// Returns width and height of the picture.
     fn size(&self) -> [f64; 2] {
         let side = |axis: usize| (self.highest[axis] - self.lowest[axis]) * self.scale + 2.0 * MARGIN;
-        // The legend needs its width.
+        // The legend needs this width.
         [side(0).max(400.0), side(1)]
     }
 
@@ -153,7 +153,7 @@ impl Frame {
         ]
     }
 
-    /// Distance of the grid lines, mm: 1, 2 or 5 times a power of ten.
+    /// Returns the distance of the grid lines, mm: 1, 2 or 5 times a power of ten.
     fn step(&self) -> f64 {
         let wished = SIDE / self.scale / GRID_LINES;
         let power = 10_f64.powf(wished.log10().floor());
@@ -167,7 +167,7 @@ impl Frame {
         let step = self.step();
         let digits = if step >= 1.0 { 0 } else { 3 };
         let [low, high] = [self.lowest, self.highest];
-        // Of the axis to the right and of the axis up: place of the labels of its values, and of its letter.
+        // For the axis to the right and the axis up: position of the labels of its values, and of its letter.
         let places = [
             (
                 "dy=\"18\" text-anchor=\"middle\"",
@@ -189,7 +189,7 @@ impl Frame {
                     self.at(end)
                 });
                 let [[x1, y1], [x2, y2]] = ends;
-                // The sum takes the sign off a negative zero.
+                // The addition removes the sign of a negative zero.
                 let shown = value + 0.0;
                 writeln!(
                     svg,

@@ -1,15 +1,15 @@
-//! A line through many points, kept with as few of them as a picture needs.
+//! A line through many points, reduced to the points that a picture needs.
 
-/// A place in the picture, mm: to the right and up.
+/// A position in the picture, mm to the right and up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point(pub [f64; 2]);
 
-/// How far a point that is left out may be from the line that is drawn, mm.
+/// Greatest distance of an omitted point from the drawn line, mm.
 const TOLERANCE_MM: f64 = 0.001;
 
-/// Points in order. One that the straight line between its neighbours passes within [`TOLERANCE_MM`] is left out: a
-/// cone of directions from the last kept point narrows with each point taken, and one outside it begins the next line
-/// (the sleeve algorithm of Zhao and Saalfeld).
+/// Points in order. A point is omitted if the straight line between its neighbours passes within [`TOLERANCE_MM`]: a
+/// cone of directions from the last kept point narrows with each added point, and a point outside it begins the next
+/// line (the sleeve algorithm of Zhao and Saalfeld).
 #[derive(Debug)]
 pub struct Polyline {
     /// At least one point.
@@ -18,7 +18,8 @@ pub struct Polyline {
     cone: Option<Cone>,
 }
 
-/// Directions from the last kept point that pass each point since, in radians about `middle`, and the distance of the farthest.
+/// Directions from the last kept point that pass each later point, in radians about `middle`, and the distance of the
+/// farthest.
 #[derive(Debug, Clone, Copy)]
 struct Cone {
     middle: f64,
@@ -28,7 +29,7 @@ struct Cone {
 }
 
 impl Polyline {
-    /// Begins at a point.
+    /// Begins a line at a point.
     pub fn new(start: Point) -> Self {
         Self {
             kept: vec![start],
@@ -37,12 +38,12 @@ impl Polyline {
         }
     }
 
-    /// The last point taken.
+    /// Returns the last added point.
     pub fn end(&self) -> Point {
         self.end
     }
 
-    /// Continues to a point.
+    /// Continues the line to a point.
     pub fn push(&mut self, point: Point) {
         if point == self.end {
             return;
@@ -57,12 +58,12 @@ impl Polyline {
         self.end = point;
     }
 
-    /// The last point kept.
+    /// Returns the last kept point.
     fn anchor(&self) -> Point {
         self.kept[self.kept.len() - 1]
     }
 
-    /// The points that are left; only one, when nothing moved.
+    /// Returns the kept points; only one if nothing moved.
     pub fn into_points(mut self) -> Vec<Point> {
         if self.end != self.anchor() {
             self.kept.push(self.end);
@@ -83,7 +84,7 @@ impl Cone {
         }
     }
 
-    /// With one more point; `None` when no straight line passes all of them, or when the path turns back.
+    /// Returns the cone with one more point; `None` if no straight line passes all of them, or if the path turns back.
     fn narrowed(self, anchor: Point, point: Point) -> Option<Self> {
         let (direction, reach) = polar(anchor, point);
         let off = (direction - self.middle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
@@ -106,7 +107,7 @@ fn polar(Point([x, y]): Point, Point([to_x, to_y]): Point) -> (f64, f64) {
     (dy.atan2(dx), dx.hypot(dy))
 }
 
-/// By how much a direction may be off and still pass a point at this distance.
+/// Returns the angle by which a direction may differ and still pass a point at this distance.
 fn half_angle(reach: f64) -> f64 {
     if reach <= TOLERANCE_MM {
         std::f64::consts::PI
@@ -160,7 +161,7 @@ mod tests {
         }
     }
 
-    /// From a point to the straight line between two others.
+    /// Returns the distance from a point to the straight line between two others.
     fn distance(Point([x, y]): Point, Point([ax, ay]): Point, Point([bx, by]): Point) -> f64 {
         let (dx, dy) = (bx - ax, by - ay);
         let along = (((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)).clamp(0.0, 1.0);

@@ -1,4 +1,4 @@
-//! Time that blocks at feedrate lose because they stop or slow down, from the profiles as they are planned.
+//! Time that blocks at feedrate lose because they stop or slow down, calculated from the planned profiles.
 
 use std::collections::VecDeque;
 
@@ -7,21 +7,21 @@ use tandem_model::profile::{Law, Profile, Ramped};
 use tandem_model::{AxisVector, Origin, bisect};
 use tandem_runtime::simulation::Planned;
 
-/// Halvings of a profile's time: to the last significant bits.
+/// Number of bisections of a profile's time, enough to reach the last significant bits.
 const HALVINGS: u32 = 60;
 
-/// Time lost at places between two blocks.
+/// Time lost between two blocks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(super) struct Loss {
-    /// In how many places.
+    /// Number of block transitions with a loss.
     places: u64,
-    /// In all of them, s.
+    /// Sum of all losses, s.
     lost_s: f64,
-    /// Where most is lost in one place: program and line of the block that ends there.
+    /// Largest single loss, with program and line of the block that ends there.
     worst: Option<Worst>,
 }
 
-/// A place that loses time.
+/// Block transition that loses time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Worst {
     program: u16,
@@ -42,7 +42,7 @@ impl Loss {
         }
     }
 
-    /// As a line of text.
+    /// Returns the loss as a line of text.
     pub fn text(&self) -> String {
         let places = if self.places == 1 { "place" } else { "places" };
         let sum = format!("{:.3} s in {} {places}", self.lost_s, self.places);
@@ -53,33 +53,33 @@ impl Loss {
     }
 }
 
-/// A segment that is planned and has not been passed.
+/// A segment that is planned and not yet passed.
 #[derive(Debug)]
 struct Piece {
     segment: u64,
     origin: Origin,
     /// F within the limits, path units per second, of a segment at feedrate.
     speed_limit: Option<f64>,
-    /// It ends at rest.
+    /// The segment ends at rest.
     stops: bool,
     /// Time of its profiles, s.
     duration_s: f64,
-    /// Loss up to the middle of its length, and behind it, s.
+    /// Loss in the first half and in the second half of its length, s.
     lost_s: [f64; 2],
-    /// Where it ends; `None`: where its motors say.
+    /// End position; `None` if it is only known from the motors.
     target: Option<AxisVector>,
-    /// When it begins: where it does directly behind the one before, and how long the motors have rested before it, s.
+    /// Start: whether it follows the previous segment directly, and how long the motors rested before it, s.
     begun: Option<(bool, f64)>,
 }
 
-/// Follows what is planned, and when it is passed.
+/// Tracks the planned segments and the times at which they are passed.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
     /// Feed override, 1 at 100 percent.
     feed_override: f64,
     planned: VecDeque<Piece>,
     before: Option<Piece>,
-    /// When the first block of the chain began, and the time of those of its blocks that have been passed, s.
+    /// Start time of the first block of the chain, and the total time of its passed blocks, s.
     chain: (f64, f64),
     /// The program has waited since the last block.
     waited: bool,
@@ -123,7 +123,7 @@ impl Losses {
         };
         let next_limit = self.planned.get(index + 1).and_then(|next| next.speed_limit);
         let piece = &mut self.planned[index];
-        // a pace is of plan time that runs so much faster
+        // a pace applies to plan time, which runs faster by this factor
         let (block, of_pace) = match &profile.law {
             Law::Ramped { block, .. } => (Some(block), 1.0),
             Law::Paced { block, pace } => (Some(block), pace.feed_override),
@@ -142,12 +142,12 @@ impl Losses {
         }
     }
 
-    /// An output is waited for, or the program pauses.
+    /// Records that the program waits for an output or pauses.
     pub fn wait(&mut self) {
         self.waited = true;
     }
 
-    /// The servo has come to this segment at this time.
+    /// Records that the servo has reached this segment at this time.
     pub fn reach(&mut self, segment: u64, now_s: f64) {
         while self.planned.front().is_some_and(|piece| piece.segment <= segment) {
             self.begin(now_s);
@@ -158,7 +158,7 @@ impl Losses {
         }
     }
 
-    /// The run has ended.
+    /// Records the end of the run.
     pub fn end(&mut self) {
         while self.planned.front().is_some_and(|piece| piece.begun.is_some()) {
             self.pass();
@@ -167,7 +167,7 @@ impl Losses {
         self.before = None;
     }
 
-    /// Where the block passed last ends, machine coordinates; `None`: nobody knows beforehand.
+    /// Returns the end of the last passed block in machine coordinates; `None` if it is not known in advance.
     pub fn target(&self) -> Option<AxisVector> {
         self.before.as_ref()?.target
     }
@@ -207,8 +207,8 @@ impl Losses {
     }
 }
 
-/// Time that a profile takes longer than its way at the limits of its own block and of the next one: up to the middle of
-/// the length of its own block, and behind it.
+/// Returns the time that a profile takes in addition to the time of its path at the limits of its own block and of the
+/// next one, for the first and the second half of the length of its own block.
 fn lost(profile: &Profile, block: &Ramped, [own_limit, next_limit]: [f64; 2]) -> [f64; 2] {
     let at = |t_s: f64| {
         let (gone, next_s) = block.gone(profile.plan_time(t_s));

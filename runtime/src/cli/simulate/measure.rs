@@ -1,4 +1,4 @@
-//! Measures a run from setpoint to setpoint: times and distances, ranges of the axes, and the most that motors do.
+//! Measures a run from setpoint to setpoint: times, distances, ranges of the axes, and peak values of the motors.
 
 use std::collections::BTreeMap;
 
@@ -13,10 +13,10 @@ use tandem_servo::Servo;
 use super::super::say;
 use super::losses::{Loss, Losses};
 
-/// Tells the transform in force.
+/// Returns the transform in force.
 pub(super) type Coordinates = Box<dyn Fn() -> Transform + Send>;
 
-/// What time is spent with.
+/// Activity on which time is spent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Doing {
     Feed,
@@ -25,7 +25,7 @@ enum Doing {
     Wait,
 }
 
-/// Time and way of a tool or a program.
+/// Time and distance of a tool or a program.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct Share {
     time_s: f64,
@@ -52,7 +52,7 @@ impl Share {
         }
     }
 
-    /// Cells of a row: time, shares in percent, ways.
+    /// Returns the cells of a row: time, shares in percent, distances.
     pub fn cells(&self) -> String {
         let percent = |part_s: f64| {
             if self.time_s > 0.0 {
@@ -82,7 +82,7 @@ pub(super) struct Range {
 
 impl Range {
     fn add(range: &mut Option<Self>, value: f64) {
-        // the sum takes the sign off a negative zero
+        // the addition removes the sign of a negative zero
         let value = value + 0.0;
         *range = Some(range.map_or(
             Self {
@@ -97,14 +97,14 @@ impl Range {
     }
 }
 
-/// The range of an axis in the machine's and in the program's coordinates; none where nothing has moved.
+/// Range of an axis in machine and in program coordinates; `None` if nothing has moved.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub(super) struct Ranges {
     pub machine: Option<Range>,
     pub program: Option<Range>,
 }
 
-/// The most of something, and the block that causes it.
+/// A peak value, and the block that causes it.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub(super) struct Peak {
     pub value: f64,
@@ -112,7 +112,7 @@ pub(super) struct Peak {
     pub line: u32,
 }
 
-/// The most that a motor does.
+/// Peak values of a motor.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct MotorPeaks {
     pub axis: String,
@@ -128,7 +128,7 @@ impl MotorPeaks {
             .into_iter()
             .zip(values)
         {
-            // what is equal but for rounding stays with the block that had it first
+            // values that are equal except for rounding are assigned to the first block
             if value.abs() > peak.value * (1.0 + 1e-6) {
                 *peak = Peak {
                     value: value.abs(),
@@ -147,14 +147,14 @@ pub(super) struct TimeLost {
     pub corners: Loss,
 }
 
-/// What was measured.
+/// Results of the measurement.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct Measured {
-    /// By the number of the tool.
+    /// By tool number.
     pub tools: BTreeMap<u16, Share>,
-    /// By the number of the program, without what it calls.
+    /// By program number, without called programs.
     pub programs: BTreeMap<u16, Share>,
-    /// By the letter of the axis.
+    /// By axis letter.
     pub ranges: BTreeMap<char, Ranges>,
     pub motors: Vec<MotorPeaks>,
     pub lost: TimeLost,
@@ -163,7 +163,7 @@ pub(super) struct Measured {
 const HEADING: &str = "     time s feed % rapid % wait %      feed mm     rapid mm";
 
 impl Measured {
-    /// Tables for people.
+    /// Prints tables for people.
     pub fn print(&self) {
         for (name, shares) in [("tool", &self.tools), ("program", &self.programs)] {
             say(format!("  {name:<8}{HEADING}"));
@@ -207,14 +207,14 @@ pub(super) struct Measure {
     coordinates: Option<Coordinates>,
     transform: Transform,
     running: bool,
-    /// Up to when time is spent, s.
+    /// End of the measured time, s.
     now_s: f64,
     doing: Doing,
     place: Origin,
     tool: u16,
-    /// Of the last cycle: position, speed and acceleration.
+    /// Position, speed and acceleration of the last cycle.
     last: [AxisVector; 3],
-    /// A way whose coordinates are not known yet: the block may have changed them.
+    /// Motion whose coordinates are not known yet, because the block may have changed them.
     moved: Option<[AxisVector; 2]>,
     losses: Losses,
     measured: Measured,
@@ -265,19 +265,19 @@ impl Measure {
         self.place.program = program;
     }
 
-    /// A block begins: what changes with it is in force.
+    /// Records the start of a block, whose changes are then in force.
     pub fn block(&mut self) {
         if let Some(coordinates) = &self.coordinates {
             self.transform = coordinates();
         }
     }
 
-    /// The coordinate system works with this tool from now on.
+    /// Records that the coordinate system works with this tool from now on.
     pub fn select(&mut self, tool: u16) {
         self.tool = tool;
     }
 
-    /// An output is waited for, or the program pauses.
+    /// Records that the program waits for an output or pauses.
     pub fn wait(&mut self) {
         self.losses.wait();
     }
@@ -289,13 +289,13 @@ impl Measure {
         self.running = false;
     }
 
-    /// The commanded machine position, and where the block passed last ends.
+    /// Returns the commanded machine position and the end of the last passed block.
     pub fn position(&self) -> [AxisVector; 2] {
         let [at, ..] = self.last;
         [at, self.losses.target().unwrap_or(at)]
     }
 
-    /// From the programmed point to the machine position.
+    /// Returns the transform from the programmed point to the machine position.
     pub fn transform(&self) -> Transform {
         self.transform
     }
@@ -315,7 +315,7 @@ impl Measure {
         let [from, speed, acceleration] = self.last;
         let per_s = 1.0 / self.period_s;
         let mut moved_s = self.period_s;
-        // in the cycles left out the motors have kept their speeds
+        // in the skipped cycles the motors kept their speeds
         let left_out_s = now_s - self.now_s - self.period_s;
         if left_out_s > self.period_s / 2.0 {
             self.spend(left_out_s, 0.0);
@@ -360,7 +360,7 @@ impl Measure {
         self.now_s += time_s;
     }
 
-    /// The way of the last cycle, in the coordinates of its block.
+    /// Adds the motion of the last cycle to the ranges, in the coordinates of its block.
     fn range(&mut self) {
         let Some(way) = self.moved.take() else { return };
         for machine in way {

@@ -27,7 +27,7 @@ use super::Plan;
 use super::measure::{Measure, Measured};
 use super::steps::{End, Steps, published};
 
-/// A file of lines. What cannot be written is reported at the end: a servo cycle and the journal do not fail.
+/// A file of lines. Write errors are reported at the end, because the servo cycle and the journal must not fail.
 struct Lines {
     file: BufWriter<File>,
     failed: Option<io::Error>,
@@ -45,14 +45,14 @@ impl Lines {
         }
     }
 
-    /// Everything is in the file when this returns.
+    /// Flushes the file and returns the first write error.
     fn finish(&mut self) -> io::Result<()> {
         self.failed.take().map_or(Ok(()), Err)?;
         self.file.flush()
     }
 }
 
-/// What happened in one coordinate system.
+/// Events of one coordinate system.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct Record {
     #[serde(skip)]
@@ -60,7 +60,7 @@ pub(super) struct Record {
     #[serde(skip)]
     pub end_s: f64,
     pub blocks: u64,
-    /// In the order of their outputs; `reset_s` is null until the reset.
+    /// Ordered by output; `reset_s` is null until the reset.
     pub m_codes: Vec<Value>,
     pub stops: Vec<Value>,
     pub warnings: Vec<Value>,
@@ -69,7 +69,7 @@ pub(super) struct Record {
     pub measured: Measured,
 }
 
-/// A coordinate system that is simulated.
+/// A simulated coordinate system.
 struct System {
     record: Record,
     measure: Measure,
@@ -77,11 +77,11 @@ struct System {
     axes: Vec<Axis>,
     /// M number of the code that changes tools by its word T, where no sequence program selects the tool.
     tool_changer: Option<u16>,
-    /// As the machine tells it.
+    /// Tool number that the machine has reported last.
     tool: u16,
 }
 
-/// What happens in a simulation: the journal's lines, servo cycles, and what is planned.
+/// Records the journal's lines, servo cycles and planned motion of a simulation.
 pub(super) struct Recorder {
     systems: BTreeMap<CoordinateSystemNumber, System>,
     port: Option<Arc<dyn Port>>,
@@ -113,7 +113,7 @@ impl Recorder {
         })
     }
 
-    /// From now on the machine is asked what is in force.
+    /// Reads the values in force from this machine from now on.
     pub fn look_at(&mut self, runtime: &Runtime) {
         self.port = Some(runtime.port());
         for (cs, system) in &mut self.systems {
@@ -136,7 +136,7 @@ impl Recorder {
     }
 
     pub fn on_line(&mut self, line: &Line) {
-        // Commands are the simulation's own.
+        // Commands come from the simulation itself.
         if matches!(line.event, Event::Command { .. }) {
             return;
         }
@@ -154,7 +154,7 @@ impl Recorder {
         }
     }
 
-    /// What happened in each coordinate system. Everything is in the files when this returns.
+    /// Flushes all files and returns the events of each coordinate system.
     pub fn finish(&mut self) -> anyhow::Result<BTreeMap<CoordinateSystemNumber, Record>> {
         let files = [("--events", &mut self.events), ("--steps", &mut self.steps)];
         for (name, file) in files {
@@ -166,7 +166,7 @@ impl Recorder {
 }
 
 impl System {
-    /// Gives the lines of the blocks that are over.
+    /// Returns the lines of the blocks that have ended.
     fn on_line(&mut self, line: &Line, port: &dyn Port) -> Vec<Value> {
         let over = self.step(line, port);
         match &line.event {
@@ -267,7 +267,7 @@ impl Record {
     }
 }
 
-/// Positions of each servo period as CSV, and a sign of life on a terminal.
+/// Positions of each servo period as CSV, and the progress on a terminal.
 pub(super) struct Trace(Arc<Mutex<Traced>>);
 
 struct Traced {
@@ -306,7 +306,7 @@ impl Trace {
         Ok(Self(Arc::new(Mutex::new(trace))))
     }
 
-    /// What the simulation calls after each servo cycle; `None`: nothing has to be written or shown.
+    /// Returns the callback for each servo cycle; `None` if nothing has to be written or shown.
     pub fn on_cycle(&self) -> Option<OnCycle> {
         if self.0.lock().file.is_none() && !io::stderr().is_terminal() {
             return None;
@@ -323,12 +323,12 @@ impl Trace {
         }))
     }
 
-    /// True where each cycle has a row, also those in which motors keep their speeds.
+    /// Returns true if each cycle has a row, also if the motors keep their speeds.
     pub fn is_written(&self) -> bool {
         self.0.lock().file.is_some()
     }
 
-    /// Everything is in the file when this returns.
+    /// Flushes the file.
     pub fn finish(&self) -> anyhow::Result<()> {
         let mut trace = self.0.lock();
         if trace.shown.is_some() {
@@ -344,7 +344,7 @@ impl Traced {
         let Some(file) = &mut self.file else { return };
         let mut line = format!("{time_s:.6},{},{}", self.program, self.line);
         for axis in &self.axes {
-            // The sum takes the sign off a negative zero. Writing into a String never fails.
+            // The addition removes the sign of a negative zero. Writing into a String never fails.
             let _ = write!(line, ",{:.9}", position[axis.index()] + 0.0);
         }
         if self.with_spindle {
@@ -353,7 +353,7 @@ impl Traced {
         file.write(line);
     }
 
-    /// After a second, five times a second, on a terminal.
+    /// Shows the progress on a terminal, five times a second after the first second.
     fn show(&mut self, time_s: f64) {
         self.cycles += 1;
         if !self.cycles.is_multiple_of(1024) || !std::io::stderr().is_terminal() {
@@ -368,7 +368,7 @@ impl Traced {
             self.shown = Some(now);
             let (program, line) = (self.program, self.line);
             let mut stderr = io::stderr().lock();
-            // A terminal that has gone is no reason to fail.
+            // A closed terminal is no error.
             let _ = write!(
                 stderr,
                 "\rsimulated {time_s:.1} s, program {program} line {line}   "

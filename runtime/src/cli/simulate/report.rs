@@ -1,4 +1,4 @@
-//! What a simulation found, as text and as JSON.
+//! Results of a simulation, as text and as JSON.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use tandem_runtime::Runtime;
 use super::super::say;
 use super::recorder::Record;
 
-/// What a simulation found: the first coordinate system's part, and those of the others.
+/// Result of a simulation: the part of the first coordinate system, and the parts of the others.
 #[derive(Serialize)]
 pub(in crate::cli) struct Outcome {
     #[serde(flatten)]
@@ -22,7 +22,7 @@ pub(in crate::cli) struct Outcome {
     others: BTreeMap<CoordinateSystemNumber, Part>,
 }
 
-/// One coordinate system's part.
+/// Result of one coordinate system.
 #[derive(Serialize)]
 struct Part {
     outcome: &'static str,
@@ -36,7 +36,7 @@ struct Part {
 }
 
 impl Outcome {
-    /// Of what was recorded of each coordinate system, and what the runtime shows at the end.
+    /// Creates the result from the records of each coordinate system and the final state of the runtime.
     pub(super) async fn new(
         runtime: &Runtime,
         mut records: BTreeMap<CoordinateSystemNumber, Record>,
@@ -58,12 +58,12 @@ impl Outcome {
         self.parts().all(|part| part.record.alarm.is_null())
     }
 
-    /// From the first program's start to its end, s.
+    /// Returns the time from the start of the first program to its end, s.
     pub fn cycle_time_s(&self) -> f64 {
         self.first.cycle_time_s
     }
 
-    /// What ended the first program that did not complete, in a sentence; empty when all completed.
+    /// Returns the reason why the first incomplete program ended, as a sentence; empty if all programs completed.
     pub fn alarm_text(&self) -> String {
         self.parts().find_map(Part::alarm_text).unwrap_or_default()
     }
@@ -179,7 +179,7 @@ impl Part {
     }
 }
 
-/// Variables that are not zero, by number; what is no number is a string.
+/// Returns the variables that are not zero, by number; values that are not numbers become strings.
 fn non_zero(variables: &VariableArray) -> Map<String, Value> {
     (0..variables.len())
         .filter_map(|index| Some((index, variables.get(index)?)))
@@ -194,7 +194,7 @@ fn non_zero(variables: &VariableArray) -> Map<String, Value> {
         .collect()
 }
 
-/// To the digits that are printed: what is rounding around 0 has no sign.
+/// Rounds to the printed digits and removes the sign of a zero.
 fn without_rounding(value: f64) -> f64 {
     (value * 1e4).round() / 1e4 + 0.0
 }

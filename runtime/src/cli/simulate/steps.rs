@@ -1,4 +1,4 @@
-//! `simulate --steps`: a line for each block that moves, rests, outputs or stops, written when it is over.
+//! `simulate --steps`: a line for each block that moves, dwells, outputs or stops, written when the block ends.
 
 use futures_util::FutureExt;
 use plc_api::port::Port;
@@ -10,13 +10,13 @@ use serde_json::{Map, Value, json};
 use tandem_model::flow::Transform;
 use tandem_model::{Axis, AxisVector};
 
-/// What is published of a topic of a coordinate system now.
+/// Returns the message currently published on a topic of a coordinate system.
 pub(super) fn published(port: &dyn Port, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<Payload> {
     let message = port.read(&Topic::cs(cs, topic)).now_or_never()??;
     Some(message.payload.clone())
 }
 
-/// A block that is carried out.
+/// A block in execution.
 #[derive(Debug)]
 struct Step {
     program: u16,
@@ -49,7 +49,7 @@ impl Step {
     }
 }
 
-/// Where a block ends.
+/// End of a block.
 pub(super) struct End<'a> {
     pub at_s: f64,
     pub machine: AxisVector,
@@ -60,7 +60,7 @@ pub(super) struct End<'a> {
 impl End<'_> {
     fn by_letter(&self, values: AxisVector) -> Value {
         let values = self.axes.iter().map(|axis| {
-            // the sum takes the sign off a negative zero
+            // the addition removes the sign of a negative zero
             (axis.letter().to_string(), json!(values[*axis] + 0.0))
         });
         Value::Object(values.collect::<Map<_, _>>())
@@ -82,7 +82,7 @@ impl End<'_> {
     }
 }
 
-/// The blocks of a coordinate system that are not over.
+/// The blocks of a coordinate system that have not ended.
 #[derive(Debug)]
 pub(super) struct Steps {
     cs: CoordinateSystemNumber,
@@ -118,14 +118,14 @@ impl Steps {
         }
     }
 
-    /// A block begins to move; gives the line of the one before.
+    /// Records the start of a motion; returns the line of the previous block.
     pub fn block(&mut self, port: &dyn Port, at: (u16, u32), end: &End<'_>) -> Option<Value> {
         let over = self.close(end);
         self.open = Some(self.step(port, at, end.at_s));
         over
     }
 
-    /// An output is made; gives the line of the block before, if that is another one.
+    /// Records an output; returns the line of the previous block if that is another one.
     pub fn output(&mut self, port: &dyn Port, notice: &OutputNotice, end: &End<'_>) -> Option<Value> {
         let at = (notice.program, notice.line);
         if notice.timing == Timing::WithMotion {
@@ -141,7 +141,7 @@ impl Steps {
         over
     }
 
-    /// The program pauses; gives the line of the block before, if that is another one.
+    /// Records a pause of the program; returns the line of the previous block if that is another one.
     pub fn stop(&mut self, port: &dyn Port, at: (u16, u32), m: Option<u16>, end: &End<'_>) -> Option<Value> {
         let over = self.enter(port, at, end);
         if let Some(step) = &mut self.open {
@@ -150,7 +150,7 @@ impl Steps {
         over
     }
 
-    /// An output is reset; gives its line, if it has one of its own.
+    /// Records the reset of an output; returns its line if it has one of its own.
     pub fn reset(&mut self, seq: u64, end: &End<'_>) -> Option<Value> {
         let of_block = self.open.as_mut().is_some_and(|step| step.reset(seq, end.at_s));
         if of_block {
@@ -163,7 +163,7 @@ impl Steps {
         Some(end.line(self.cs, &self.beside.remove(index)))
     }
 
-    /// The run has ended; gives the lines that are left.
+    /// Records the end of the run; returns the remaining lines.
     pub fn end(&mut self, end: &End<'_>) -> Vec<Value> {
         let beside = std::mem::take(&mut self.beside);
         let beside = beside.iter().map(|step| end.line(self.cs, step));
@@ -171,7 +171,7 @@ impl Steps {
         self.close(end).into_iter().chain(beside).collect()
     }
 
-    /// What happens at a place belongs to the block that moved there, unless that has had its output or stop.
+    /// Assigns an event to the block that moved to this line, unless that block already has its output or stop.
     fn enter(&mut self, port: &dyn Port, at: (u16, u32), end: &End<'_>) -> Option<Value> {
         let goes_on = |step: &Step| step.is_at(at.0, at.1) && step.outputs.is_empty() && step.stop.is_null();
         if self.open.as_ref().is_some_and(goes_on) {

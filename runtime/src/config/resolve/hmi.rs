@@ -15,16 +15,16 @@ use super::super::{Config, HmiConfig};
 use super::Checked;
 use crate::program_store::StoredProgram;
 
-/// Buttons, and cards. Reason: they are seen on one panel.
+/// Largest number of buttons, and of cards. Reason: they are shown on one panel.
 const ADDED_MAX: usize = 32;
-/// Characters of what stands on a button or above a card.
+/// Largest number of characters of a button's text or a card's title.
 const TEXT_MAX: usize = 40;
-/// Characters of a question, and of a line of NC text.
+/// Largest number of characters of a question, and of a line of NC text.
 const LINE_MAX: usize = 200;
-/// Characters of a unit.
+/// Largest number of characters of a unit.
 const UNIT_MAX: usize = 12;
 
-/// Inputs that a button switches, and those that a card shows beside them.
+/// Inputs that a button switches; a card can show these and the locks.
 const SWITCHES: [&str; 3] = ["optional_stop", "single_block", "dry_run"];
 const LOCKS: [&str; 2] = ["interlock", "start_lock"];
 
@@ -68,7 +68,7 @@ impl Config {
     }
 }
 
-/// A button or a card that is checked.
+/// A button or a card to be checked.
 struct Added<'a, 'b, 'c> {
     checked: Checked<'a, 'b>,
     systems: &'c [CoordinateSystem],
@@ -173,7 +173,7 @@ impl Added<'_, '_, '_> {
         }
     }
 
-    /// A line of NC text, as the coordinate system reads it, or all of them.
+    /// Checks a line of NC text for its coordinate system, or for all of them.
     fn line(&mut self, line: &str, cs: Option<CoordinateSystemNumber>) {
         self.text("mdi", line, LINE_MAX);
         let systems = self.systems;
@@ -224,7 +224,7 @@ impl Added<'_, '_, '_> {
         }
     }
 
-    /// A file of the folder.
+    /// Checks a file of the folder.
     fn file(&mut self, key: &str, name: &str, endings: &[&str]) {
         let is_kind = name
             .rsplit_once('.')
@@ -263,7 +263,7 @@ mod tests {
     const SMALL: &str = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                          [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
 
-    /// What a configuration with these tables is refused for; empty: it is not.
+    /// Returns the error for a configuration with these tables; empty if there is none.
     fn refusal(tables: &str) -> String {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("hmi")).unwrap();

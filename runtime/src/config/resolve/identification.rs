@@ -5,7 +5,7 @@ use plc_api::types::machine::Identification;
 use super::super::Config;
 use super::super::text::Problems;
 
-/// Characters of a text. Reason: it stands on a nameplate.
+/// Largest number of characters of a text. Reason: it is shown on a nameplate.
 const TEXT_MAX: usize = 200;
 
 impl Config {

@@ -29,7 +29,7 @@ impl InputConfig {
         }
     }
 
-    /// Interlock and start lock of a coordinate system.
+    /// Returns interlock and start lock of a coordinate system.
     pub(super) fn rules(&self, cs: CoordinateSystemNumber) -> [LockRules; 2] {
         [&self.interlock, &self.start_lock].map(|lock| lock.rules(cs))
     }

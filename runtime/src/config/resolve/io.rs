@@ -9,10 +9,10 @@ use super::super::text::Problems;
 use super::super::{IoConfig, IoPointConfig};
 use super::Checked;
 
-/// Characters of a text. Reason: it is one line of a card.
+/// Largest number of characters of a text. Reason: it is one line of a card.
 const TEXT_MAX: usize = 100;
 
-/// Characters of a unit.
+/// Largest number of characters of a unit.
 const UNIT_MAX: usize = 16;
 
 impl IoConfig {
@@ -46,7 +46,7 @@ impl IoConfig {
 }
 
 impl IoPointConfig {
-    /// `keep` belongs to outputs, and to `at_start`.
+    /// Checks that `keep` is used only for outputs, and `at_start` only with it.
     fn check_loss(&self, side: IoSide, checked: &mut Checked<'_, '_>) {
         let is_kept = self.on_loss == Some(IoLoss::KEEP);
         match (is_kept, self.at_start) {

@@ -8,7 +8,7 @@ use super::super::text::Problems;
 use super::super::{Config, EncoderKind, MotorConfig, POSITION_MAX, RoundKind};
 
 impl Config {
-    /// The motors by number.
+    /// Returns the motors by number.
     pub(super) fn motors(&self, problems: &mut Problems<'_>) -> BTreeMap<u16, MotorSettings> {
         let mut motors = BTreeMap::new();
         for (index, motor) in self.motor.iter().enumerate() {
@@ -41,7 +41,7 @@ impl Config {
         motors
     }
 
-    /// The simulated skip input of each motor that has one.
+    /// Returns the simulated skip input of each motor that has one.
     pub(super) fn simulated_skips(
         &self,
         motors: &BTreeMap<u16, MotorSettings>,
@@ -71,7 +71,7 @@ impl Config {
         skips
     }
 
-    /// What a simulated probe touches, by coordinate system.
+    /// Returns the object that a simulated probe touches, by coordinate system.
     pub(super) fn simulated_rounds(&self, problems: &mut Problems<'_>) -> BTreeMap<u8, SimulatedRound> {
         let mut rounds = BTreeMap::new();
         for (index, config) in self.simulated_round.iter().enumerate() {
@@ -110,7 +110,7 @@ impl Config {
 }
 
 impl MotorConfig {
-    /// 0, or the soft limit next to it.
+    /// Returns 0, or the soft limit nearest to it.
     fn position_near_zero(&self) -> f64 {
         match self.soft_limits {
             Some([low, high]) if low > 0.0 && low < high => low,

@@ -4,7 +4,8 @@ use super::super::{Broker, MqttConfig};
 use super::Checked;
 
 impl MqttConfig {
-    /// Values, and keys that nothing reads with this broker. The files are looked at when they are used.
+    /// Checks the values, and rejects keys that have no effect with this broker. The files are checked when they are
+    /// used.
     pub(super) fn check(&self, checked: &mut Checked<'_, '_>) {
         let users = [
             ("username", self.username.is_some()),

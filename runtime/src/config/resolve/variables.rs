@@ -9,7 +9,7 @@ use super::super::text::Problems;
 use super::super::{CoordinateSystemConfig, PublishedConfig, VariablesConfig};
 use super::Checked;
 
-/// Ranges of variables that are published: the first of each, and how many.
+/// Ranges of published variables (first, length).
 pub(crate) type PublishedRanges = BTreeMap<VariableArea, Vec<(u32, u32)>>;
 
 impl VariablesConfig {
@@ -47,7 +47,7 @@ impl PublishedConfig {
         self.from.starts_with('P')
     }
 
-    /// The number of the first.
+    /// Returns the number of the first variable.
     fn first(&self, checked: &mut Checked<'_, '_>) -> Option<u32> {
         let (letter, len) = if self.is_global() {
             ('P', GLOBAL_VARIABLES)

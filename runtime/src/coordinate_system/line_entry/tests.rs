@@ -15,10 +15,11 @@ use crate::config::Machine;
 use crate::journal::Event;
 use crate::test::{Bench, Scene, kept_journal};
 
-/// What an output shows: M number, program, line, and the machine position of X, Y and Z.
+/// Content of an output: M number, program, line, and the machine position of X, Y and Z.
 type Shown = (u16, u16, u32, [f64; 3]);
 
-/// The demo machine: M100 selects tool VA, M08 and M09 are of the coolant, M60 stands for anything of the user.
+/// Returns the demo machine: M100 selects tool VA, M08 and M09 control the coolant, M60 represents any function of the
+/// user.
 fn machine() -> Machine {
     let mut machine = Config::demo().resolve().unwrap();
     for system in &mut machine.coordinate_systems {
@@ -27,7 +28,8 @@ fn machine() -> Machine {
     machine
 }
 
-/// Does something with a machine that has loaded a program, with its outputs so far. M60 and M70 are answered at once; M70 sets P7.
+/// Runs a test on a machine that has loaded a program, with its outputs so far. M60 and M70 are answered at once; M70
+/// sets P7.
 fn with_program<T: Send + 'static>(
     text: &str,
     act: impl AsyncFnOnce(&Scene, &Mutex<Vec<Shown>>) -> T + Send + 'static,
@@ -65,7 +67,7 @@ async fn run_from(scene: &Scene, from: LineStart) {
     cs.wait_until(Execution::ProgramCompleted).await.unwrap();
 }
 
-/// The state at a line, or the words of its refusal.
+/// Returns the state at a line, or the text of its refusal.
 fn state_at(text: &str, from: LineStart) -> Result<LineState, String> {
     with_program(text, async move |scene, _| {
         match scene.cs(1).line_state(from).await {

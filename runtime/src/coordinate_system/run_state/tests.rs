@@ -1,4 +1,4 @@
-//! Each state with each command as the interface's table has them, and random events.
+//! Each state with each command, compared with the table of the interface, and random events.
 
 use plc_api::execution::{Situation, wire_name};
 use plc_api::types::command::Verb;
@@ -28,7 +28,7 @@ fn awaited(is_lost: bool) -> RunEvent {
     RunEvent::Awaited(Some(Awaited { seq: 3, is_lost }))
 }
 
-/// What the machine's rest makes of a state that is on its way to another.
+/// Returns the state after the machine rests, for a state with a pending transition.
 fn at_rest(state: RunState) -> RunState {
     let events = match state.transition() {
         Some(Transition::Holding) => Some(RunEvent::ServoHeld { behind_block: false }),
@@ -38,13 +38,13 @@ fn at_rest(state: RunState) -> RunState {
     after(state, events)
 }
 
-/// `FEED_HOLD BUS_LOST`.
+/// Formats a state word such as `FEED_HOLD BUS_LOST`.
 fn words((execution, reason): StateWord) -> String {
     let reason = reason.map(|reason| format!(" {}", wire_name(&reason)));
     format!("{}{}", wire_name(&execution), reason.unwrap_or_default())
 }
 
-/// The state of state word and reason.
+/// Parses a state from its state word and reason.
 fn state(words: &str) -> RunState {
     let idle = RunState::Idle((Execution::Ready, None));
     let under_way = || after(idle.clone(), [RunEvent::Started(Phase::Interpret)]);
@@ -90,7 +90,7 @@ const COMMANDS: [Verb; 9] = [
     Verb::Mdi,
 ];
 
-/// What each of [`COMMANDS`] leads to, at rest: `-` is refused, `=` changes nothing.
+/// Result of each of [`COMMANDS`] at rest: `-` is refused, `=` changes nothing.
 #[rustfmt::skip]
 const TABLE: [(&str, [&str; 9]); 19] = [
     ("READY", ["READY", "ACTIVE", "=", "-", "-", "=", "=", "READY", "ACTIVE"]),
@@ -250,7 +250,7 @@ fn what_follows_a_standstill_is_taken_once() {
     );
 }
 
-/// Reasons of a state word, as the interface lists them; `None` among them: it may be without.
+/// Returns the reasons of a state word listed by the interface; `None` among them means that it may have no reason.
 fn reasons(execution: Execution) -> &'static [Option<Reason>] {
     use Reason::{
         Aborted, Alarm, BackTrace, BackTraceEnd, BusLost, HandlerLost, Interlock, NoProgram, Restarted,
@@ -275,14 +275,14 @@ fn reasons(execution: Execution) -> &'static [Option<Reason>] {
     }
 }
 
-/// What happens to a coordinate system.
+/// Event of a coordinate system.
 #[derive(Debug, Clone, Copy)]
 enum Happening {
     Command(Verb),
     Alarm,
     Interlock,
     BusLoss,
-    /// The servo answers what it was told, or holds behind a block.
+    /// The servo answers its last control, or holds after a block.
     Servo {
         behind_block: bool,
     },
@@ -304,7 +304,7 @@ fn happening() -> impl Strategy<Value = Happening> {
     ]
 }
 
-/// A coordinate system around the state, which judges commands and keeps what it is told.
+/// Model of a coordinate system around the state, which validates commands and stores the received events.
 struct Model {
     state: RunState,
     has_run: bool,
@@ -379,7 +379,7 @@ impl Model {
         }
     }
 
-    /// Preparation goes on where nothing holds the run.
+    /// Continues preparation if no hold prevents it.
     fn prepared(&mut self, phase: u8) {
         let may_go_on = self.state.is_running() && self.state.awaited().is_none();
         let Some(before) = self.state.phase().filter(|_| may_go_on) else {

@@ -1,7 +1,7 @@
-//! A disk in memory that keeps apart what was brought to it from what only the operating system has.
+//! A disk in memory that distinguishes synced data from data that only the operating system has.
 //!
-//! A kill of the process leaves all that was written; a power cut leaves what was synced, and of the rest any sectors of
-//! each write, in any order, and of each folder's changes the first few. A process can die between any two operations.
+//! A kill of the process leaves all written data. A power cut leaves synced data; of the rest, any sectors of each
+//! write in any order, and the first few changes of each folder. A process can die between any two operations.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -59,12 +59,12 @@ impl Mount {
         MOUNTED.set(Some(Self { disk, process }));
     }
 
-    /// This thread has no disk in memory any more.
+    /// Unmounts this thread's disk in memory.
     pub(crate) fn unmount() {
         MOUNTED.set(None);
     }
 
-    /// True when the process that has the disk is to end.
+    /// Returns true when the process that has the disk must end.
     pub(crate) fn is_dead() -> bool {
         MOUNTED.with_borrow(|mount| mount.as_ref().is_some_and(|mount| mount.disk.lock().is_dead))
     }
@@ -81,7 +81,7 @@ impl Mount {
         work(&mut disk)
     }
 
-    /// The number of a file, which is made if the options say so.
+    /// Returns the number of a file, which is created if the options say so.
     pub(super) fn open(&self, path: &Path, options: &OpenOptions) -> io::Result<u64> {
         self.with(|disk| disk.open(path, options))
     }
@@ -96,14 +96,14 @@ fn ended() -> io::Error {
     io::Error::other("the process has ended")
 }
 
-/// What goes wrong.
+/// Faults of a disk.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Faults {
-    /// Writes are refused so.
+    /// Writes fail with this error.
     pub refuses: Option<io::ErrorKind>,
     /// The process dies at this operation that changes something, counted from the mount of the disk.
     pub dies_at: Option<u64>,
-    /// Syncs do nothing, as on a disk that lies.
+    /// Syncs do nothing, as on a defective disk.
     pub forgets_syncs: bool,
     /// Lines of JSON at an offset are forgotten, as by a defect of the program: those of the ring of the journal.
     pub forgets_ahead: bool,
@@ -411,7 +411,7 @@ impl Disk {
         Ok(())
     }
 
-    /// The power goes: what is left is what is kept, and any part of what was not synced.
+    /// Cuts the power: synced data remain, and any part of the data that were not synced.
     pub fn cut_power(&mut self) {
         self.kill();
         let all: Vec<u64> = self.nodes.keys().copied().collect();
@@ -471,7 +471,7 @@ impl Disk {
         file.now.clone_from(&file.kept);
     }
 
-    /// Flips a bit in one of the files whose names `is_meant` wants; gives its name.
+    /// Flips a bit in one of the files selected by `is_meant`; returns its name.
     pub fn flip(&mut self, is_meant: impl Fn(&str) -> bool) -> Option<String> {
         let mut files = Vec::new();
         for node in self.nodes.values() {
@@ -492,7 +492,7 @@ impl Disk {
         Some(name)
     }
 
-    /// As it is now, for a disk that forgets everything since.
+    /// Returns a copy of the current content, for a disk that later forgets all changes since.
     pub fn snapshot(&self) -> Self {
         let faults = self.faults.clone();
         Self {
@@ -508,7 +508,7 @@ impl Disk {
         self.next = self.next.max(earlier.next);
     }
 
-    /// A number that depends on all of its content.
+    /// Returns a number that depends on all of its content.
     pub fn sum(&self) -> u32 {
         let mut hasher = crc32fast::Hasher::new();
         for node in self.nodes.values() {

@@ -1,14 +1,14 @@
-//! Pages of what programs for other controls write, and of names that are nearly those of the dialect.
+//! Pages for words of other controls, and for names that are similar to those of the dialect.
 
 use tandem_interp::Dialect;
 use tandem_syntax::{Address, DiagnosticEntry, Grammar, VariableKind, diagnostics};
 
 use super::super::{of_diagnostic, page};
 
-/// Digits of a diagnostic without its leading zero.
+/// Number of digits of a diagnostic without its leading zero.
 const SHORTENED: usize = 3;
 
-/// The page of something that the dialect does not have: what to write in its place, or why it is an error.
+/// Returns the page of a word that the dialect does not have: its replacement, or why it is an error.
 pub(in super::super) fn page_of(what: &str, dialect: &Dialect) -> Option<String> {
     let grammar = (dialect.grammar)();
     let (letters, value) = parted(what);
@@ -34,7 +34,7 @@ pub(in super::super) fn page_of(what: &str, dialect: &Dialect) -> Option<String>
     }
 }
 
-/// What a name is meant to be: `X10` is a word X, `_CNC_CapturedPosition(2)` the variable of this index.
+/// Returns the intended name: `X10` is a word X, `_CNC_CapturedPosition(2)` the variable with this index.
 pub(in super::super) fn meant(what: &str) -> Option<String> {
     if let Some((name, index)) = what.strip_suffix(')').and_then(|what| what.split_once('(')) {
         return Some(format!("{name}{index}"));
@@ -44,7 +44,7 @@ pub(in super::super) fn meant(what: &str) -> Option<String> {
     is_word.then(|| letters.to_owned())
 }
 
-/// Letters, or a character that is none, and what is behind them.
+/// Splits a name into its letters, or one other character, and the rest.
 fn parted(what: &str) -> (&str, &str) {
     let letters = what.find(|character: char| !character.is_ascii_alphabetic());
     let first = what.chars().next().map_or(0, char::len_utf8);
@@ -60,13 +60,13 @@ fn is_diagnostic(letters: &str) -> bool {
     ["E", "W"].iter().any(|kind| kind.eq_ignore_ascii_case(letters))
 }
 
-/// The diagnostic of `E101`.
+/// Returns the diagnostic of `E101`.
 fn shortened(letters: &str, digits: &str) -> Option<&'static DiagnosticEntry> {
     let entry = DiagnosticEntry::find(&format!("{letters}0{digits}"));
     entry.filter(|_| digits.len() == SHORTENED)
 }
 
-/// The error of a code or a variable that does not exist.
+/// Returns the error for a code or a variable that does not exist.
 fn none_of_its_kind(letters: &str, value: &str, grammar: &Grammar) -> Option<&'static DiagnosticEntry> {
     value.parse::<f64>().ok()?;
     let is_variable = |kind: VariableKind| kind.prefix().eq_ignore_ascii_case(letters);
@@ -80,7 +80,7 @@ fn none_of_its_kind(letters: &str, value: &str, grammar: &Grammar) -> Option<&'s
     }
 }
 
-/// Comments in parentheses, where the dialect has others.
+/// Returns the page about comments in parentheses, if the dialect has another form of comments.
 fn comment(grammar: &Grammar) -> Option<String> {
     let open = grammar.line_comment?;
     Some(format!("Write a comment behind {open}."))

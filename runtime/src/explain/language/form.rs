@@ -1,11 +1,10 @@
-//! Pages of what stands around the words of a program: block numbers, block skip, comments, and the frame of a dialect that has
-//! one.
+//! Pages of the form of a program: block numbers, block skip, comments, and the frame of dialects that require one.
 
 use tandem_syntax::Grammar;
 
 use super::super::{indented, page};
 
-/// What has a page.
+/// A form element that has a page.
 enum Form {
     BlockNumber,
     BlockSkip,
@@ -15,7 +14,7 @@ enum Form {
     BlockEnd,
 }
 
-/// The names of all forms of a dialect.
+/// Returns the names of all form elements of a dialect.
 pub(super) fn names(grammar: &Grammar) -> Vec<String> {
     let form = grammar.program_form;
     let letters = [form.mark, form.number_letter].into_iter().flatten();
@@ -26,7 +25,7 @@ pub(super) fn names(grammar: &Grammar) -> Vec<String> {
         .collect()
 }
 
-/// The page of a form that is named as it is written.
+/// Returns the page of a form element, named as it is written.
 pub(super) fn page_of(what: &str, grammar: &Grammar) -> Option<String> {
     let (form, name) = find(what, grammar)?;
     let (title, lines, text) = match form {

@@ -2,7 +2,7 @@
 
 use super::super::{indented, page};
 
-/// How it is written, what it is, an example, and what it does.
+/// Spellings, title, example and description of a symbol.
 type Symbol = (&'static [&'static str], &'static str, &'static str, &'static str);
 
 const COMPARED: &str = "Compares two numbers; a comparison with what is not a number is false. It is a condition, and no number (D09).";
@@ -94,13 +94,13 @@ static ALL: &[Symbol] = &[
     ),
 ];
 
-/// All symbols.
+/// Returns all symbols.
 pub(super) fn names() -> impl Iterator<Item = String> {
     ALL.iter()
         .flat_map(|(names, ..)| names.iter().map(|name| (*name).to_owned()))
 }
 
-/// The page of a symbol.
+/// Returns the page of a symbol.
 pub(super) fn page_of(what: &str) -> Option<String> {
     let (names, title, form, text) = ALL.iter().find(|(names, ..)| names.contains(&what))?;
     let order = if matches!(*title, "and" | "or" | "not") {

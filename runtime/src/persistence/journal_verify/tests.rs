@@ -21,7 +21,7 @@ fn open(folder: &Path, bytes_max: u64) -> Files {
     Files::open(folder, bytes_max, own).unwrap()
 }
 
-/// A journal of `count` lines, in files of about this size, as an orderly end leaves it.
+/// Writes a journal of `count` lines, in files of about this size, as after an orderly end.
 fn journal(folder: &Path, count: usize, bytes_max: u64) {
     let mut files = open(folder, bytes_max);
     for n in 0..count {
@@ -68,7 +68,7 @@ fn a_journal_is_whole_over_starts_and_files_and_what_rotation_removes_is_no_brea
     assert!(!first.contains("\"file\":1,"), "{first}");
 }
 
-/// What is done to a line, and where the first break of it is, from the line's index on.
+/// Number of change kinds; each returns the first break, counted from the line's index.
 const CHANGES: usize = 7;
 
 fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize) {
@@ -78,7 +78,7 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
             let place = random.place(line.len() - 1);
             line[place] ^= 1 << random.place(8);
         }
-        // with a check sum that is right again
+        // with a correct checksum again
         1 => {
             let text = String::from_utf8(lines[at].clone()).unwrap();
             let open = text.split(",\"crc\"").next().unwrap();
@@ -132,7 +132,7 @@ fn any_line_that_is_changed_removed_inserted_or_moved_is_found_at_its_place_and_
             .first()
             .unwrap_or_else(|| panic!("{context}: nothing is found"));
         if last && matches!(kind, 2) {
-            // the place of a line that is gone is the next file, or the end
+            // a missing line is reported in the next file, or at the end
             assert!(found.len() == 1, "{context}: {found:#?}");
         } else {
             assert_eq!(
@@ -194,7 +194,7 @@ fn newest_lines_that_are_gone_are_found_by_the_anchor_and_by_a_head_that_somebod
     // with the anchor removed, too
     fs::remove_file(folder.path().join("anchor")).unwrap();
     assert!(breaks(folder.path())[0].what.contains("anchor is missing"));
-    // a whole new journal in its place is found by the noted head alone
+    // only the noted head reveals that a complete new journal replaced the old one
     let other = tempfile::tempdir().unwrap();
     journal(other.path(), 15, 100_000);
     assert_eq!(breaks(other.path()), []);

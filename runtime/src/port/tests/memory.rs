@@ -1,4 +1,4 @@
-//! What is remembered of commands, jogs and orders.
+//! Memory of commands, jogs and orders.
 
 use plc_api::types::run::{RunOrder, RunQuery};
 

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::*;
 
-/// An age limit that counts from now.
+/// Returns an age limit that starts now.
 async fn from_now(port: &Arc<dyn Port>, within_ms: u64) -> NotAfter {
     let message = port.read(&Topic::Heartbeat).await.unwrap();
     let Payload::Heartbeat(heartbeat) = message.payload else {
@@ -20,14 +20,14 @@ async fn from_now(port: &Arc<dyn Port>, within_ms: u64) -> NotAfter {
     }
 }
 
-/// An age limit that has passed.
+/// Returns an age limit that has passed.
 async fn passed(port: &Arc<dyn Port>) -> NotAfter {
     let not_after = from_now(port, 1).await;
     std::thread::sleep(Duration::from_millis(3));
     not_after
 }
 
-/// The request of a message, and the age limit that was read from it.
+/// Returns the request of a message, and the age limit read from it.
 fn read(path: &str, mut payload: Value, not_after: &NotAfter) -> (Request, Option<NotAfter>) {
     payload["not_after"] = json!(not_after);
     match decode(path, payload.to_string().as_bytes(), false) {
@@ -164,7 +164,7 @@ fn a_request_within_its_age_limit_takes_effect_and_one_of_another_boot_does_not(
 #[test]
 fn a_command_that_waits_longer_than_its_age_limit_does_not_take_effect() {
     with_machine(async move |port| {
-        // a handler that keeps the load waiting, and with it the start
+        // a handler that delays the load, and with it the start
         let silent = HandlerPresence {
             online: true,
             handles: vec![HandledCode { cs: 1, m: 60 }],

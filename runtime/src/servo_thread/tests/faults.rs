@@ -1,5 +1,5 @@
-//! Faults of the servo thread, of a bus to the drives and of a spindle, injected at rest and in motion, in real and in simulated
-//! time.
+//! Faults of the servo thread, of a bus to the drives and of a spindle, injected at rest and in motion, in real and
+//! simulated time.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, Mutex};
@@ -28,7 +28,7 @@ const PANICS_ONCE: u8 = 2;
 const STALLS: u8 = 3;
 const SPINDLE_PANICS: u8 = 4;
 
-/// A fault that is to occur, and what the drives have seen.
+/// Fault to inject, and the commands received by the drives.
 #[derive(Debug, Default)]
 struct Injected {
     fault: AtomicU8,
@@ -154,7 +154,7 @@ async fn has_alarm(plc: &Plc) -> bool {
     }
 }
 
-/// What has to hold after a failure of the servo, on every path to it.
+/// Checks the conditions that must hold after a failure of the servo, on every path to it.
 async fn check_failed(plc: &Plc, runtime: &Runtime, ran: bool) {
     let system = plc.coordinate_system(1);
     if ran {

@@ -82,7 +82,7 @@ pub(super) const GRAMMAR: Grammar = Grammar {
     foreign: FOREIGN,
 };
 
-/// Of dialect dgshape.
+/// Replacements for foreign text in dialect dgshape.
 static FOREIGN: &[Foreign] = &[
     ("#", "Write numbers: the dialect has no variables."),
     ("=", "Write numbers: the dialect has no variables."),

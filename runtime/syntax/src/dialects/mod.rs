@@ -1,4 +1,4 @@
-//! The grammar of each dialect, one file each, with what programs for other controls write and what to write here.
+//! The grammar of each dialect, one file each, with the replacements for text of other controls.
 
 mod dgshape;
 mod fanuc;
@@ -6,7 +6,7 @@ mod nj;
 
 use crate::grammar::Grammar;
 
-/// What another control writes, and what to write here. `{}` in the help is the value behind it.
+/// Text of another control, and its replacement. `{}` in the help is the value after it.
 type Foreign = (&'static str, &'static str);
 
 impl Grammar {

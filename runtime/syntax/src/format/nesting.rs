@@ -1,12 +1,12 @@
-//! How deep the commands of a line stand within branches, loops and cases.
+//! Depth of a line's commands within branches, loops and cases.
 
 use crate::program_code::Keyword;
 use crate::tokens::TokenKind;
 
-/// What is open around a command.
+/// Open construct around a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Frame {
-    /// The one command of a keyword, which may still turn out to be braces.
+    /// The single command of a keyword, which may still be replaced by braces.
     Single(Keyword),
     /// The commands in braces of a keyword.
     Braces(Keyword),
@@ -16,7 +16,7 @@ enum Frame {
 #[derive(Debug, Default)]
 pub(super) struct Nesting {
     open: Vec<Frame>,
-    /// What the last command has ended, from the inside: an `else` goes on with it.
+    /// Constructs that the last command has ended, from the inside: an `else` may continue one.
     ended: Vec<Keyword>,
     /// The keyword whose parentheses are read, and how many of them are open.
     head: Option<(Keyword, usize)>,
@@ -46,7 +46,7 @@ impl Nesting {
         levels.saturating_sub(before)
     }
 
-    /// Goes on behind a token that is no comment.
+    /// Advances past a token that is no comment.
     pub fn pass(&mut self, kind: TokenKind) {
         match kind {
             TokenKind::Keyword(keyword) => {
@@ -144,7 +144,7 @@ impl Nesting {
         }
     }
 
-    /// Goes back into what was ended outside of the `if` that an `else` belongs to.
+    /// Reopens the constructs outside the `if` that an `else` belongs to.
     fn reopen(&mut self) {
         if let Some(at) = self.ended.iter().position(|keyword| *keyword == Keyword::If) {
             let outer: Vec<_> = self.ended.drain(..).skip(at + 1).collect();

@@ -1,4 +1,4 @@
-//! Branches and loops, flattened: each part is a block that says where the program continues (manual 4-2).
+//! Branches and loops, flattened: each part is a block that defines where the program continues (manual 4-2).
 
 use tandem_model::Span;
 
@@ -33,7 +33,7 @@ pub(super) enum Foreign {
     None,
     /// Their brace is to come.
     Begun,
-    /// So many braces are open.
+    /// This number of braces is open.
     Open(u32),
 }
 
@@ -256,13 +256,13 @@ impl Parser<'_> {
         Some(if negative { -label } else { label })
     }
 
-    /// Begins what `break` leaves; returns how many breaks were open before it.
+    /// Enters a structure that `break` leaves; returns how many breaks were open before it.
     fn enter(&mut self) -> usize {
         self.nesting.leavable += 1;
         self.nesting.breaks.len()
     }
 
-    /// Ends what `break` leaves: the breaks since then jump here.
+    /// Ends a structure that `break` leaves: the breaks since then jump here.
     fn leave(&mut self, breaks: usize) {
         self.nesting.leavable -= 1;
         let breaks = self.nesting.breaks.split_off(breaks);
@@ -302,7 +302,7 @@ impl Parser<'_> {
         value.map(|value| self.push_program_code(start, statement, Some(value)))
     }
 
-    /// Passes from a place to the closing parenthesis of its line, if there is one, or what has been read there.
+    /// Skips from a place to the closing parenthesis of its line, if there is one, otherwise the text read there.
     fn pass_parentheses(&mut self, from: Cursor<'_>) {
         if self.cursor.peek().is_none() {
             return;
@@ -325,7 +325,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Passes a keyword that comes next, across blank lines; returns its first byte.
+    /// Skips a keyword that comes next, across blank lines; returns its first byte.
     fn take_keyword(&mut self, expected: Keyword) -> Option<usize> {
         let mut ahead = self.cursor;
         ahead.blank_lines(self.grammar).ok()?;
@@ -367,7 +367,7 @@ impl Parser<'_> {
         self.push_failed(start);
     }
 
-    /// Goes one level deeper; false when that is too deep, which ends the reading.
+    /// Increases the depth; returns `false` if it is too deep, which ends the reading.
     fn deeper(&mut self) -> bool {
         if self.nesting.depth >= NESTING_MAX {
             let at = self.cursor.at();
@@ -421,7 +421,7 @@ impl Parser<'_> {
         self.nesting.depth -= 1;
     }
 
-    /// Passes a brace; returns its place.
+    /// Skips a brace; returns its place.
     fn brace(&mut self, statement: Statement) -> usize {
         let start = self.cursor.at();
         self.begin_line();

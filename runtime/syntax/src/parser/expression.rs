@@ -5,7 +5,7 @@ use crate::cursor::NumberError;
 use crate::diagnostics;
 use crate::program_code::{Expression, ExpressionId, Function, Operator};
 
-/// What an expression has turned out to be (D09).
+/// Kind of a parsed expression (D09).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Number,

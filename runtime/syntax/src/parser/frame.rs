@@ -1,4 +1,4 @@
-//! What is around the blocks of a program: the marks of its data, and the program number.
+//! Text before and after the blocks of a program: the marks of its data, and the program number.
 
 use super::Parser;
 use crate::diagnostics;
@@ -26,7 +26,7 @@ impl Parser<'_> {
         letter.is_some() && letter == self.grammar.program_form.number_letter
     }
 
-    /// Reads the program number, which is alone on its line and stands once in a program.
+    /// Reads the program number, which is alone on its line and occurs once in a program.
     pub(super) fn program_number(&mut self) {
         let start = self.cursor.at();
         self.cursor.advance(1);
@@ -57,7 +57,7 @@ impl Parser<'_> {
         }
     }
 
-    /// True when nothing but comments follows on the line; else tells.
+    /// True if only comments follow on the line; otherwise reports an error.
     fn nothing_else(&mut self, what: &str) -> bool {
         self.blanks();
         if matches!(self.cursor.peek(), None | Some(b'\n')) {

@@ -54,7 +54,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
     (parser.tree, parser.diagnostics)
 }
 
-/// What a line has turned out to be.
+/// Kind of a parsed line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum LineKind {
     /// Nothing yet, or a block number.
@@ -78,7 +78,7 @@ struct Parser<'a> {
     /// Only one command belongs to the branch or repetition before it.
     single: bool,
     flags: u32,
-    /// Behind the block skips of the line.
+    /// Position after the block skips of the line.
     skips_end: usize,
     first_word: usize,
     line_start: usize,
@@ -122,7 +122,7 @@ impl<'a> Parser<'a> {
         let bytes = source.as_bytes();
         let next = bytes.get(1..).unwrap_or_default();
         let (mut lines, mut words) = (1, 0);
-        // counted in bytes, as many as one can count, the processor looks at many bytes at once
+        // counts in bytes of up to 255, so that the processor handles many bytes at once
         for (bytes, next) in bytes.chunks(255).zip(next.chunks(255)) {
             let in_chunk = |count: u8, begins: bool| count + u8::from(begins);
             lines += usize::from(next.iter().map(|byte| *byte == b'\n').fold(0, in_chunk));
@@ -167,7 +167,7 @@ impl<'a> Parser<'a> {
         self.note(entry, span, message, help);
     }
 
-    /// Notes an error of what has been read since `start`.
+    /// Reports an error in the text read since `start`.
     fn report_from(
         &mut self,
         start: usize,
@@ -214,7 +214,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Tells of a comment that is not closed, or ends before its text does.
+    /// Reports a comment that is not closed, or that ends before its text does.
     fn comment_fault(&mut self, start: usize) {
         let (open, close) = self.grammar.block_comment.unwrap_or_default();
         let is_closed = self.tree.source[start..self.cursor.at()].ends_with(close);
@@ -295,7 +295,7 @@ impl<'a> Parser<'a> {
         self.cursor.text_bytes() - self.text_bytes_before
     }
 
-    /// Tells when the line has become too long, and ends it (D03).
+    /// Reports a line that has become too long, and ends it (D03).
     #[inline]
     fn too_long(&mut self, start: usize) -> bool {
         let too_long = self.line_bytes() > BLOCK_BYTES_MAX;
@@ -457,14 +457,14 @@ impl<'a> Parser<'a> {
             (format!("`{shown}` is not part of the language"), help)
         };
         self.report_from(start, &diagnostics::UNEXPECTED_CHARACTER, message, help);
-        // a comment of another control, or, without program codes, a statement of one: no finding of its own
+        // a comment of another control, or, without program codes, a statement of one: no separate finding
         let is_text = first == ';' || !(first.is_ascii_digit() || matches!(first, '.' | '+' | '-'));
         if is_text && (first == ';' || !self.grammar.program_codes) {
             self.skip_line();
         }
     }
 
-    /// What to write for a character that begins nothing.
+    /// Returns the help for a character that begins no element.
     fn plain_help(&self, first: char) -> String {
         let foreign = self.grammar.foreign(first.encode_utf8(&mut [0; 4]), "");
         foreign.unwrap_or_else(|| {
@@ -478,7 +478,7 @@ impl<'a> Parser<'a> {
         })
     }
 
-    /// Goes to the end of the line; comments that hold line feeds are passed.
+    /// Moves to the end of the line; comments that contain line feeds are skipped.
     fn skip_line(&mut self) {
         loop {
             self.blanks();

@@ -10,7 +10,7 @@ use crate::tree::{Block, Content};
 use crate::variable::VariableKind;
 
 impl Parser<'_> {
-    /// Reads an assignment; the cursor is behind the target's index, at blanks or `=`.
+    /// Reads an assignment; the cursor is after the target's index, at blanks or `=`.
     pub(super) fn assignment(&mut self, start: usize, address: Address, index_start: usize) {
         let target_span = self.cursor.span_from(start);
         let index_span = self.cursor.span_from(index_start);
@@ -49,7 +49,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Notes that the line holds program codes; a block number before them is dropped (its number is the line's).
+    /// Records that the line contains program codes; a block number before them is dropped (its number is the line's).
     pub(super) fn begin_program_code(&mut self, start: usize) {
         if self.kind != LineKind::ProgramCodes {
             self.kind = LineKind::ProgramCodes;
@@ -66,7 +66,7 @@ impl Parser<'_> {
         }
     }
 
-    /// A block in place of a program code that could not be read.
+    /// Adds a block for a program code that could not be read.
     pub(super) fn push_failed(&mut self, start: usize) {
         let none = Content::Words {
             first: index(self.tree.words.len()),

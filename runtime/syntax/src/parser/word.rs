@@ -12,7 +12,7 @@ use crate::tree::{Form, Word};
 use crate::variable::{Variable, VariableKind};
 
 impl Parser<'_> {
-    /// Reads what begins with a letter here. True when it was a branch or repetition, which ends the line's reading.
+    /// Reads an element that begins with a letter. Returns `true` for a branch or loop, which ends the line's reading.
     pub(super) fn name_or_word(&mut self, line: u32) -> bool {
         let start = self.cursor.at();
         if let Some(b'0'..=b'9' | b'-' | b'.' | b'+') = self.cursor.peek_second() {
@@ -165,12 +165,12 @@ impl Parser<'_> {
         }
     }
 
-    /// Tells why an address that ends at `end` has no number.
+    /// Reports why an address that ends at `end` has no number.
     #[cold]
     fn no_number(&mut self, error: NumberError, start: usize, end: usize, value_start: usize) {
         match error {
             NumberError::Missing => {
-                // a character that is not part of the language is reported by itself
+                // a character that is not part of the language is reported separately
                 let missing = matches!(
                     self.cursor.peek(),
                     None | Some(b'\n' | b'\r' | b'/' | b'_' | b'A'..=b'Z' | b'a'..=b'z' | b'{' | b'}')
@@ -189,7 +189,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Tells of a number that goes on as none does.
+    /// Reports a number with invalid characters after it.
     #[cold]
     fn number_malformed(&mut self, start: usize, value_start: usize) {
         self.pass_value();
@@ -291,8 +291,8 @@ impl Parser<'_> {
         }
     }
 
-    /// Passes the name of a variable: its array, and its index however large. That of a captured position may stand in
-    /// parentheses, as the manual's description of G31 writes it.
+    /// Skips the name of a variable: its array, and its index of any size. The name of a captured position may be in
+    /// parentheses, as in the manual's description of G31.
     pub(super) fn variable(&mut self) -> Option<(VariableKind, u64)> {
         let letters = self.cursor.letters();
         let kind = VariableKind::find(letters)?;
@@ -311,7 +311,7 @@ impl Parser<'_> {
         Some((kind, digits.parse().unwrap_or(u64::MAX)))
     }
 
-    /// Tells when an index is beyond its array (manual 4-3).
+    /// Reports an index beyond its array (manual 4-3).
     pub(super) fn variable_exists(&mut self, (kind, number): (VariableKind, u64), span: Span) -> bool {
         let exists = number <= u64::from(kind.index_max());
         if !exists {
@@ -359,7 +359,7 @@ impl Parser<'_> {
         });
     }
 
-    /// True for a block number in its place. Tells, too, when it has more digits than the dialect gives it.
+    /// True for a block number at its place. Also reports one with more digits than the dialect allows.
     #[inline(never)]
     fn judge_block_number(&mut self, start: usize) -> bool {
         if self.tree.words.len() > self.first_word {

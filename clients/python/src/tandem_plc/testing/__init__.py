@@ -70,7 +70,7 @@ class Run:
     alarms: list[str] = field(default_factory=list)
     """Texts of the alarms that are active at its end."""
     journal: list[dict[str, Any]] = field(default_factory=list)
-    """Lines of the machine's journal since its start."""
+    """Lines of the machine's journal since the start of the run."""
 
     @property
     def completed(self) -> bool:
@@ -78,7 +78,7 @@ class Run:
         return self.execution == "PROGRAM_COMPLETED"
 
     def events(self, *events: str) -> list[dict[str, Any]]:
-        """Give the lines of the journal with one of these events, such as ``output`` or ``reset``."""
+        """Return the lines of the journal with one of these events, such as ``output`` or ``reset``."""
         return [line for line in self.journal if line.get("event") in events]
 
 
@@ -86,7 +86,7 @@ def find_tandem() -> str:
     """Find the command: ``TANDEM_BIN``, or ``tandem`` in ``PATH``.
 
     Raises:
-        FileNotFoundError: it is not there; the text says what to do.
+        FileNotFoundError: the command does not exist; the text has the remedy.
     """
     named = os.environ.get("TANDEM_BIN")
     found = named if named and os.access(named, os.X_OK) else None if named else shutil.which("tandem")
@@ -104,7 +104,7 @@ class Machine:
 
         Raises:
             FileNotFoundError: there is no command ``tandem``.
-            RuntimeError: it does not start; the text is what it says.
+            RuntimeError: it does not start; the text has its output.
         """
         self._folder = Path(tempfile.mkdtemp(prefix="tandem-"))
         self._config = self._folder / "tandem.toml"
@@ -231,7 +231,7 @@ class Machine:
 
         Raises:
             Refused: it has errors, or a handler refuses its parameters; the text has the line.
-            TimeoutError: it has not ended in time; the text says what it waits for.
+            TimeoutError: it has not ended within the time limit; the text has the reason of the wait.
         """
         self.load(text, cs=cs)
         return self.started(cs=cs).end(timeout_s)
@@ -246,7 +246,7 @@ class Machine:
         self.rest("POST", f"/cs/{cs}/load?wait=1", {"program": _PROGRAM + cs})
 
     def started(self, *, cs: int = 1) -> Started:
-        """Start the loaded program, and go on while it runs.
+        """Start the loaded program, and return while it runs.
 
         Raises:
             Refused: it may not start now.
@@ -256,7 +256,7 @@ class Machine:
         state = self.wait_for(lambda state: state["last_command_id"] == reply["command_id"], cs=cs)
         return Started(self, cs, str(state["run_id"]), before)
 
-    # --- what an operator does and sees
+    # --- actions and views of an operator
 
     def state(self, cs: int = 1) -> dict[str, Any]:
         """State of a coordinate system."""
@@ -269,7 +269,7 @@ class Machine:
         """Wait for a state that fits, and give it.
 
         Raises:
-            TimeoutError: none came in time; the text has the last one.
+            TimeoutError: none arrived within the time limit; the text has the last one.
         """
         end = time.monotonic() + timeout_s
         while True:
@@ -334,10 +334,10 @@ class Started:
     """Number of the journal's last line before its start."""
 
     def end(self, timeout_s: float = 60.0) -> Run:
-        """Wait until it has ended.
+        """Wait until the run has ended.
 
         Raises:
-            TimeoutError: it has not in time; the text has the last state.
+            TimeoutError: it has not ended within the time limit; the text has the last state.
         """
         state = self.machine.wait_for(
             lambda state: state["execution"] in ("PROGRAM_COMPLETED", "STOPPED") or state["run_id"] != self.run_id,
@@ -349,7 +349,7 @@ class Started:
         return Run(self.run_id, state["execution"], state["reason"], texts, self._journal())
 
     def _journal(self) -> list[dict[str, Any]]:
-        """Lines of the run, to its end: the journal is written a little later than the state is told."""
+        """Lines of the run, to its end: the journal is written a little later than the state is published."""
         give_up = time.monotonic() + _JOURNAL_TIMEOUT_S
         while True:
             lines = [line for line in self.machine.journal() if line["n"] > self.after]

@@ -1,4 +1,4 @@
-"""The fixture ``tandem_machine`` of pytest, which is there wherever this package is installed."""
+"""The fixture ``tandem_machine`` of pytest, available wherever this package is installed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from . import DEFAULT_CONFIG, Machine
 
 @pytest.fixture
 def tandem_config() -> str:
-    """Configuration of ``tandem_machine``; a fixture of this name beside the tests takes its place."""
+    """Configuration of ``tandem_machine``; a fixture of this name in the tests overrides it."""
     return DEFAULT_CONFIG
 
 

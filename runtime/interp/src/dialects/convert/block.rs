@@ -1,11 +1,11 @@
-//! One block: what is in force before it, and the blocks of nj that do the same.
+//! Converts one block: uses the modal state before it, and returns equivalent blocks of nj.
 
 use tandem_model::settings::CompensationStart;
 use tandem_syntax::{Address, Block, Grammar, NcProgram, Word};
 
 use super::state::{Cycle, POSITIONS, Source, State, Words, shown};
 
-/// M codes that these controls carry out before the motion of their block.
+/// M codes that these controls execute before the motion of their block.
 const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
 
 /// M29: the spindle turns in step with Z in a tapping cycle.
@@ -17,10 +17,10 @@ const CENTRES_ARE_DISTANCES: f64 = 91.1;
 /// G51.1 mirrors, and G50.1 ends it.
 const MIRRORING: [(f64, bool); 2] = [(51.1, true), (50.1, false)];
 
-/// Above it the digits before the last four of P of M98 say how often the program is called.
+/// Above this value, the digits of P before the last four are the number of calls by M98.
 const CALLS_FROM: u32 = 10_000;
 
-/// G codes that may stand in a block that may be skipped: where they are in force already, they change nothing.
+/// G codes that are allowed in a block that may be skipped: if they are already active, they change nothing.
 const SKIPPABLE: [u32; 7] = [0, 1, 2, 3, 4, 90, 91];
 
 /// S below it is the number of a speed in dialect dgshape.
@@ -43,7 +43,7 @@ fn skips(numbers: u32) -> String {
 }
 
 impl State {
-    /// The blocks of nj that do what this one does.
+    /// Returns the equivalent blocks of nj.
     pub fn block(&mut self, program: &NcProgram, block: &Block) -> Result<Vec<String>, String> {
         let mut words = Words::of(program.words(block));
         let skip = skips(block.skip_numbers());
@@ -137,7 +137,7 @@ impl State {
             // nj stops it there
             before.insert(0, format!("M{number:02}"));
         }
-        // what stays in force stands before what moves, and the speed is that of the spindle that an M code turns
+        // modal words come first: before the motion, and S before the M code that turns the spindle
         let modal = modal.join(" ");
         let mut lines: Vec<String> = before.into_iter().chain(action).collect();
         if let Some(first) = lines.first_mut() {
@@ -150,7 +150,7 @@ impl State {
         Ok(lines)
     }
 
-    /// Takes the G codes: what they set, and what the block does.
+    /// Takes the G codes: their modal values and the action of the block.
     fn codes(&mut self, words: &mut Words<'_>, modal: &mut Vec<String>) -> Result<Codes, String> {
         let mut codes = Codes::default();
         let taps = self.cycle.as_ref().is_some_and(Cycle::taps);
@@ -262,7 +262,7 @@ impl State {
         ))
     }
 
-    /// Takes M codes and T: those before the motion, and those behind it.
+    /// Takes M codes and T: those before the motion, and those after it.
     fn m_codes(
         &mut self,
         words: &mut Words<'_>,
@@ -386,14 +386,14 @@ impl State {
             }
         }
         if codes.stops_exactly {
-            // behind the positions it stops at their end
+            // after the positions it stops at their end
             parts.push("G09".to_owned());
         }
         Ok(vec![parts.join(" ")])
     }
 }
 
-/// What the G codes of a block say.
+/// The G codes of a block.
 #[derive(Default)]
 struct Codes {
     action: Action,
@@ -401,11 +401,11 @@ struct Codes {
     begins_cycle: bool,
     /// The motion ends with an exact stop.
     stops_exactly: bool,
-    /// A tapping cycle ends, behind which the spindle turns by this M code.
+    /// A tapping cycle ends; after it the spindle turns by this M code.
     ends_tapping: Option<u32>,
 }
 
-/// What a block does.
+/// The action of a block.
 #[derive(Default)]
 enum Action {
     #[default]

@@ -21,7 +21,7 @@ struct Levels {
     end: f64,
 }
 
-/// The way of Z in a hole.
+/// The path of Z in a hole.
 struct Way<'a> {
     lines: &'a mut Vec<String>,
     absolute: bool,
@@ -29,7 +29,7 @@ struct Way<'a> {
 }
 
 impl Way<'_> {
-    /// Goes to a level; one that it is at needs no block.
+    /// Moves to a level; no block is needed if it is already there.
     fn go(&mut self, code: &str, to: f64) {
         let value = shown(if self.absolute { to } else { to - self.at });
         if self.absolute || value != "0" {
@@ -123,7 +123,7 @@ impl State {
             .transpose()
     }
 
-    /// How often a hole is made: K, and on the controls that say it so L.
+    /// Returns how often a hole is made: K, or L on controls that use it.
     fn repetitions(&self, words: &mut Words<'_>) -> Option<u32> {
         let k = words.take(Address::K);
         let l = || {
@@ -193,7 +193,7 @@ impl State {
         };
     }
 
-    /// Begins a cycle, or goes on with another one that keeps its words.
+    /// Starts a cycle, or changes to another one that keeps its words.
     pub(super) fn begin_cycle(&mut self, code: u32) -> Result<(), String> {
         let unknown =
             "whether its words are positions or distances is not known here. Write G90 or G91 before it.";
@@ -249,7 +249,7 @@ impl State {
         Ok(vec![line])
     }
 
-    /// All cuts but the last one, each with its way up: out to the R point and back, or a short one.
+    /// Writes all cuts but the last one, each with its retraction: out to the R point and back, or a short one.
     fn cuts(&self, way: &mut Way<'_>, levels: &Levels, depth: f64, goes_out: bool) -> Result<(), String> {
         let below = |way: f64| levels.r + way.max(0.0).copysign(levels.z - levels.r);
         let mut cuts = 1;

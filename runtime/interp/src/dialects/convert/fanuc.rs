@@ -1,4 +1,4 @@
-//! What programs of FANUC controls, and of those like them, have around their blocks.
+//! Text before and after the blocks in programs of FANUC and similar controls.
 
 use tandem_syntax::{Address, Grammar, NcProgram, Token, TokenKind, tokens};
 

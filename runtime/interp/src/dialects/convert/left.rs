@@ -1,8 +1,8 @@
-//! Lines that are left to be written by hand: what they put in force for the lines behind them.
+//! Lines that must be converted by hand: the modal state that they set for later lines.
 
 use tandem_syntax::{Address, Token, TokenKind};
 
-/// G codes that stay in force and mean the same in nj.
+/// G codes that are modal and have the same meaning in nj.
 fn stays(code: u32) -> bool {
     matches!(code, 0..=3 | 17..=21 | 54..=59 | 80 | 90 | 91 | 98 | 99)
 }
@@ -10,7 +10,7 @@ fn stays(code: u32) -> bool {
 /// G codes in whose blocks words mean something else: data, macros.
 const OTHER_WORDS: [u32; 4] = [10, 65, 66, 67];
 
-/// G codes in whose blocks F is no way a minute: inverse time, a revolution, the pitch of a thread.
+/// G codes in whose blocks F is not a distance per minute: inverse time, a revolution, the pitch of a thread.
 const OTHER_FEEDRATE: [u32; 5] = [4, 32, 33, 93, 95];
 
 /// G codes in whose blocks S is no speed of the spindle: its limit, the speed of the cut.
@@ -39,7 +39,7 @@ pub(super) fn codes<'a>(
     codes.filter_map(|(_, number)| number.parse().ok())
 }
 
-/// Those words of a line that stay in force, and that are carried out for sure; `None`: there are none.
+/// Returns the words of a line that remain modal and are certain to be executed, or `None` if there are none.
 pub(super) fn in_force<'a>(line: &'a [Token], of: impl Fn(&Token) -> &'a str + Copy) -> Option<String> {
     let is_statement = |token: &Token| {
         let text = of(token);

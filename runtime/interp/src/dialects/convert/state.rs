@@ -1,4 +1,4 @@
-//! What is in force while a program is converted, and the words of a block.
+//! Modal state while a program is converted, and the words of a block.
 
 use tandem_model::settings::{NcOptions, Unit};
 use tandem_syntax::{Address, Word};
@@ -6,7 +6,7 @@ use tandem_syntax::{Address, Word};
 use crate::codes::WordSpec;
 use crate::numbers;
 
-/// What a program is converted from.
+/// Dialect of the source program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// Dialect dgshape.
@@ -16,15 +16,15 @@ pub enum Source {
     Fanuc,
 }
 
-/// What is in force, as far as other words mean something else by it.
+/// Modal state, as far as the meaning of other words depends on it.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub from: Source,
     pub options: NcOptions,
     pub unit: Unit,
-    /// The code of the plane in force; `None` where another program has set it.
+    /// The code of the current plane. `None` if another program has set it.
     pub plane: Option<u32>,
-    /// The code of the motions in force; empty where a program that was called, or that calls this one, has set it.
+    /// The code of the current motion; empty if a called program, or the caller of this one, has set it.
     pub motion: &'static str,
     /// Positions are absolute; `None` where another program has set it.
     pub absolute: Option<bool>,
@@ -49,11 +49,11 @@ pub(super) struct State {
     /// The tool in the spindle, and one that was called before its change.
     pub tool: Option<u32>,
     pub next_tool: Option<u32>,
-    /// The tool whose length is in force.
+    /// The tool whose length is active.
     pub offset: Option<u32>,
     /// Axes that an earlier reference point return has named.
     pub returned: Vec<Address>,
-    /// What is said of the block beside what it becomes.
+    /// A note on the block, in addition to its conversion.
     pub note: Option<String>,
 }
 
@@ -129,7 +129,7 @@ impl State {
         self.at = [None; 4];
     }
 
-    /// Another program has set what it likes.
+    /// Discards the modal state, because another program may have changed it.
     pub fn lose_modal_state(&mut self) {
         self.lose_position();
         self.motion = "";
@@ -138,7 +138,7 @@ impl State {
         self.to_initial = None;
     }
 
-    /// What a G code puts in force, whatever else its block does.
+    /// Applies the modal effect of a G code, independent of the rest of its block.
     pub fn put_in_force(&mut self, code: u32) {
         match code {
             0..=3 => {
@@ -166,7 +166,7 @@ impl State {
         if is_inch { INCH } else { 1.0 }
     }
 
-    /// What a word means, in the unit in force; for times in seconds.
+    /// Returns the value of a word in the current unit; times are in seconds.
     pub fn value(&self, word: &Word) -> Result<f64, String> {
         static PLAIN: WordSpec = WordSpec::new(Address::X, "a length", "mm", f64::MIN, f64::MAX);
         static ANGLE: WordSpec = WordSpec::new(Address::A, "an angle", "mm or deg", f64::MIN, f64::MAX);
@@ -179,7 +179,7 @@ impl State {
         Ok(numbers::meant(value, spec, word, self.unit, &self.options))
     }
 
-    /// What an X word of a dwell means, seconds.
+    /// Returns the seconds that an X word of a dwell means.
     pub fn seconds(&self, word: &Word) -> Result<f64, String> {
         static TIME: WordSpec = WordSpec::new(Address::X, "a time", "s", 0.0, f64::MAX);
         let value = word.number().ok_or("it has a variable")?;
@@ -194,7 +194,7 @@ impl State {
         Ok(if is_seconds { value } else { value / MS_PER_S })
     }
 
-    /// A feedrate, not below the least one of the machine of the dialect, in the unit in force.
+    /// Returns a feedrate, not below the least one of the machine of the dialect, in the current unit.
     pub fn feedrate_within(&self, feedrate: f64) -> f64 {
         let unit = match self.unit {
             Unit::Millimetre => 1.0,
@@ -222,7 +222,7 @@ impl State {
         Ok(parts)
     }
 
-    /// How far above the last depth a peck begins, in the unit in force.
+    /// Returns how far above the last depth a peck begins, in the current unit.
     pub fn clearance(&self) -> f64 {
         match self.unit {
             Unit::Millimetre => self.options.peck_clearance_mm,
@@ -231,7 +231,7 @@ impl State {
     }
 }
 
-/// The words of a fixed cycle that stay in force, in the unit of their blocks.
+/// The modal words of a fixed cycle, in the unit of their blocks.
 #[derive(Debug, Clone)]
 pub(super) struct Cycle {
     pub code: u32,
@@ -248,7 +248,7 @@ pub(super) struct Cycle {
 }
 
 impl Cycle {
-    /// A code, behind another one that keeps its words.
+    /// Creates a cycle from a code, possibly after another one that keeps its words.
     pub fn new(code: u32, before: Option<Cycle>, z: Option<f64>, absolute: bool) -> Self {
         let begins = Cycle {
             code,

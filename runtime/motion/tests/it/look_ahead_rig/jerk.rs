@@ -1,4 +1,4 @@
-//! What a maximum jerk bounds (M1d), against an independent writing of it.
+//! The effect of a maximum jerk (M1d), checked against an independent implementation.
 
 use tandem_model::profile::{PacePiece, Profile};
 use tandem_model::{Axis, AxisVector};

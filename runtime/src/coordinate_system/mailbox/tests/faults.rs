@@ -9,10 +9,10 @@ use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
 
 use super::*;
 
-/// Panics of the journal's sink that are still to come.
+/// Number of pending panics of the journal's sink.
 type Faults = Arc<AtomicU32>;
 
-/// A coordinate system whose next journal lines panic, so many of them.
+/// Creates a coordinate system with a number of pending panics, one for each of its next journal lines.
 fn with_faults() -> (Arc<Mailbox>, Servo, Faults) {
     let faults = Faults::default();
     let left = Arc::clone(&faults);
@@ -42,7 +42,7 @@ fn command(command: Command, id: &str) -> CoordinateSystemRequest {
     }
 }
 
-/// The machine's time.
+/// Time of the machine.
 struct Machine {
     mailbox: Arc<Mailbox>,
     servo: Servo,
@@ -69,7 +69,7 @@ impl Machine {
         (self.x() - before).abs() * 1000.0
     }
 
-    /// Gives a command, and lets so many cycles pass.
+    /// Sends a command, and advances by this number of cycles.
     fn ask(&mut self, verb: Command, id: &str, cycles: u64) -> Result<Answer, Refusal> {
         let mailbox = Arc::clone(&self.mailbox);
         let urgent = verb.is_urgent();
@@ -120,7 +120,7 @@ fn machine() -> (Machine, Faults) {
     (machine, faults)
 }
 
-/// X moves, and a command is on its way that raises the fault. The servo has so many cycles to come to rest.
+/// Number of cycles within which the servo must stop X after a command that raises the fault.
 const BRAKING_CYCLES: u64 = 250;
 
 /// Manual data input moves X for some time.
@@ -152,7 +152,7 @@ fn p11_panic_in_motion_brakes_on_the_path_and_reset_recovers() {
         assert!(machine.speed() > 5.0, "{text}: it moves");
         let stood = machine.x();
         faults.store(1, SeqCst);
-        // a hold writes a line of the journal, and this panics; it is asked again by itself
+        // a hold writes a line of the journal, which panics; the mailbox then repeats the request
         let held = machine.ask(Command::Hold, "hold", BRAKING_CYCLES);
         assert!(matches!(held, Ok(Answer::Command(_))), "{text}: {held:?}");
         machine.run(BRAKING_CYCLES);

@@ -1,4 +1,4 @@
-//! Many who ask at once, and those who give up or come when it ends.
+//! Many clients that send requests at once, and clients that give up or arrive at the end.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,10 +10,10 @@ use tokio::time::timeout;
 
 use super::*;
 
-/// So long nobody waits, unless a request was forgotten.
+/// Time limit of a request; a longer wait means that it was forgotten.
 const FORGOTTEN: Duration = Duration::from_mins(1);
 
-/// A request that leaves its number behind: its result is published, once for each time that it is carried out.
+/// Creates a request that publishes its number once for each execution.
 fn numbered(asker: usize, number: u64) -> CoordinateSystemRequest {
     let claim = Claim {
         boot_id: BootId("test".into()),
@@ -29,7 +29,7 @@ fn results(mailbox: &Mailbox) -> plc_api::hub::Subscription {
     mailbox.shared.hub.subscribe(Filter::Topics(vec![topic]))
 }
 
-/// The numbers of each asker, as they were carried out.
+/// Returns the numbers of each client in the order of execution.
 fn carried_out(said: &mut plc_api::hub::Subscription) -> BTreeMap<usize, Vec<u64>> {
     let mut by_asker: BTreeMap<usize, Vec<u64>> = BTreeMap::new();
     while let Some(message) = said.try_next() {
@@ -88,13 +88,13 @@ async fn of_many_askers_each_request_is_carried_out_once_and_those_of_one_in_the
             tokio::spawn(async move {
                 for number in 1..=EACH {
                     let mut asked = Box::pin(mailbox.ask(numbered(asker, number), false));
-                    // some do not wait for the answer, and have asked all the same
+                    // some do not wait for the answer, and have sent the request all the same
                     let answer = (&mut asked).now_or_never();
                     if answer.is_none() && number % 3 != 0 {
                         asked.await.unwrap();
                     }
                 }
-                // behind all that it asked
+                // after all its requests
                 mailbox.ask(optional_stop(true), false).await.unwrap();
             })
         })
