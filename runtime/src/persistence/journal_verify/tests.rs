@@ -68,7 +68,7 @@ fn a_journal_is_whole_over_starts_and_files_and_what_rotation_removes_is_no_brea
     assert!(!first.contains("\"file\":1,"), "{first}");
 }
 
-/// Number of change kinds; each returns the first break, counted from the line's index.
+/// Number of kinds of change to a line.
 const CHANGES: usize = 7;
 
 fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize) {
