@@ -211,7 +211,9 @@ fn a_key_of_the_configuration_and_a_rule_are_explained() {
         );
     }
     let words = explain("overcut");
-    assert!(words.contains("\n    \"detect\"  Raises an alarm before") && words.contains("\n    \"prevent\"  "));
+    assert!(
+        words.contains("\n    \"detect\"  Raises an alarm before") && words.contains("\n    \"prevent\"  ")
+    );
     let table = explain("machine");
     assert!(table.contains("machine.name: text, default \"mill-1\"") && table.contains("machine.data_dir: "));
     assert!(explain("d31").starts_with("D31: "));
