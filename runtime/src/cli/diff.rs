@@ -29,8 +29,9 @@ pub struct Arguments {
     /// NC dialect of the programs; default: that of the configuration
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
-    /// Coordinate system that runs both programs; default: the one whose `programs` in --config name the file. A file
-    /// that they do not name runs in that of the other file, otherwise in 1
+    /// Coordinate system that runs both programs; default: the one whose `programs` in --config name the
+    /// file. If no `programs` name a file, its program runs in the coordinate system of the other file,
+    /// otherwise in 1
     #[arg(long)]
     cs: Option<CoordinateSystemNumber>,
     /// Path difference below which two programs count as equal, in mm or degrees
@@ -96,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         }
         let [old_s, new_s] = [&old, &new].map(|program| program.outcome.cycle_time_s());
         let verdict = if is_equal {
-            "no difference in way, M codes and time"
+            "no difference in path, M codes and time"
         } else {
             "they differ"
         };

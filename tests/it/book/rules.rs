@@ -9,7 +9,7 @@ use super::generated::check;
 #[test]
 fn the_page_of_motion_is_that_of_its_rules() {
     let mut page = String::from(
-        "# Rules of motion\n\nHow blocks move, by the numbers that tests and comments name. Why it is so: \
+        "# Rules of motion\n\nHow blocks move. Tests and comments refer to the numbers. Reasons: \
          [Motion](../explanation/motion.md).\n",
     );
     for (number, text) in tandem_motion::rules::RULES {

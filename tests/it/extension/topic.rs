@@ -1,5 +1,5 @@
-//! A state topic costs its row and where it is published: transports, routes and the documents of the interface follow. A
-//! payload of its own is a type besides.
+//! A state topic costs its row and the code that publishes it: transports, routes and the documents of the
+//! interface follow. A new payload also costs its type.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ fn with(folder: &str, code: &str) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_state_topic_is_named_by_its_row_by_its_payload_and_where_it_is_published() {
+fn state_topic_is_named_in_its_row_payload_and_publisher_only() {
     for (code, file) in [
         ("Modal \"modal\" \"modal\" Modal(Modal)", TOPICS),
         ("    Modal(Modal),", TOPICS),
